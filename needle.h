@@ -1341,6 +1341,12 @@ NDLI_API void ndli_topology_free(ndli_topology *mesh);
  * [4], may be NULL. -1 also for a start that is no tet, without weights. */
 NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
                                 sb_real weights[4]);
+/* Tet that holds a point in space, or -1. A walk may end at tets that are inverted: skin that is pushed in before it
+ * breaks folds the tissue below it. Then all are looked at, and of those that hold the point the one counts that has
+ * kept its shape best. O(tets) there, and for points outside. */
+NDLI_API int ndli_topology_find_in_space(const ndli_topology *mesh, sb_vec3 x, int start);
+/* Deformation gradient in a tet. */
+NDLI_API sb_mat3 ndli_topology_gradient(const ndli_topology *mesh, int tet);
 /* First surface face that the segment crosses from outside in space; 0 and *hit untouched when
  * there is none. O(tets): for a needle that is not in yet. */
 NDLI_API int ndli_topology_hit(const ndli_topology *mesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit);
@@ -5151,6 +5157,55 @@ NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positi
     return tet;
 }
 
+NDLI_API sb_mat3 ndli_topology_gradient(const ndli_topology *mesh, int tet)
+{
+    const int *n = mesh->tets + 4 * (size_t)tet;
+    sb_mat3 material, space;
+    for (int c = 0; c < 3; c++) {
+        sb_vec3 a = sb_v3_sub(mesh->X[n[c + 1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->x[n[c + 1]], mesh->x[n[0]]);
+        material.m[0][c] = a.x, material.m[1][c] = a.y, material.m[2][c] = a.z;
+        space.m[0][c] = b.x, space.m[1][c] = b.y, space.m[2][c] = b.z;
+    }
+    return sb_m3_mul(space, sb_m3_inverse(material));
+}
+
+/* How well a tet has kept its shape in space: 1 where it has only been turned, moved or scaled; inverted: <= 0. */
+static sb_real ndli_topology_kept(const ndli_topology *t, int tet)
+{
+    sb_mat3 f = ndli_topology_gradient(t, tet);
+    sb_real squares = 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            squares += f.m[i][j] * f.m[i][j];
+    squares /= 3;
+    return squares > 0 ? sb_m3_det(f) / (squares * sb_sqrt(squares)) : 0;
+}
+
+static int ndli_topology_holds_point(const ndli_topology *t, int tet, sb_vec3 x)
+{
+    const int *n = t->tets + 4 * (size_t)tet;
+    sb_vec3 a = t->x[n[0]], b = t->x[n[1]], c = t->x[n[2]], d = t->x[n[3]];
+    return ndli_topology_det(x, b, c, d) >= 0 && ndli_topology_det(a, x, c, d) >= 0 &&
+           ndli_topology_det(a, b, x, d) >= 0 && ndli_topology_det(a, b, c, x) >= 0;
+}
+
+NDLI_API int ndli_topology_find_in_space(const ndli_topology *mesh, sb_vec3 x, int start)
+{
+    int tet = ndli_topology_find(mesh, mesh->x, x, start, NULL);
+    sb_real best = 0;
+    if (tet >= 0 && ndli_topology_kept(mesh, tet) > 0)
+        return tet;
+    for (int t = 0; t < mesh->tet_end; t++) {
+        sb_real kept =
+            ndli_topology_is_tet(mesh, t) && ndli_topology_holds_point(mesh, t, x) ? ndli_topology_kept(mesh, t) : 0;
+        if (kept > best) {
+            best = kept;
+            tet = t;
+        }
+    }
+    return tet;
+}
+
 /* Where the segment p + s d crosses the triangle from its front (normal against d): s, or -1. */
 static sb_real ndli_topology_cross(sb_vec3 p, sb_vec3 d, sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_real w[3])
 {
@@ -8653,7 +8708,7 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
         return 0;
     mesh = remesh->mesh;
     start = mesh->node_star[nodes[count - 1]] / 4;
-    tet = ndli_topology_find(mesh, mesh->x, x, start, NULL);
+    tet = ndli_topology_find_in_space(mesh, x, start);
     for (int k = tet < 0 ? mesh->node_star[nodes[count - 1]] : -1; k >= 0; k = mesh->corner_next[k]) {
         const int *n = mesh->tets + 4 * (size_t)(k / 4);
         sb_real w[4], least;
@@ -12080,15 +12135,8 @@ static sb_mat3 ndli_tip_gradient(const ndli_topology *mesh, int node)
     sb_mat3 sum = sb_m3_zero();
     sb_real total = 0;
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
-        const int *n = mesh->tets + 4 * (size_t)(k / 4);
         sb_real volume = mesh->volumes[k / 4];
-        sb_mat3 material, space;
-        for (int c = 0; c < 3; c++) {
-            sb_vec3 a = sb_v3_sub(mesh->X[n[c + 1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->x[n[c + 1]], mesh->x[n[0]]);
-            material.m[0][c] = a.x, material.m[1][c] = a.y, material.m[2][c] = a.z;
-            space.m[0][c] = b.x, space.m[1][c] = b.y, space.m[2][c] = b.z;
-        }
-        sum = sb_m3_add(sum, sb_m3_scale(volume, sb_m3_mul(space, sb_m3_inverse(material))));
+        sum = sb_m3_add(sum, sb_m3_scale(volume, ndli_topology_gradient(mesh, k / 4)));
         total += volume;
     }
     return sb_m3_scale(1 / total, sum);

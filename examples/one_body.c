@@ -169,23 +169,49 @@ static sb_vec3 share_of_box(const work *w, double x, double y, double z)
                  low.z + REAL(z) * (high.z - low.z));
 }
 
-/* Where the vessels are that hold it: behind, about the middle of its width. */
+/* Where the vessels are that hold it: behind, about the middle of its width; as far to the front as it takes for one
+ * node in fifty to be held. */
 static int hold_organ(work *w)
 {
-    sb_vec3 low = share_of_box(w, 0.35, 0.75, 0), high = share_of_box(w, 0.75, 1, 1);
+    int wanted = w->organ.node_count / 50 > 3 ? w->organ.node_count / 50 : 3;
     w->held = (int *)malloc((size_t)w->organ.node_count * sizeof *w->held);
     if (!w->held)
         return complain_memory();
-    for (int i = 0; i < w->organ.node_count; i++) {
-        sb_vec3 x = w->organ.nodes[i];
-        if (x.x >= low.x && x.x <= high.x && x.y >= low.y)
-            w->held[w->held_count++] = i;
+    for (int twentieth = 15; twentieth >= 10 && w->held_count < wanted; twentieth--) {
+        sb_vec3 low = share_of_box(w, 0.35, twentieth / 20.0, 0), high = share_of_box(w, 0.75, 1, 1);
+        w->held_count = 0;
+        for (int i = 0; i < w->organ.node_count; i++) {
+            sb_vec3 x = w->organ.nodes[i];
+            if (x.x >= low.x && x.x <= high.x && x.y >= low.y)
+                w->held[w->held_count++] = i;
+        }
     }
     return w->held_count >= 3 ? 0
                               : complain(EXIT_USAGE, w->set->mesh, "has no nodes in the middle behind to be held by");
 }
 
-/* A target in the thick part, and a way to it from above that no edges of the mesh run along. */
+/* A place in the thick part, where that is within the organ; else the middle of the tet that is deepest under the
+ * skin. */
+static sb_vec3 choose_target(const work *w, const sb_surface *skin, double size)
+{
+    sb_vec3 usual = share_of_box(w, 0.33, 0.47, 0.5), best = usual;
+    sb_real deepest = sb_surface_signed_distance_winding(skin, usual, NULL);
+    if (deepest < REAL(-0.02 * size))
+        return usual;
+    for (int e = 0; e < w->organ.element_count; e++) {
+        const int *n = w->organ.elements + 4 * (size_t)e;
+        const sb_vec3 *X = w->organ.nodes;
+        sb_vec3 middle = sb_v3_scale(REAL(0.25), sb_v3_add(sb_v3_add(X[n[0]], X[n[1]]), sb_v3_add(X[n[2]], X[n[3]])));
+        sb_real distance = sb_surface_signed_distance_winding(skin, middle, NULL);
+        if (distance < deepest) {
+            deepest = distance;
+            best = middle;
+        }
+    }
+    return best;
+}
+
+/* A target, and a way to it from above that no edges of the mesh run along. */
 static int choose_way(work *w)
 {
     sb_surface *skin = NULL;
@@ -193,23 +219,21 @@ static int choose_way(work *w)
     sb_error error;
     sb_vec3 low, high, from;
     double size;
+    int found;
     sb_mesh_bounds(&w->organ, &low, &high);
     size = (double)sb_v3_norm(sb_v3_sub(high, low));
     if (size < 0.05 || size > 1)
         return complain(EXIT_USAGE, w->set->mesh, "needles need an organ of 5 cm to 1 m; see --scale");
-    w->target = share_of_box(w, 0.33, 0.47, 0.5);
     w->direction = sb_v3(REAL(0.1), REAL(0.2), -1);
     w->direction = sb_v3_scale(1 / sb_v3_norm(w->direction), w->direction);
     if (sb_surface_create(&w->skin, NULL, &skin, &error) != SB_OK)
         return complain_of(EXIT_SOLVE, w->set->skin, &error);
+    w->target = choose_target(w, skin, size);
     from = sb_v3_madd(w->target, REAL(-2 * size), w->direction);
-    if (!sb_surface_ray(skin, from, w->direction, SB_REAL_MAX, &hit)) {
-        sb_surface_destroy(skin);
-        return complain(EXIT_USAGE, w->set->skin, "there is no skin above the target");
-    }
+    found = sb_surface_ray(skin, from, w->direction, SB_REAL_MAX, &hit);
     w->entry = hit.point;
     sb_surface_destroy(skin);
-    return 0;
+    return found ? 0 : complain(EXIT_USAGE, w->set->skin, "there is no skin above the target");
 }
 
 /* ---- scenes ---------------------------------------------------------------------------------------------------- */
@@ -393,19 +417,23 @@ static int make_scan(work *w)
     sb_error error;
     sb_result result;
     memset(&error, 0, sizeof error);
-    snprintf(error.message, sizeof error.message, "not enough memory");
-    error.result = SB_ERROR_MEMORY;
     progress_show(0.02, "a scan is made");
     result = points ? make_body(w, &body, &error) : SB_ERROR_MEMORY;
     if (result == SB_OK)
         result = press_organ(w, body, &error);
-    if (result == SB_OK)
+    if (result == SB_OK) {
         result = sb_embedding_update(w->embedding, sb_body_positions(body), points, NULL, NULL);
+        snprintf(error.message, sizeof error.message, "%s", sb_result_string(result));
+    }
     if (result == SB_OK)
         result = look_at(w, points, &error);
     sb_body_destroy(body);
     free(points);
-    return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, "the scan", &error);
+    if (result == SB_ERROR_MEMORY)
+        return complain_memory();
+    return result == SB_OK
+               ? 0
+               : complain_of(EXIT_SOLVE, "a scan of the organ pressed so hard (try a smaller --push)", &error);
 }
 
 static int get_scan(work *w)
@@ -691,8 +719,9 @@ static int begin_all(work *w)
     if (sb_output_open(&w->csv, path, &error) != SB_OK)
         return complain(EXIT_USAGE, path, "cannot be written");
     fprintf(w->csv.file, "t,push_N,depth_mm,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm\n");
-    printf("organ          %d nodes, %d tets; skin of %d triangles; scan of %d points\n", w->organ.node_count,
-           w->organ.element_count, w->skin.element_count, w->scan.count);
+    printf("organ          %d nodes, %d tets; skin of %d triangles; scan of %d points; held at %d nodes\n",
+           w->organ.node_count, w->organ.element_count, w->skin.element_count, w->scan.count, w->held_count);
+    fflush(stdout); /* before what may go wrong is said */
     return 0;
 }
 

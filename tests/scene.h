@@ -163,6 +163,7 @@ typedef struct scene_memory {
     int calls, live, fail_at;
 } scene_memory;
 
+/* What it gives is full of what no number should be made of: used memory, as a host's allocator gives it. */
 static inline void *scene_alloc(void *user, size_t bytes)
 {
     scene_memory *memory = (scene_memory *)user;
@@ -170,6 +171,8 @@ static inline void *scene_alloc(void *user, size_t bytes)
     if (++memory->calls == memory->fail_at)
         return NULL;
     pointer = malloc(bytes);
+    if (pointer)
+        memset(pointer, 0xFE, bytes);
     memory->live += pointer != NULL;
     return pointer;
 }

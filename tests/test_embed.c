@@ -132,7 +132,7 @@ static void test_closest(void)
         sb_mesh mesh = embed_block(embed_types[t], 1);
         sb_vec3 *points = embed_cloud(&mesh, COUNT, 0.3);
         sb_embedding *embedding = embed_points(&mesh, points, COUNT, SB_EMBED_PLAIN);
-        for (int i = 0; i < COUNT && embedding; i++) {
+        for (int i = 0; i < COUNT && embedding; i += check_quick() ? 4 : 1) {
             sb_embedded_point place;
             double brute = embed_brute_distance(&mesh, points[i], CELLS), d;
             CHECK_OK(sb_embedding_get_point(embedding, i, &place));

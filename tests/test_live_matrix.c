@@ -182,6 +182,57 @@ static void test_undo(void)
         live_mesh_free(&m[k]);
 }
 
+/* 1 when a block has the value that fill_by_index gives it. */
+static int has_value(const sb_matrix *a, const sb_matrix *filled, int i, int q)
+{
+    int at = sb_matrix_find(filled, i, a->columns[q]);
+    return at >= 0 && memcmp(a->blocks[q], filled->blocks[at], sizeof a->blocks[q]) == 0;
+}
+
+/* Rows that have left their places are pushed together before many have; they then lie in order, and what stays keeps
+ * its values. */
+static void test_scattered(void)
+{
+    live_mesh m = live_mesh_box(5, 5, 5, 6), before = live_mesh_make(m.node_room, m.cell_room);
+    sb_matrix a = live_matrix(&m, 4, NULL);
+    unsigned long long seed = 21;
+    int packed = 0, most = 0;
+    for (int k = 0; k < 60; k++) {
+        sb_matrix old = fresh_matrix(&m, NULL, 0), fresh;
+        live_change c;
+        int lost = 0;
+        live_mesh_begin(&m);
+        live_mesh_copy(&before, &m);
+        for (int op = 0; op < 4; op++)
+            live_mesh_operate(&m, &seed);
+        fill_by_index(&old);
+        fill_by_index(&a);
+        c = live_mesh_difference(&before, &m, 0);
+        change_matrix(&a, &c);
+        live_change_free(&c);
+        fresh = fresh_matrix(&m, NULL, 0);
+        check_same_pattern(&a, &fresh, &m);
+        for (int i = 0; i < a.row_count; i++)
+            for (int q = a.row_start[i]; q < a.row_end[i]; q++)
+                lost += i < before.node_end && a.columns[q] < before.node_end && m.births[i] &&
+                        m.births[i] == before.births[i] && m.births[a.columns[q]] == before.births[a.columns[q]] &&
+                        sb_matrix_find(&old, i, a.columns[q]) >= 0 && !has_value(&a, &old, i, q);
+        CHECK_INT(lost, 0);
+        check_product(&a, &fresh);
+        most = sbi_max_int(most, a.live->moved_count);
+        packed += a.live->repacked;
+        for (int i = 1; a.live->repacked && i < a.row_count; i++)
+            CHECK_INT(a.row_start[i], a.row_end[i - 1]);
+        sb_matrix_free(&fresh);
+        sb_matrix_free(&old);
+    }
+    CHECK(packed > 0 && packed < 20);
+    CHECK(most <= a.row_count / 4);
+    sb_matrix_free(&a);
+    live_mesh_free(&m);
+    live_mesh_free(&before);
+}
+
 /* Couplings of loads and mappings stay while cells come and go, count each of their own, and go when told. */
 static void test_other_couplings(void)
 {
@@ -311,7 +362,7 @@ typedef struct rooms {
 
 static void rooms_free(rooms *r)
 {
-    sbi_assembly_free_memory(&r->assembly, NULL);
+    sbi_assembly_free(&r->assembly, NULL);
     sb_matrix_free(&r->matrix);
     sb_domain_free(&r->domain);
     free(r->cell_material);
@@ -585,7 +636,7 @@ static void test_preconditioners(void)
     live_change c;
     live_mesh_begin(&m);
     live_mesh_copy(&before, &m);
-    for (int op = 0; op < 60; op++)
+    for (int op = 0; op < 20; op++) /* few enough for rows to stay where they are */
         live_mesh_operate(&m, &seed);
     c = live_mesh_difference(&before, &m, 0);
     change_matrix(&a, &c);
@@ -791,9 +842,127 @@ static void test_refused_in_place(void)
     sb_mesh_free(&mesh);
 }
 
+/* ---- points that follow ---- */
+
+enum { POINTS = 600 };
+
+/* Points in and around a box, or all of them in its first cells, so that their groups are full. */
+static sb_embedding *points_in(const live_mesh *m, sb_embedding_kind kind, double share, unsigned long long *seed)
+{
+    sb_vec3 points[POINTS], end = m->X[m->node_end - 1];
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_embedding *e = NULL;
+    sbi_embed_slots slots;
+    sb_mesh mesh;
+    unsigned char *used = (unsigned char *)malloc((size_t)m->cell_end);
+    memset(used, 1, (size_t)m->cell_end);
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TET4;
+    mesh.node_count = m->node_end;
+    mesh.element_count = m->cell_end;
+    mesh.nodes = m->X;
+    mesh.elements = m->cells[0];
+    for (int i = 0; i < POINTS; i++) {
+        double low = -0.1 * share, high = 1.1 * share, x[3];
+        for (int k = 0; k < 3; k++)
+            x[k] = check_random_in(seed, low, high);
+        points[i] = sb_v3((sb_real)x[0] * end.x, (sb_real)x[1] * end.y, (sb_real)x[2] * end.z);
+    }
+    def.mesh = &mesh;
+    def.points = points;
+    def.point_count = POINTS;
+    def.kind = kind;
+    CHECK_OK(sb_embedding_create(&def, &e, NULL));
+    slots.node_end = m->node_end;
+    slots.cell_end = m->cell_end;
+    slots.nodes = m->X;
+    slots.cells = m->cells[0];
+    slots.used = used;
+    CHECK_OK(sbi_embed_follower_load(e, &slots, NULL));
+    free(used);
+    return e;
+}
+
+/* Points, and forces at the nodes, in a bent shape. */
+static void read_points(sb_embedding *e, const live_mesh *m, sb_vec3 *points, sb_vec3 *forces)
+{
+    sb_vec3 *x = (sb_vec3 *)calloc((size_t)m->node_end, sizeof *x);
+    for (int i = 0; i < m->node_end; i++)
+        x[i] = sb_v3(m->X[i].x + 3 * m->X[i].y * m->X[i].z, m->X[i].y - m->X[i].x * m->X[i].x, 2 * m->X[i].z);
+    memset(forces, 0, (size_t)m->node_end * sizeof *forces);
+    CHECK_OK(sb_embedding_update(e, x, points, NULL, NULL));
+    CHECK_OK(sb_embedding_forces(e, x, e->rest, forces, NULL));
+    free(x);
+}
+
+/* The arrays that followed give the same bits as arrays made of the same places in the same mesh. */
+static void check_points(sb_embedding *e, const live_mesh *m)
+{
+    static sb_vec3 points[2][POINTS];
+    size_t size = (size_t)m->node_end * sizeof(sb_vec3);
+    sb_vec3 *forces = (sb_vec3 *)malloc(2 * size);
+    sbi_embed_arrays followed = e->arrays, made;
+    sb_embedding_report report;
+    sbi_embed_parts parts;
+    memset(&made, 0, sizeof made);
+    sbi_embed_fill_report(e, e->follower, &report);
+    CHECK(!memcmp(&report, &e->report, sizeof report));
+    sbi_embed_fill_parts(e, e->follower, &parts);
+    CHECK(sbi_embed_arrays_fill(&e->allocator, &made, &parts, e->order, POINTS));
+    read_points(e, m, points[0], forces);
+    e->arrays = made;
+    read_points(e, m, points[1], forces + m->node_end);
+    e->arrays = followed;
+    CHECK(!memcmp(points[0], points[1], sizeof points[0]));
+    CHECK(!memcmp(forces, forces + m->node_end, size));
+    CHECK_INT(followed.touched_used, made.touched_used);
+    CHECK_INT(followed.block_used, made.block_used);
+    for (int kind = 0; kind < SBI_EMBED_KINDS; kind++)
+        CHECK_INT(followed.rows[kind].used, made.rows[kind].used);
+    sbi_embed_arrays_free(&e->allocator, &made);
+    free(forces);
+}
+
+/* Changes at random, some refused and some taken back. */
+static void test_points(void)
+{
+    for (int round = 0; round < 4; round++) {
+        unsigned long long seed = 40 + (unsigned long long)round;
+        live_mesh m = live_mesh_box(5, 4, 4, 8), before = live_mesh_make(m.node_room, m.cell_room);
+        sb_embedding *e = points_in(&m, round % 2 ? SB_EMBED_PLAIN : SB_EMBED_SMOOTH, round == 3 ? 0.1 : 1, &seed);
+        for (int k = 0; k < 100 && !check.failures; k++) {
+            live_change c;
+            sb_vec3 *made;
+            live_mesh_begin(&m);
+            live_mesh_copy(&before, &m);
+            for (int op = 0; op < 1 + k % 4; op++)
+                live_mesh_operate(&m, &seed);
+            c = live_mesh_difference(&before, &m, 0);
+            made = (sb_vec3 *)malloc((size_t)m.node_end * sizeof *made);
+            for (int i = 0; i < c.change.made_node_count; i++)
+                made[i] = m.X[c.change.made_nodes[i]];
+            c.change.made_positions = made;
+            CHECK_OK(sbi_embed_follower_reserve(e, &c.change, NULL));
+            if (k % 3 == 0) {
+                sbi_embed_follower_give_up(e);
+                live_mesh_copy(&m, &before);
+            } else {
+                sbi_embed_follower_follow(e);
+            }
+            live_change_free(&c);
+            free(made);
+            check_points(e, &m);
+        }
+        sb_embedding_destroy(e);
+        live_mesh_free(&m);
+        live_mesh_free(&before);
+    }
+}
+
 CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_random_changes},
-            {"changes taken back", test_undo}, {"couplings of others", test_other_couplings},
-            {"changes in place", test_in_place}, {"refused in place", test_refused_in_place},
-            {"no memory", test_no_memory}, {"parts come apart and meet", test_parts}, {"assembly", test_assembly},
+            {"changes taken back", test_undo}, {"scattered rows", test_scattered},
+            {"couplings of others", test_other_couplings}, {"changes in place", test_in_place},
+            {"refused in place", test_refused_in_place}, {"no memory", test_no_memory},
+            {"parts come apart and meet", test_parts}, {"assembly", test_assembly},
             {"assembly of two materials", test_assembly_of_two}, {"assembly of any material", test_assembly_of_any},
-            {"preconditioners", test_preconditioners});
+            {"preconditioners", test_preconditioners}, {"points that follow", test_points});

@@ -1,6 +1,8 @@
 /* Bodies whose mesh changes: slots, transactions, what follows, what is kept, and what is refused. */
 #include "softbody.h"
 
+#include <float.h>
+
 #include "check.h"
 #include "scene.h"
 
@@ -269,16 +271,16 @@ static sb_body_def live_def(const sb_mesh *mesh, sb_material material, sb_integr
     return def;
 }
 
-/* Turns and deforms: velocities that are not affine, so that interpolation alone keeps neither momentum. */
-static void set_in_motion(sb_body *body)
+/* Turns and deforms a mesh in units of 1/scale m: velocities that are not affine, so that interpolation alone keeps
+ * neither momentum. */
+static void set_in_motion(sb_body *body, sb_real scale)
 {
     int n = sb_body_node_count(body);
     sb_vec3 *v = (sb_vec3 *)calloc((size_t)n, sizeof *v);
     for (int i = 0; i < n; i++) {
-        sb_vec3 x = sb_body_rest_positions(body)[i];
-        v[i] = sb_v3(REAL(0.3) + 20 * x.y * x.z, -2 * x.x + 10 * x.y * x.y, x.z * x.x * 30);
-        if (!sb_body_node_in_use(body, i))
-            v[i] = sb_v3(0, 0, 0);
+        sb_vec3 x = sb_v3_scale(1 / scale, sb_body_rest_positions(body)[i]);
+        if (sb_body_node_in_use(body, i))
+            v[i] = sb_v3_scale(scale, sb_v3(REAL(0.3) + 20 * x.y * x.z, -2 * x.x + 10 * x.y * x.y, x.z * x.x * 30));
     }
     CHECK_OK(sb_body_set_velocities(body, v));
     free(v);
@@ -337,10 +339,61 @@ static void test_random_changes(void)
     sb_body *body;
     def.damping_stiffness = REAL(0.01);
     body = scene_body(&def);
-    set_in_motion(body);
+    set_in_motion(body, 1);
     run_random(body, 1000, changes, 11);
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
+}
+
+/* Three blocks that do not touch, their nodes numbered by turns. */
+static void make_parts(sb_mesh *mesh)
+{
+    sb_mesh block = scene_box(SB_TET4, 3, 2, 2, sb_v3(REAL(0.06), REAL(0.04), REAL(0.04)), 0.1);
+    int own = block.node_count;
+    memset(mesh, 0, sizeof *mesh);
+    CHECK_OK(sb_mesh_copy(&block, NULL, mesh, NULL));
+    for (int part = 1; part < 3; part++)
+        CHECK_OK(sb_mesh_append(mesh, &block, NULL));
+    for (int i = 0; i < mesh->node_count; i++) {
+        mesh->nodes[i] = block.nodes[i / 3];
+        mesh->nodes[i].z += REAL(0.05) * (sb_real)(i % 3);
+    }
+    for (int k = 0; k < 4 * mesh->element_count; k++)
+        mesh->elements[k] = mesh->elements[k] % own * 3 + mesh->elements[k] / own;
+    sb_mesh_free(&block);
+}
+
+/* Parts side by side, and organs flattened up to five times, in metres, millimetres and units of 100 m. */
+static void test_random_meshes(void)
+{
+    const sb_real scales[3] = {1, 1000, REAL(0.01)};
+    unsigned long long seed = 1234;
+    for (int k = 0; k < 6; k++) {
+        sb_mesh mesh;
+        sb_body_def def;
+        sb_body *body;
+        sb_real flat = REAL(check_random_in(&seed, 0.2, 1)), scale = scales[k / 2];
+        if (k % 2)
+            make_parts(&mesh);
+        else
+            CHECK_OK(sb_mesh_organ(SB_TET4, 4, NULL, &mesh, NULL));
+        for (int i = 0; i < mesh.node_count; i++) {
+            mesh.nodes[i].z *= k % 2 ? 1 : flat;
+            mesh.nodes[i] = sb_v3_scale(scale, mesh.nodes[i]);
+        }
+        /* E / length^2 and g / length stay: the same motion */
+        def = live_def(&mesh, sb_material_corotated(5000 * scale * scale, REAL(0.4), 1000),
+                       k < 2   ? SB_EULER
+                       : k < 4 ? SB_NEWMARK
+                               : SB_GENERALISED_ALPHA);
+        def.gravity = sb_v3_scale(scale, def.gravity);
+        def.damping_stiffness = REAL(0.01);
+        body = scene_body(&def);
+        set_in_motion(body, scale);
+        run_random(body, 1000, getenv("CHECK_SLOW") ? 5000 : 150, 100 + (unsigned)k);
+        sb_body_destroy(body);
+        sb_mesh_free(&mesh);
+    }
 }
 
 /* The inverse order gives back all bits: numbers, shape, motion at rest, and what a step makes of them. */
@@ -804,6 +857,18 @@ static void test_refused(void)
     CHECK_INT(error.element, 0);
     CHECK(sb_body_state_hash(s.body) == hash);
     sb_body_change_cancel(change);
+    /* a share of which rounding leaves nothing */
+    cell.nodes = nodes;
+    cell.share = REAL(2 * (SB_REAL_IS_FLOAT ? (double)FLT_MIN : DBL_MIN));
+    CHECK_OK(sb_body_change_begin(s.body, &change, &error));
+    CHECK_OK(sb_body_change_replace_cell(change, 0, &cell, &error));
+    CHECK_RESULT(sb_body_change_commit(change, &error), SB_ERROR_MESH);
+    CHECK_INT(error.element, 0);
+    CHECK(strstr(error.message, "element 0 is too small") != NULL);
+    CHECK(sb_body_state_hash(s.body) == hash);
+    sb_body_change_cancel(change);
+    cell.nodes = bad;
+    cell.share = 1;
     /* a node twice */
     CHECK_OK(sb_body_change_begin(s.body, &change, &error));
     bad[1] = bad[0];
@@ -1085,7 +1150,7 @@ static void test_slide_momentum(void)
     int inside = 0, node;
     sb_error error;
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
-    set_in_motion(body);
+    set_in_motion(body, 1);
     for (int k = 0; k < 80; k++) {
         sums before = sums_of(body, 1000), after;
         sb_result result = slide(body, &seed, &node, &error);
@@ -1115,7 +1180,7 @@ static void test_slide_alone(void)
         sb_body *body = scene_body(&def);
         int *all = (int *)malloc((size_t)mesh.node_count * sizeof *all), node;
         sb_error error;
-        set_in_motion(body);
+        set_in_motion(body, 1);
         for (int i = 0; i < mesh.node_count; i++)
             all[i] = i;
         CHECK_OK(sb_body_fix_nodes(body, all, mesh.node_count, SB_XYZ));
@@ -1310,7 +1375,7 @@ static void test_both_ways(void)
             def.slack = b ? 4 : REAL(0.001); /* the second has room for all, the first grows again and again */
             bodies[b] = scene_body(&def);
             scene_fix_plane(bodies[b], &mesh, 0, 0, SB_XYZ);
-            set_in_motion(bodies[b]);
+            set_in_motion(bodies[b], 1);
         }
         for (int i = 0; i < 40 && same; i++) {
             for (int b = 0; b < 2; b++) {
@@ -1466,7 +1531,7 @@ static void test_slots_between(void)
         CHECK_INT(ops[3].node, mesh.node_count + 2);
         if (!CHECK_OK(sb_body_live_check(body, &error)))
             printf("%s: %s\n", sb_precond_string((sb_precond_kind)kind), error.message);
-        set_in_motion(body);
+        set_in_motion(body, 1);
         CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
         CHECK(all_finite(body));
         sb_body_destroy(body);
@@ -1474,15 +1539,16 @@ static void test_slots_between(void)
     sb_mesh_free(&mesh);
 }
 
-CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse order gives back all bits", test_inverse},
-            {"materials and integrators", test_materials}, {"against a body made anew", test_against_fresh},
-            {"pressure follows", test_pressure_follows}, {"forces of loads stay", test_forces_stay},
-            {"mappings follow", test_mapping_follows}, {"supports follow", test_supports_follow},
-            {"listeners", test_listeners}, {"bad changes are refused by name", test_refused},
-            {"every allocation fails", test_memory_failures}, {"threads", test_threads},
-            {"saved and loaded between changes", test_state}, {"recorded and replayed", test_record},
-            {"beyond the slack", test_growth}, {"no allocations while slack lasts", test_no_allocations},
-            {"in place and anew", test_both_ways}, {"free slots below one in use", test_slots_between},
+CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"random meshes", test_random_meshes},
+            {"the inverse order gives back all bits", test_inverse}, {"materials and integrators", test_materials},
+            {"against a body made anew", test_against_fresh}, {"pressure follows", test_pressure_follows},
+            {"forces of loads stay", test_forces_stay}, {"mappings follow", test_mapping_follows},
+            {"supports follow", test_supports_follow}, {"listeners", test_listeners},
+            {"bad changes are refused by name", test_refused}, {"every allocation fails", test_memory_failures},
+            {"threads", test_threads}, {"saved and loaded between changes", test_state},
+            {"recorded and replayed", test_record}, {"beyond the slack", test_growth},
+            {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
+            {"free slots below one in use", test_slots_between},
             {"every allocation of a plain body fails", test_memory_in_place},
             {"iterations after changes", test_iterations}, {"slides", test_slide},
             {"momentum of slides", test_slide_momentum}, {"a slide of one free node", test_slide_alone},

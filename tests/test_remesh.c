@@ -758,6 +758,42 @@ static void test_find(void)
     scene_end(&s);
 }
 
+/* A skin that is pushed in before it breaks: the node of the entry lies below tets that it is a corner of. Points of
+ * all others, which have kept their shape, are where they were. */
+static void test_find_folded(void)
+{
+    scene s;
+    unsigned long long seed = 11;
+    if (scene_begin(&s, 1, NULL, 0.1) && enter_at(&s, 0, 0.52, 0.47, NULL)) {
+        int entry = ndl_remesh_nodes(s.remesh, 0, NULL)[0], count = sb_body_node_count(s.body), kept = 0;
+        const sb_vec3 *X = sb_body_rest_positions(s.body);
+        sb_vec3 *u = (sb_vec3 *)calloc((size_t)count, sizeof *u);
+        u[entry] = sb_v3(REAL(0.0005), REAL(0.001), REAL(-0.012));
+        CHECK_OK(sb_body_set_displacements(s.body, u));
+        for (int i = 0; i < 1000; i++) {
+            int t = (int)check_random_in(&seed, 0, sb_body_element_count(s.body));
+            const int *n = sb_body_cell_nodes(s.body, t);
+            sb_real w[4], sum = 0;
+            sb_vec3 x = sb_v3(0, 0, 0), found = x;
+            int moved = n == NULL;
+            for (int c = 0; c < 4; c++)
+                sum += w[c] = REAL(check_random_in(&seed, 0.05, 1));
+            for (int c = 0; c < 4 && n; c++) {
+                moved |= n[c] == entry;
+                x = sb_v3_madd(x, w[c] / sum, X[n[c]]);
+            }
+            if (moved)
+                continue;
+            kept++;
+            CHECK_INT(ndl_remesh_material_point(s.remesh, 0, x, &found), 1);
+            CHECK_NEAR(sb_v3_norm(sb_v3_sub(found, x)), 0, scene_tolerance(1e-15, 8));
+        }
+        CHECK(kept > 500);
+        free(u);
+    }
+    scene_end(&s);
+}
+
 static void test_limit(void)
 {
     scene s;
@@ -1008,6 +1044,7 @@ CHECK_SUITE(remesh, {"programs in a lattice", test_lattice}, {"programs in a sha
             {"programs in two regions", test_two_regions}, {"programs in the phantom", test_phantom},
             {"linear fields stay linear", test_linear_fields}, {"momentum is kept", test_momentum},
             {"Euler characteristic", test_euler}, {"same operations at any scale", test_scale},
-            {"walk to a point", test_find}, {"substeps", test_limit}, {"two needles", test_two_needles},
-            {"a shared element", test_shared_element}, {"a tip outside", test_outside}, {"arguments", test_arguments},
-            {"allocations that fail", test_memory}, {"no allocation once slack has grown", test_no_allocation});
+            {"walk to a point", test_find}, {"points in folded tissue", test_find_folded}, {"substeps", test_limit},
+            {"two needles", test_two_needles}, {"a shared element", test_shared_element},
+            {"a tip outside", test_outside}, {"arguments", test_arguments}, {"allocations that fail", test_memory},
+            {"no allocation once slack has grown", test_no_allocation});

@@ -304,7 +304,7 @@ static void test_torus(void)
 static void test_random_shapes(void)
 {
     unsigned long long seed = 11;
-    for (int k = 0; k < 28; k++) {
+    for (int k = 0; k < (check_quick() ? 8 : 28); k++) {
         shape s = random_shape(BLOBS, &seed);
         scene at;
         set_scene(&at, &s, 1, check_random_in(&seed, 0.1, 0.3), check_random(&seed));
@@ -742,7 +742,7 @@ static void test_arguments(void)
  * argument, not memory. */
 static void test_element_limit(void)
 {
-    for (int k = 0; k < 8; k++) {
+    for (int k = 0; k < (check_quick() ? 2 : 8); k++) {
         shape s = make_shape(BOX, 0.01, 0.02, 0.03, 0.9, 0.7 - 0.01 * k, 0.5 + 0.007 * k);
         scene at;
         sb_mesh mesh;
@@ -895,7 +895,7 @@ static void test_thin_functions(void)
 {
     static const char *const names[] = {"plate", "shell", "rod", "ring", "ball with a brim", "star"};
     for (int kind = 0; kind < 6; kind++) {
-        for (int k = 0; k < 2; k++) {
+        for (int k = 0; k < (check_quick() ? 1 : 2); k++) {
             double ratio = k == 0 ? 0.3 : 0.55, cell = kind == 2 || kind == 5 ? 0.2 : 0.3;
             thin_shape thin;
             sb_shape part;

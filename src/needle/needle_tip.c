@@ -11,15 +11,8 @@ static sb_mat3 ndli_tip_gradient(const ndli_topology *mesh, int node)
     sb_mat3 sum = sb_m3_zero();
     sb_real total = 0;
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
-        const int *n = mesh->tets + 4 * (size_t)(k / 4);
         sb_real volume = mesh->volumes[k / 4];
-        sb_mat3 material, space;
-        for (int c = 0; c < 3; c++) {
-            sb_vec3 a = sb_v3_sub(mesh->X[n[c + 1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->x[n[c + 1]], mesh->x[n[0]]);
-            material.m[0][c] = a.x, material.m[1][c] = a.y, material.m[2][c] = a.z;
-            space.m[0][c] = b.x, space.m[1][c] = b.y, space.m[2][c] = b.z;
-        }
-        sum = sb_m3_add(sum, sb_m3_scale(volume, sb_m3_mul(space, sb_m3_inverse(material))));
+        sum = sb_m3_add(sum, sb_m3_scale(volume, ndli_topology_gradient(mesh, k / 4)));
         total += volume;
     }
     return sb_m3_scale(1 / total, sum);

@@ -1947,7 +1947,7 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
         return 0;
     mesh = remesh->mesh;
     start = mesh->node_star[nodes[count - 1]] / 4;
-    tet = ndli_topology_find(mesh, mesh->x, x, start, NULL);
+    tet = ndli_topology_find_in_space(mesh, x, start);
     for (int k = tet < 0 ? mesh->node_star[nodes[count - 1]] : -1; k >= 0; k = mesh->corner_next[k]) {
         const int *n = mesh->tets + 4 * (size_t)(k / 4);
         sb_real w[4], least;

@@ -123,6 +123,12 @@ NDLI_API void ndli_topology_free(ndli_topology *mesh);
  * [4], may be NULL. -1 also for a start that is no tet, without weights. */
 NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
                                 sb_real weights[4]);
+/* Tet that holds a point in space, or -1. A walk may end at tets that are inverted: skin that is pushed in before it
+ * breaks folds the tissue below it. Then all are looked at, and of those that hold the point the one counts that has
+ * kept its shape best. O(tets) there, and for points outside. */
+NDLI_API int ndli_topology_find_in_space(const ndli_topology *mesh, sb_vec3 x, int start);
+/* Deformation gradient in a tet. */
+NDLI_API sb_mat3 ndli_topology_gradient(const ndli_topology *mesh, int tet);
 /* First surface face that the segment crosses from outside in space; 0 and *hit untouched when
  * there is none. O(tets): for a needle that is not in yet. */
 NDLI_API int ndli_topology_hit(const ndli_topology *mesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit);

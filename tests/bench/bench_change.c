@@ -59,7 +59,7 @@ static void rooms_make(rooms *r, const live_mesh *m)
 
 static void rooms_free(rooms *r)
 {
-    sbi_assembly_free_memory(&r->assembly, NULL);
+    sbi_assembly_free(&r->assembly, NULL);
     sb_matrix_free(&r->matrix);
     sb_domain_free(&r->domain);
     free(r->cell_material);

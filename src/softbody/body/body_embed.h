@@ -22,14 +22,13 @@
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
- * Cost: a change searches the points of changed cells, then, where there are any, makes what updates read anew in one
- * pass over all points: 0.9 ms for 10,000 points in 14,000 tet4 (tests/bench/RESULTS.md). The first call takes about as
- * long as the creation. A change allocates when arrays have to grow, and to find a point that no cell around it
- * holds. Without memory the change is refused (SB_ERROR_MEMORY). After a state was loaded without memory for this, the
- * next sb_embedding_update or sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn.
- * It ends with either of the two, or sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the
- * body's), SB_ERROR_STATE (it follows a body already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it
- * as it was. */
+ * Cost: a change searches the points of changed cells and makes anew what updates read of them; points and cells far
+ * from it cost nothing (tests/bench/RESULTS.md). The first call takes about as long as the creation. A change allocates
+ * when arrays have to grow, and to find a point that no cell around it holds. Without memory the change is refused
+ * (SB_ERROR_MEMORY). After a state was loaded without memory for this, the next sb_embedding_update or
+ * sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn. It ends with either of the two, or
+ * sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's), SB_ERROR_STATE (it follows a body
+ * already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it as it was. */
 SB_API sb_result sb_embedding_follow(sb_embedding *embedding, sb_body *body, sb_error *error);
 /* It stays as it is, and does not follow any more. SB_ERROR_STATE: it follows no body. SB_ERROR_ARGUMENT: NULL. */
 SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);

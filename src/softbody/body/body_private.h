@@ -282,6 +282,9 @@ SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error);
 SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from); /* all arrays by node */
 SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the other's */
 SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
+/* gives back the body and all that it has, once nobody listens to it and no change of its mesh is under way; NULL is
+ * fine; */
+SBI_API void sbi_body_release(sb_body *body);
 /* parts of the nodes and their boxes; holds the nodes of no element; */
 SBI_API void sbi_body_label_nodes(sb_body *body);
 /* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not

@@ -273,7 +273,7 @@ SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh,
     if (result == SB_OK)
         result = sbi_live_make_rest(body, mesh, made, error);
     if (result != SB_OK) {
-        sb_body_destroy(made);
+        sbi_body_release(made);
         return result;
     }
     *next = made;
@@ -760,5 +760,5 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->pattern_version = old.pattern_version + 1;
     sbi_live_rebase(body);
     sbi_live_rebase(next);
-    sb_body_destroy(next);
+    sbi_body_release(next);
 }

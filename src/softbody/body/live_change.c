@@ -1034,7 +1034,7 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
         sbi_live_replace(body, next);
         next = NULL;
     }
-    sb_body_destroy(next);
+    sbi_body_release(next);
     sbi_live_mesh_free(body, &mesh);
     return result;
 }

@@ -20,7 +20,7 @@ SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error)
     return result;
 }
 
-SBI_API void sbi_live_destroy(sb_body *body)
+SBI_API void sbi_live_end(sb_body *body)
 {
     sbi_live *live = body->live;
     if (!live)
@@ -32,16 +32,7 @@ SBI_API void sbi_live_destroy(sb_body *body)
     }
     sb_body_change_cancel(live->open);
     sbi_change_destroy(live->spare);
-    sbi_free(&body->allocator, live->lists);
-    sbi_free(&body->allocator, live->masses);
-    sbi_free(&body->allocator, live->node_marks);
-    sbi_free(&body->allocator, live->cell_marks);
-    sbi_slots_free(&live->nodes, &body->allocator);
-    sbi_slots_free(&live->cells, &body->allocator);
-    sbi_free(&body->allocator, live->shares);
-    sbi_free(&body->allocator, live->listeners);
-    sbi_free(&body->allocator, live);
-    body->live = NULL;
+    live->spare = NULL;
 }
 
 /* ---- readings ---- */

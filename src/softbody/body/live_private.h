@@ -70,7 +70,9 @@ typedef struct sbi_live_mesh {
 SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
-SBI_API void sbi_live_destroy(sb_body *body);
+SBI_API void sbi_live_free(sb_body *body);
+/* Tells all who listen that the body ends, and ends the change under way. */
+SBI_API void sbi_live_end(sb_body *body);
 SBI_API void sbi_change_destroy(sb_body_change *change); /* NULL is fine */
 /* A change with lists for so many cells, for the first to begin. */
 SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error);
@@ -90,7 +92,7 @@ SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
 /* *next = a body like this one with another mesh, at rest, without supports, loads and constraints. SB_ERROR_MESH: a
  * cell inside out; SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh, sb_body **next, sb_error *error);
-/* Brings motion, supports, loads and constraints over to it. On failure it is good for sb_body_destroy only. */
+/* Brings motion, supports, loads and constraints over to it. On failure it is good for sbi_body_release only. */
 SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *change, const sbi_live_mesh *mesh,
                                  sb_body *next, sb_error *error);
 /* The same of loads and constraints. */

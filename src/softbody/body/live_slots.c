@@ -150,6 +150,23 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     return result == SB_OK ? sbi_live_take_cells(body, error) : result;
 }
 
+SBI_API void sbi_live_free(sb_body *body)
+{
+    sbi_live *live = body->live;
+    if (!live)
+        return;
+    sbi_free(&body->allocator, live->lists);
+    sbi_free(&body->allocator, live->masses);
+    sbi_free(&body->allocator, live->node_marks);
+    sbi_free(&body->allocator, live->cell_marks);
+    sbi_slots_free(&live->nodes, &body->allocator);
+    sbi_slots_free(&live->cells, &body->allocator);
+    sbi_free(&body->allocator, live->shares);
+    sbi_free(&body->allocator, live->listeners);
+    sbi_free(&body->allocator, live);
+    body->live = NULL;
+}
+
 SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
 {
     sbi_live *live = body->live;

@@ -1,108 +1,12 @@
 /* assembly: loops over integration points. */
 #include "assembly_batch.h"
+#include "assembly_cell.h"
 #include "assembly_live.h"
 #include "material_models.h"
 
 #include <string.h>
 
 /* ---- set-up ---- */
-
-/* Cells that arrays have room for. */
-static int sbi_assembly_cell_room(const sb_domain *domain)
-{
-    return sbi_max_int(domain->cell_capacity, domain->cell_count);
-}
-
-static int sbi_assembly_chunk_size(int cell_count)
-{
-    int size = cell_count / 64; /* enough chunks for many threads, each long enough to be worth a task */
-    size = size < 16 ? 16 : size > 256 ? 256 : size;
-    return (size + SB_POLAR_LANES - 1) / SB_POLAR_LANES * SB_POLAR_LANES;
-}
-
-SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
-                                 sbi_arena *arena)
-{
-    size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
-    size_t chunks;
-    assembly->domain = domain;
-    if (assembly->chunk_size == 0) /* the size of a mesh that changes stays what it was first */
-        assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
-    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
-    chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
-    assembly->rotations = (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
-    assembly->saved_rotations =
-        (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
-    assembly->shares = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
-    assembly->relaxing = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
-    assembly->scatter = (int *)sbi_arena_take(arena, cells, n * (n + 1) / 2 * sizeof(int));
-    assembly->colour_start = (int *)sbi_arena_take(arena, chunks + 1, sizeof(int));
-    assembly->colour_chunks = (int *)sbi_arena_take(arena, chunks, sizeof(int));
-    assembly->chunk_energy = (sb_real *)sbi_arena_take(arena, chunks, sizeof(sb_real));
-    assembly->chunk_bad_cell = (int *)sbi_arena_take(arena, chunks, sizeof(int));
-    if (sbi_batch_fits(domain))
-        sbi_batch_layout(assembly, domain, block_count, arena);
-}
-
-static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
-{
-    int begin = chunk * assembly->chunk_size;
-    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
-}
-
-/* Nodes of a chunk, of which some may be listed more than once. */
-static void sbi_assembly_chunk_nodes(const sbi_assembly *assembly, int chunk, const int **first, const int **end)
-{
-    const sb_domain *domain = assembly->domain;
-    size_t n = (size_t)domain->nodes_per_cell;
-    if (assembly->live) {
-        *first = assembly->live->chunk_nodes + 4 * (size_t)chunk * (size_t)assembly->chunk_size;
-        *end = *first + assembly->live->chunk_node_count[chunk];
-        return;
-    }
-    *first = domain->cells + (size_t)(chunk * assembly->chunk_size) * n;
-    *end = domain->cells + (size_t)sbi_assembly_chunk_end(assembly, chunk) * n;
-}
-
-/* Colour of a chunk: the first that none of its nodes has; nodes remember theirs as bits. Beyond 63 colours (one
- * node shared by very many cells) each chunk gets a colour of its own. */
-static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, uint64_t *node_colours, int *next)
-{
-    const int *first, *end;
-    uint64_t taken = 0;
-    int colour = 0;
-    sbi_assembly_chunk_nodes(assembly, chunk, &first, &end);
-    for (const int *node = first; node < end; node++)
-        taken |= node_colours[*node];
-    while (colour < 63 && (taken >> colour & 1))
-        colour++;
-    if (colour == 63) {
-        *next = *next < 63 ? 63 : *next;
-        return (*next)++;
-    }
-    for (const int *node = first; node < end; node++)
-        node_colours[*node] |= (uint64_t)1 << colour;
-    if (colour + 1 > *next)
-        *next = colour + 1;
-    return colour;
-}
-
-SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
-{
-    int *colour_of = assembly->chunk_bad_cell; /* free until the first loop runs */
-    int position = 0;
-    assembly->colour_count = 0;
-    memset(node_colours, 0, (size_t)assembly->domain->node_count * sizeof *node_colours);
-    for (int c = 0; c < assembly->chunk_count; c++)
-        colour_of[c] = sbi_assembly_colour_chunk(assembly, c, node_colours, &assembly->colour_count);
-    for (int colour = 0; colour < assembly->colour_count; colour++) {
-        assembly->colour_start[colour] = position;
-        for (int c = 0; c < assembly->chunk_count; c++)
-            if (colour_of[c] == colour)
-                assembly->colour_chunks[position++] = c;
-    }
-    assembly->colour_start[assembly->colour_count] = position;
-}
 
 static void sbi_assembly_map_blocks(sbi_assembly *assembly, const sb_matrix *matrix)
 {
@@ -175,6 +79,24 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
     sbi_assembly_reset_rotations(assembly);
 }
 
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
+{
+    size_t q = (size_t)to->domain->points_per_cell;
+    memcpy(to->rotations + (size_t)cell * q, from->rotations + (size_t)old * q, q * sizeof *to->rotations);
+    sbi_batch_copy_cell(to, cell, from, old);
+    if (to->history && from->history && to->terms == from->terms) {
+        size_t stride = q * sbi_memory_stride(to);
+        memcpy(to->history + (size_t)cell * stride, from->history + (size_t)old * stride, stride * sizeof(sb_real));
+    }
+}
+
+SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator)
+{
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+    sbi_assembly_free_live(assembly);
+}
+
 /* ---- chunks on threads ---- */
 
 typedef enum sbi_assembly_work {
@@ -213,7 +135,7 @@ static int sbi_assembly_run(sbi_assembly_job *job)
     return -1;
 }
 
-/* ---- one cell: gather, deformation gradient ---- */
+/* ---- one cell ---- */
 
 /* What is special about a cell's points, a literal like their number: */
 enum {
@@ -234,37 +156,6 @@ SBI_FORCE_INLINE int sbi_cell_ordinary(const int q, const int scheme) { return q
 SBI_FORCE_INLINE const sb_material *sbi_cell_shares(const sbi_assembly *assembly, int e)
 {
     return assembly->shares + 2 * (size_t)assembly->cell_material[e];
-}
-
-SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
-{
-    for (int a = 0; a < n; a++) {
-        local[a][0] = u[cell[a]].x;
-        local[a][1] = u[cell[a]].y;
-        local[a][2] = u[cell[a]].z;
-    }
-}
-
-/* F = I + sum_a u_a g_a^T: displacements, not positions, so that rest is exact wherever the mesh lies. */
-SBI_FORCE_INLINE sb_mat3 sbi_cell_deformation(const sb_real (*u)[3], const sb_real *gradients, const int n)
-{
-    sb_mat3 f = sb_m3_identity();
-    for (int a = 0; a < n; a++)
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                f.m[i][j] += u[a][i] * gradients[3 * a + j];
-    return f;
-}
-
-/* Deformation gradients of all points of a cell. */
-SBI_FORCE_INLINE void sbi_cell_deformations(const sb_domain *domain, int e, const sb_vec3 *u, const int n, const int q,
-                                            sb_mat3 *f)
-{
-    const sb_real *gradients = domain->gradients + (size_t)e * (size_t)q * 3 * (size_t)n;
-    sb_real local[SB_MAX_ELEMENT_NODES][3];
-    sbi_cell_gather(domain->cells + (size_t)e * (size_t)n, u, n, local);
-    for (int p = 0; p < q; p++)
-        f[p] = sbi_cell_deformation((const sb_real(*)[3])local, gradients + p * 3 * n, n);
 }
 
 /* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
@@ -729,76 +620,7 @@ static void sbi_assembly_chunk(void *user, int index)
     assembly->chunk_bad_cell[chunk] = bad;
 }
 
-/* ---- memory of materials with Prony terms ---- */
-
-/* Number of reals that a point remembers. */
-SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
-
-static size_t sbi_memory_points(const sbi_assembly *assembly)
-{
-    return (size_t)assembly->domain->cell_count * (size_t)assembly->domain->points_per_cell;
-}
-
-SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
-                                              sb_error *error)
-{
-    size_t points = (size_t)sbi_assembly_cell_room(assembly->domain) * (size_t)assembly->domain->points_per_cell;
-    size_t old_stride = sbi_memory_stride(assembly), stride;
-    sb_real *history, *prestress = assembly->prestress;
-    if (terms <= assembly->terms)
-        return SB_OK;
-    stride = 6 * (1 + (size_t)terms);
-    history =
-        (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
-    if (!prestress)
-        prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
-    if (!history || !prestress) {
-        sbi_free(allocator, history);
-        if (!assembly->prestress)
-            sbi_free(allocator, prestress);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
-                        assembly->domain->cell_count);
-    }
-    for (size_t p = 0; assembly->history && p < sbi_memory_points(assembly); p++)
-        memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
-    sbi_free(allocator, assembly->history);
-    assembly->history = history;
-    assembly->prestress = prestress;
-    assembly->terms = terms;
-    return SB_OK;
-}
-
-/* Copies the memory to the second half of its block, or back. */
-static void sbi_memory_copy(sbi_assembly *assembly, int restore)
-{
-    size_t bytes = 0, count;
-    sb_real *history = sbi_assembly_memory(assembly, &bytes);
-    count = bytes / sizeof(sb_real);
-    if (history)
-        memcpy(restore ? history : history + count, restore ? history + count : history, bytes);
-}
-
-SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 0); }
-SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 1); }
-
-SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly)
-{
-    if (assembly->viscous)
-        memset(assembly->prestress, 0, sbi_memory_points(assembly) * 6 * sizeof(sb_real));
-}
-
-SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator)
-{
-    sbi_free(allocator, assembly->history);
-    sbi_free(allocator, assembly->prestress);
-    sbi_assembly_free_live(assembly);
-}
-
-SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
-{
-    *bytes = assembly->viscous ? sbi_memory_points(assembly) * sbi_memory_stride(assembly) * sizeof(sb_real) : 0;
-    return assembly->viscous ? assembly->history : NULL;
-}
+/* ---- entry points ---- */
 
 /* Shares of the materials as they are, and of what relaxes of them. */
 static void sbi_assembly_derive(sbi_assembly *assembly)
@@ -814,160 +636,6 @@ static void sbi_assembly_derive(sbi_assembly *assembly)
         }
     }
 }
-
-/* The shares of materials with Prony terms for a step of dt. */
-static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
-{
-    int split = assembly->domain->mean_point;
-    for (int i = 0; i < assembly->material_count; i++) {
-        const sb_material *material = assembly->materials + i;
-        sb_material relaxed;
-        if (material->prony_count == 0)
-            continue;
-        relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
-        for (int k = 0; k < 2; k++)
-            assembly->shares[2 * i + k] = sbi_material_share_of(&relaxed, !split ? SBI_SHARE_WHOLE
-                                                                          : k    ? SBI_SHARE_VOLUME
-                                                                                 : SBI_SHARE_SHEAR);
-    }
-}
-
-/* What J F^-1 P is to be multiplied with for the S0 that a point remembers: 1/J, but nothing where a model that may be
- * inside out is, and a continuous way between. S would grow without bound towards J = 0, where such a model has no
- * energy to keep it away, and the memory would hold the point there; this way S0 is bounded by |cof F| |P| / least, and
- * a point inside out forgets. Models with a barrier at J = 0 remember everything. */
-static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
-{
-    const sb_real least = (sb_real)0.05;
-    if (!(J > 0))
-        return 0;
-    return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
-}
-
-/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
-static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
-{
-    static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
-    sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
-    sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
-    int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
-    if (finite)
-        p = sb_m3_tmul(cofactor, p);
-    for (int k = 0; k < 6; k++) {
-        s0[k] = finite ? (sb_real)0.5 * weight * (p.m[row[k]][column[k]] + p.m[column[k]][row[k]]) : 0;
-        finite &= sb_is_finite(s0[k]);
-    }
-    for (int k = 0; k < 6 && !finite; k++)
-        s0[k] = 0;
-}
-
-typedef struct sbi_memory_job {
-    sbi_assembly *assembly;
-    const sb_vec3 *u; /* the end of a step of dt, or NULL */
-    sb_real dt;
-    int material; /* of the cells in question, or -1 */
-} sbi_memory_job;
-
-/* The memory of a cell moves on to the end of a step. */
-static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
-{
-    sbi_assembly *assembly = job->assembly;
-    const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell, index = assembly->cell_material[e];
-    size_t stride = sbi_memory_stride(assembly);
-    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
-    sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
-    for (int p = 0; p < q; p++) {
-        int is_mean = domain->mean_point && p == q - 1;
-        const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
-        const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
-        sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
-        sbi_memory_instant(relaxing, &f[p], fibre, s0);
-        sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
-        memcpy(point, s0, sizeof s0);
-    }
-}
-
-/* H of a cell's points for a step of dt. */
-static void sbi_memory_prestress_cell(sbi_assembly *assembly, int e, sb_real dt)
-{
-    size_t stride = sbi_memory_stride(assembly), q = (size_t)assembly->domain->points_per_cell;
-    for (size_t at = (size_t)e * q; at < (size_t)(e + 1) * q; at++) {
-        sb_real *point = assembly->history + at * stride;
-        sbi_prony_prestress(assembly->materials + assembly->cell_material[e], dt, point,
-                            (const sb_real(*)[6])(point + 6), assembly->prestress + 6 * at);
-    }
-}
-
-static void sbi_memory_chunk(void *user, int chunk)
-{
-    const sbi_memory_job *job = (const sbi_memory_job *)user;
-    sbi_assembly *assembly = job->assembly;
-    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
-        int index = assembly->cell_material[e];
-        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 ||
-            (job->material >= 0 && job->material != index))
-            continue;
-        if (job->u)
-            sbi_memory_advance_cell(job, e);
-        sbi_memory_prestress_cell(assembly, e, job->u ? 0 : job->dt);
-    }
-}
-
-static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, int material)
-{
-    sbi_memory_job job = {NULL, NULL, 0, 0};
-    if (!assembly->viscous)
-        return 0;
-    job.assembly = assembly;
-    job.u = u;
-    job.dt = dt;
-    job.material = material;
-    sbi_run(assembly->jobs, sbi_memory_chunk, &job, assembly->chunk_count);
-    sbi_memory_relax(assembly, u ? 0 : dt);
-    return 1;
-}
-
-SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt)
-{
-    return sbi_memory_run(assembly, NULL, dt, -1);
-}
-
-SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
-{
-    return sbi_memory_run(assembly, u, dt, -1);
-}
-
-SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u)
-{
-    sbi_memory_job job = {NULL, NULL, 0, 0};
-    if (!assembly->viscous || assembly->materials[assembly->cell_material[cell]].prony_count == 0)
-        return;
-    job.assembly = assembly;
-    job.u = u;
-    job.dt = (sb_real)INFINITY;
-    sbi_memory_advance_cell(&job, cell);
-    sbi_memory_prestress_cell(assembly, cell, 0);
-}
-
-SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
-{
-    size_t q = (size_t)to->domain->points_per_cell;
-    memcpy(to->rotations + (size_t)cell * q, from->rotations + (size_t)old * q, q * sizeof *to->rotations);
-    sbi_batch_copy_cell(to, cell, from, old);
-    if (to->history && from->history && to->terms == from->terms) {
-        size_t stride = q * sbi_memory_stride(to);
-        memcpy(to->history + (size_t)cell * stride, from->history + (size_t)old * stride, stride * sizeof(sb_real));
-    }
-}
-
-SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
-{
-    sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
-}
-
-/* ---- entry points ---- */
 
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material)

@@ -58,10 +58,31 @@ typedef struct sbi_assembly {
     struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
+/* Cells that arrays have room for. */
+SB_INLINE int sbi_assembly_cell_room(const sb_domain *domain)
+{
+    return sbi_max_int(domain->cell_capacity, domain->cell_count);
+}
+/* The cell after the last one of a chunk. */
+SB_INLINE int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size;
+    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
+}
+/* Reals that a point remembers. */
+SB_INLINE size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+
+/* ---- assembly_layout ---- */
+
 /* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
  * or for real). */
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
                                  sbi_arena *arena);
+/* Colours the chunks; node_colours: scratch [node_count]. */
+SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours);
+
+/* ---- assembly ---- */
+
 /* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
 /* The same for another pattern of the matrix: only where blocks are has changed. pair_start: [block_count + 1], used
@@ -92,7 +113,13 @@ SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_v
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
-/* ---- memory of materials with Prony terms ----
+/* A cell takes over the warm starts and the memory of one of another assembly with as many points and terms; then
+ * sbi_assembly_begin_step(to, 0). */
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
+/* Gives up what is not of the layout. */
+SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator);
+
+/* ---- assembly_memory: materials with Prony terms ----
  * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
  * and Goudreau 1970), so that the step has the energy W_relaxed + H : E. Between steps dt is 0: energy, force and
  * tangent are those of a sudden change from the present state. Bodies without Prony terms pay one test per call. */
@@ -100,7 +127,6 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
 /* Room for the memory of so many terms; SB_ERROR_MEMORY changes nothing. What is remembered stays. */
 SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
                                               sb_error *error);
-SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator);
 /* The part of the state that the memory is, one array of *bytes bytes; NULL and 0 without Prony terms. Whoever
  * overwrites it calls sbi_assembly_begin_step(assembly, 0) afterwards. */
 SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes);
@@ -119,10 +145,6 @@ SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
 /* One cell forgets. */
 SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u);
-/* A cell takes over the warm starts and the memory of one of another assembly with as many points and terms; then
- * sbi_assembly_begin_step(to, 0). */
-SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
-
 /* ---- assembly_turn ---- */
 
 /* Mean deformation gradient of a cell with q points; the identity where it has no weight. */

@@ -104,16 +104,10 @@ static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix
 
 /* ---- chunks ------------------------------------------------------------------------------------------------ */
 
-static int sbi_assembly_live_end(const sbi_assembly *assembly, int chunk)
-{
-    int begin = chunk * assembly->chunk_size;
-    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
-}
-
 static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
 {
     sb_real sum = 0;
-    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_live_end(assembly, chunk); e++) {
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
         const sb_material *material = assembly->materials + assembly->cell_material[e];
         sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
     }
@@ -139,7 +133,7 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
 {
     const int *cells = assembly->domain->cells;
     sbi_assembly_live *live = assembly->live;
-    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
+    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_chunk_end(assembly, chunk), count = 0;
     for (int k = first; k < end; k++)
         if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
             live->marks[cells[k]] = 1;

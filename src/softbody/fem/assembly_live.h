@@ -50,6 +50,8 @@ SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
 /* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
 SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);
+/* The energy units of all chunks, and their sum. */
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
 /* Memory for another matrix of the same nodes, and its maps. */
 SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
 SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
@@ -67,15 +69,6 @@ SB_INLINE int sbi_live_next_pair(const sbi_assembly_live *live, int pair)
 {
     return live->pair_next[sbi_live_pair_index(pair)];
 }
-
-/* ---- assembly ---- */
-
-/* Colours the chunks; node_colours: scratch [node_count]. */
-SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours);
-/* Reals that a point remembers. */
-SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly);
-/* The energy units of all chunks, and their sum. */
-SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
 #endif
 
 #endif /* SB_ASSEMBLY_LIVE_H */

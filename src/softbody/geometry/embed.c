@@ -64,12 +64,11 @@ SB_API void sb_embedding_destroy(sb_embedding *embedding)
     if (!embedding)
         return;
     allocator = embedding->allocator;
-    if (embedding->follower) {
+    if (embedding->follower)
         sbi_embed_follower_destroy(embedding);
-    } else {
-        sbi_embed_free_arrays(embedding);
+    else
         sbi_free(&allocator, embedding->elements);
-    }
+    sbi_embed_arrays_free(&allocator, &embedding->arrays);
     sbi_embed_lists_free(embedding, &embedding->rings);
     sbi_free(&allocator, embedding->points);
     sbi_free(&allocator, embedding->rest);
@@ -271,20 +270,19 @@ static sb_result sbi_embed_build_all(sbi_embed_build *build, sb_error *error)
         sbi_embed_parts parts;
         memset(&parts, 0, sizeof parts);
         parts.places = build->places;
-        parts.order = e->order;
-        parts.count = build->count;
         parts.with_normals = build->def->normals != NULL;
+        parts.with_offsets = e->report.frame + e->report.extrapolated > 0;
         parts.node_count = build->def->mesh->node_count;
         parts.element_count = build->def->mesh->element_count;
         parts.width = build->volume.width;
         parts.faces = build->volume.faces;
-        parts.outer_count = build->volume.boundary.surface.element_count;
         parts.elements = e->elements;
         parts.outer = build->volume.boundary_face;
         parts.weights = build->volume.weights;
         parts.face = &e->face;
         sbi_embed_fill_local(e->type, parts.local);
-        ok = sbi_embed_make_arrays(e, &parts) && sbi_embed_make_rings(build);
+        ok = sbi_embed_arrays_fill(&e->allocator, &e->arrays, &parts, e->order, build->count) &&
+             sbi_embed_make_rings(build);
     }
     if (result == SB_OK && !ok)
         result = sbi_embed_no_memory(error, build->count);
@@ -301,7 +299,7 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
     result = sbi_embed_check_def(def, &build, error);
     if (result != SB_OK)
         return result;
-    result = sbi_embed_volume_create(def->mesh, &def->allocator, &build.volume, error);
+    result = sbi_embed_volume_create(def->mesh, SBI_EMBED_SKIN, &def->allocator, &build.volume, error);
     if (result != SB_OK)
         return result;
     build.e = (sb_embedding *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *build.e);

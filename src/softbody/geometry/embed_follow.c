@@ -2,6 +2,7 @@
  * updates. */
 #include "embed_follow.h"
 
+#include "../base/sort.h"
 #include "embed_live.h"
 
 /* ---- memory ---- */
@@ -85,24 +86,42 @@ typedef enum sbi_embed_part {
     SBI_EMBED_ALL = 2
 } sbi_embed_part;
 
-enum { SBI_EMBED_CHANGES = 1, SBI_EMBED_SEARCHED = 2 }; /* marks of cells */
-enum { SBI_EMBED_NEAR = 2 };                            /* of nodes; 1: of a cell that changes */
+enum { SBI_EMBED_CHANGES = 1, SBI_EMBED_LISTED = 2 }; /* marks of cells */
+enum { SBI_EMBED_NEAR = 2 };                          /* of nodes; 1: of a cell that changes */
 
-static void sbi_embed_mark_around(sbi_embed_follower *f, int node)
+static int sbi_embed_ascends(const void *unused, int a, int b)
 {
-    for (int at = f->first[node]; at >= 0; at = f->next[at])
-        f->cell_marks[at / f->width] |= SBI_EMBED_SEARCHED;
+    (void)unused;
+    return a < b;
 }
 
-static void sbi_embed_mark_part(sbi_embed_follower *f, sbi_embed_part part)
+/* Lists a cell once; 0: it is listed. */
+static int sbi_embed_list_cell(sbi_embed_follower *f, int cell)
+{
+    if (f->cell_marks[cell] & SBI_EMBED_LISTED)
+        return 0;
+    f->cell_marks[cell] |= SBI_EMBED_LISTED;
+    f->part_cells[f->part_count++] = cell;
+    return 1;
+}
+
+static void sbi_embed_list_around(sbi_embed_follower *f, int node)
+{
+    for (int at = f->first[node]; at >= 0; at = f->next[at])
+        sbi_embed_list_cell(f, at / f->width);
+}
+
+/* Lists the cells of a part, ascending. */
+static void sbi_embed_list_part(sbi_embed_follower *f, sbi_embed_part part)
 {
     const sb_mesh_change *c = f->change;
     for (int i = 0; part == SBI_EMBED_ALL && i < f->cell_end; i++)
-        f->cell_marks[i] |= SBI_EMBED_SEARCHED;
+        if (f->cells[i * f->width] >= 0)
+            sbi_embed_list_cell(f, i);
     for (int i = 0; part == SBI_EMBED_CHANGED && i < c->made_cell_count; i++)
-        f->cell_marks[c->made_cells[i]] |= SBI_EMBED_SEARCHED;
+        sbi_embed_list_cell(f, c->made_cells[i]);
     for (int i = 0; part == SBI_EMBED_CHANGED && i < c->reshaped_cell_count; i++)
-        f->cell_marks[c->reshaped_cells[i]] |= SBI_EMBED_SEARCHED;
+        sbi_embed_list_cell(f, c->reshaped_cells[i]);
     for (int i = 0; part == SBI_EMBED_AROUND && i < f->changed_count; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
             for (int a = 0; a < f->width; a++) {
@@ -110,27 +129,20 @@ static void sbi_embed_mark_part(sbi_embed_follower *f, sbi_embed_part part)
                 if (!(f->node_marks[node] & SBI_EMBED_NEAR)) {
                     f->node_marks[node] |= SBI_EMBED_NEAR;
                     f->part_nodes[f->part_node_count++] = node;
-                    sbi_embed_mark_around(f, node);
+                    sbi_embed_list_around(f, node);
                 }
             }
     for (int i = 0; i < f->part_node_count; i++)
         f->node_marks[f->part_nodes[i]] &= (unsigned char)~SBI_EMBED_NEAR;
     f->part_node_count = 0;
-}
-
-/* Lists the marked cells. */
-static void sbi_embed_list_part(sbi_embed_follower *f)
-{
-    f->part_count = 0;
-    for (int i = 0; i < f->cell_end; i++)
-        if (f->cell_marks[i] & SBI_EMBED_SEARCHED && f->cells[i * f->width] >= 0)
-            f->part_cells[f->part_count++] = i;
+    if (part != SBI_EMBED_ALL)
+        sbi_merge_sort(f->part_cells, f->part_cells + f->cell_room, f->part_count, sbi_embed_ascends, NULL);
 }
 
 static void sbi_embed_clear_part(sbi_embed_follower *f)
 {
-    for (int i = 0; i < f->cell_end; i++)
-        f->cell_marks[i] &= (unsigned char)~SBI_EMBED_SEARCHED;
+    for (int i = 0; i < f->part_count; i++)
+        f->cell_marks[f->part_cells[i]] &= (unsigned char)~SBI_EMBED_LISTED;
     f->part_count = 0;
 }
 
@@ -163,21 +175,23 @@ static int sbi_embed_make_part(const sb_embedding *e, sbi_embed_follower *f, con
     return mesh->nodes != NULL;
 }
 
-/* Faces where the part ends but the mesh goes on hold no points. */
-static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_volume *volume)
+/* Faces where the part ends but the mesh goes on hold no points. Without a skin it matters only which faces are outer
+ * ones. */
+static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_skin skin, sbi_embed_volume *volume)
 {
-    for (int b = 0; b < volume->boundary.surface.element_count; b++) {
-        int cell = volume->boundary.elements[b], local = volume->boundary.faces[b];
-        if (f->outer[f->part_cells[cell] * f->faces + local] < 0)
-            volume->boundary_face[cell * f->faces + local] = -1;
-    }
+    for (int i = 0; i < f->part_count; i++)
+        for (int k = 0; k < f->faces; k++) {
+            int outer = f->outer[f->part_cells[i] * f->faces + k];
+            if (skin == SBI_EMBED_NO_SKIN || outer < 0)
+                volume->boundary_face[i * f->faces + k] = outer;
+        }
 }
 
 /* 1 when all cells of a node are searched: its normal is that of the whole mesh. */
 static int sbi_embed_is_whole(const sbi_embed_follower *f, int node)
 {
     for (int at = f->first[node]; at >= 0; at = f->next[at])
-        if (!(f->cell_marks[at / f->width] & SBI_EMBED_SEARCHED))
+        if (!(f->cell_marks[at / f->width] & SBI_EMBED_LISTED))
             return 0;
     return 1;
 }
@@ -200,6 +214,7 @@ static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, c
 static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                  const sbi_embed_volume *volume)
 {
+    sb_embedding_kind kind = part == SBI_EMBED_CHANGED ? SB_EMBED_PLAIN : e->kind; /* only inside counts there */
     int left = 0, hint = volume->order[0];
     for (int i = 0; i < f->swap_count; i++) {
         sbi_embed_swap *swap = &f->swaps[i];
@@ -208,7 +223,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
             hint = volume->order[0];
         if (swap->done)
             continue;
-        sbi_embed_place_point(volume, e->kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
+        sbi_embed_place_point(volume, kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
         swap->info.element = f->part_cells[swap->info.element];
         if (sbi_embed_is_on_face(swap->place.hold))
             swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
@@ -224,14 +239,15 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
 static sb_result sbi_embed_search_part(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                        const sb_allocator *allocator, int *left, sb_error *error)
 {
+    sbi_embed_skin skin = part == SBI_EMBED_CHANGED ? SBI_EMBED_NO_SKIN : SBI_EMBED_SKIN;
     sbi_embed_volume volume;
     sb_mesh mesh;
     sb_result result = SB_ERROR_MEMORY;
     if (sbi_embed_make_part(e, f, allocator, &mesh))
-        result = sbi_embed_volume_create(&mesh, allocator, &volume, error);
+        result = sbi_embed_volume_create(&mesh, skin, allocator, &volume, error);
     if (result == SB_OK) {
         volume.scale = e->scale;
-        sbi_embed_hide_cuts(f, &volume);
+        sbi_embed_hide_cuts(f, skin, &volume);
         *left = sbi_embed_place_swaps(e, f, part, &volume);
         sbi_embed_volume_free(&volume);
     }
@@ -245,8 +261,7 @@ static sb_result sbi_embed_search(const sb_embedding *e, sbi_embed_follower *f, 
     sb_result result = SB_OK;
     int left = f->swap_count;
     for (int part = (int)from; part <= (int)SBI_EMBED_ALL && left > 0 && result == SB_OK; part++) {
-        sbi_embed_mark_part(f, (sbi_embed_part)part);
-        sbi_embed_list_part(f);
+        sbi_embed_list_part(f, (sbi_embed_part)part);
         for (int again = f->part_count > 0; again;) {
             sb_allocator allocator = sbi_embed_pool_begin(&f->scratch);
             int whole = part == (int)SBI_EMBED_ALL; /* needed once in a while: its memory is given back */
@@ -259,33 +274,42 @@ static sb_result sbi_embed_search(const sb_embedding *e, sbi_embed_follower *f, 
     return result;
 }
 
-/* ---- which points, and their arrays ---- */
+/* ---- which points ---- */
 
-/* 1 when the mesh around a place changes; marks are those of the change. */
-static int sbi_embed_is_changed(const sbi_embed_follower *f, const sbi_embed_place *place)
+/* Lists the points of a cell, or those outside that it holds. */
+static void sbi_embed_list_held(const sb_embedding *e, sbi_embed_follower *f, int cell, int outside, int *count)
 {
-    int cell = sbi_embed_is_on_face(place->hold) ? place->cell / f->faces : place->cell;
-    if (f->cell_marks[cell])
-        return 1;
-    for (int a = 0; a < f->width && place->hold != SB_EMBEDDED_INSIDE; a++)
-        if (f->node_marks[f->cells[cell * f->width + a]])
-            return 1;
-    return 0;
+    const sbi_embed_arrays *a = &e->arrays;
+    if (cell >= a->element_room || !sbi_embed_list_cell(f, cell))
+        return;
+    for (int g = a->element_groups[cell]; g >= 0; g = a->groups[g].next)
+        if (!outside || a->groups[g].hold != SB_EMBEDDED_INSIDE)
+            *count += sbi_embed_list_points(a, &a->groups[g], f->sorted + *count);
 }
 
+/* Points of cells that change, and those outside that a cell with a node of theirs holds. */
 static int sbi_embed_list_changed(const sb_embedding *e, sbi_embed_follower *f)
 {
+    const sb_mesh_change *c = f->change;
     int count = 0;
-    for (int p = 0; p < e->report.point_count; p++)
-        count += sbi_embed_is_changed(f, &f->places[p]);
+    for (int i = 0; i < c->removed_cell_count; i++)
+        sbi_embed_list_held(e, f, c->removed_cells[i], 0, &count);
+    for (int i = 0; i < c->made_cell_count; i++)
+        sbi_embed_list_held(e, f, c->made_cells[i], 0, &count);
+    for (int i = 0; i < c->reshaped_cell_count; i++)
+        sbi_embed_list_held(e, f, c->reshaped_cells[i], 0, &count);
+    for (int i = 0; i < f->changed_count; i++)
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
+            sbi_embed_list_held(e, f, at / f->width, 1, &count);
+    sbi_embed_clear_part(f);
     if (!sbi_embed_reserve_swaps(e, f, count))
         return 0;
-    f->swap_count = 0;
-    for (int p = 0; p < e->report.point_count && f->swap_count < count; p++)
-        if (sbi_embed_is_changed(f, &f->places[p])) {
-            f->swaps[f->swap_count].done = 0;
-            f->swaps[f->swap_count++].point = p;
-        }
+    sbi_merge_sort(f->sorted, f->sorted + e->report.point_count, count, sbi_embed_ascends, NULL);
+    f->swap_count = count;
+    for (int i = 0; i < count; i++) {
+        f->swaps[i].done = 0;
+        f->swaps[i].point = f->sorted[i];
+    }
     return 1;
 }
 
@@ -312,60 +336,151 @@ static void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_followe
     }
 }
 
-/* The arrays of updates, in the block that is not read. */
-static sb_result sbi_embed_make_next(const sb_embedding *e, sbi_embed_follower *f, sb_error *error)
+/* The report after the places have been swapped. */
+static void sbi_embed_next_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
 {
-    sbi_embed_pool *pool = &f->arrays[1 - f->current];
-    sbi_embed_parts parts;
-    memset(&parts, 0, sizeof parts);
-    parts.places = f->places;
-    parts.order = e->order;
-    parts.count = e->report.point_count;
-    parts.with_normals = e->rest_normals != NULL;
-    parts.node_count = f->node_end;
-    parts.element_count = f->cell_end;
-    parts.width = f->width;
-    parts.faces = f->faces;
-    parts.outer_count = f->row_fresh - f->free_count;
-    parts.elements = f->cells;
-    parts.outer = f->outer;
-    parts.weights = f->weights;
-    parts.face = &e->face;
-    memcpy(parts.local, f->local, sizeof parts.local);
-    do {
-        memset(&f->made, 0, sizeof f->made);
-        f->made.allocator = sbi_embed_pool_begin(pool);
-        f->made.type = e->type;
-        f->made.kind = e->kind;
-        f->made.face = e->face;
-        sbi_embed_fill_report(e, f, &f->made.report);
-        if (sbi_embed_make_arrays(&f->made, &parts))
-            return SB_OK;
-    } while (sbi_embed_pool_grow(e, pool));
-    return sbi_embed_follow_no_memory(e, error);
+    *report = e->report;
+    report->node_count = f->node_end;
+    for (int i = 0; i < f->swap_count; i++) {
+        const sbi_embed_swap *before = &f->swaps[i];
+        const sbi_embed_place *place = &f->places[before->point];
+        if (before->point == e->report.farthest_point) { /* another one may be the farthest now */
+            sbi_embed_fill_report(e, f, report);
+            return;
+        }
+        --*sbi_embed_report_count(report, before->place.hold);
+        sbi_embed_report_add(report, place, before->point);
+        report->lost -= e->inside[before->point] && before->place.hold != SB_EMBEDDED_INSIDE;
+        report->lost += e->inside[before->point] && place->hold != SB_EMBEDDED_INSIDE;
+    }
 }
 
-/* The arrays made become those that are read. */
-static void sbi_embed_adopt(sb_embedding *e, sbi_embed_follower *f)
+/* ---- the arrays of updates ---- */
+
+static void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts)
 {
-    sb_embedding made = f->made;
-    if (!e->follower) { /* those of the creation */
-        sbi_embed_free_arrays(e);
-        sbi_free(&e->allocator, e->elements);
+    memset(parts, 0, sizeof *parts);
+    parts->places = f->places;
+    parts->with_normals = e->rest_normals != NULL;
+    parts->with_offsets = f->report.frame + f->report.extrapolated > 0;
+    parts->node_count = f->node_end;
+    parts->element_count = f->cell_end;
+    parts->width = f->width;
+    parts->faces = f->faces;
+    parts->elements = f->cells;
+    parts->outer = f->outer;
+    parts->weights = f->weights;
+    parts->face = &e->face;
+    memcpy(parts->local, f->local, sizeof parts->local);
+}
+
+/* First group of the element of a place. */
+static int *sbi_embed_groups_at(const sb_embedding *e, const sbi_embed_follower *f, const sbi_embed_place *place)
+{
+    return &e->arrays.element_groups[sbi_embed_is_on_face(place->hold) ? place->cell / f->faces : place->cell];
+}
+
+/* The nodes whose smooth normals a place needs count as changed. */
+static void sbi_embed_mark_place(sbi_embed_follower *f, const sbi_embed_parts *parts, const sbi_embed_place *place)
+{
+    int nodes[SB_MAX_ELEMENT_NODES];
+    if (place->hold == SB_EMBEDDED_OFFSET)
+        sbi_embed_live_mark(f, nodes, sbi_embed_cell_nodes(parts, place->hold, place->cell, nodes));
+}
+
+/* The same of a place before the change, whose groups know its nodes. */
+static void sbi_embed_mark_old_place(const sb_embedding *e, sbi_embed_follower *f, const sbi_embed_place *place)
+{
+    const sbi_embed_arrays *a = &e->arrays;
+    const sbi_embed_rows *rows = &a->rows[SBI_EMBED_OF_GROUPS];
+    for (int g = *sbi_embed_groups_at(e, f, place); g >= 0 && place->hold == SB_EMBEDDED_OFFSET; g = a->groups[g].next)
+        if (a->groups[g].hold == place->hold && a->groups[g].cell == place->cell)
+            sbi_embed_live_mark(f, rows->nodes + (size_t)g * (size_t)rows->width, a->groups[g].node_count);
+}
+
+/* Adds the outer faces around nodes that changed, each once; returns how many there are. arrays NULL: only counts. */
+static int sbi_embed_add_faces(const sbi_embed_follower *f, const sbi_embed_parts *parts, sbi_embed_arrays *arrays)
+{
+    int count = 0;
+    for (int i = 0; i < f->changed_count; i++)
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
+            int cell = at / f->width, corner = at % f->width;
+            const int *nodes = f->cells + cell * f->width;
+            for (int k = 0; k < f->faces; k++) {
+                const int *local = f->local[k];
+                int face = cell * f->faces + k, a = 0;
+                if (f->outer[face] < 0)
+                    continue;
+                while (a < f->face_nodes && !f->node_marks[nodes[local[a]]])
+                    a++;
+                if (a == f->face_nodes || local[a] != corner)
+                    continue;
+                count++;
+                if (arrays)
+                    sbi_embed_add_face(arrays, parts, face);
+            }
+        }
+    return count;
+}
+
+/* Room for the arrays after the change. */
+static int sbi_embed_reserve_arrays(sb_embedding *e, sbi_embed_follower *f)
+{
+    sbi_embed_arrays *a = &e->arrays;
+    sbi_embed_parts parts;
+    sbi_embed_more more;
+    int64_t touched;
+    sbi_embed_fill_parts(e, f, &parts);
+    for (int i = 0; i < f->swap_count; i++) {
+        sbi_embed_mark_old_place(e, f, &f->swaps[i].place);
+        sbi_embed_mark_place(f, &parts, &f->places[f->swaps[i].point]);
     }
-    made.allocator = e->allocator;
-    made.points = e->points;
-    made.elements = f->cells;
-    made.scale = e->scale;
-    made.rest = e->rest;
-    made.rest_normals = e->rest_normals;
-    made.order = e->order;
-    made.inside = e->inside;
-    made.rings = e->rings;
-    made.follower = f;
-    *e = made;
-    f->current = 1 - f->current;
-    f->swap_count = 0;
+    more.groups = more.blocks = f->swap_count; /* a point more makes one more at most */
+    more.faces = sbi_embed_add_faces(f, &parts, NULL);
+    touched = (int64_t)f->swap_count * f->width + (int64_t)more.faces * f->face_nodes;
+    more.touched = (int)(touched < f->node_end ? touched : f->node_end);
+    return sbi_embed_arrays_reserve(&e->allocator, a, &parts, &more);
+}
+
+/* Takes the groups of a hold and cell out, and lists their points. */
+static void sbi_embed_take_out(sb_embedding *e, sbi_embed_follower *f, const sbi_embed_place *place, int *count)
+{
+    sbi_embed_arrays *a = &e->arrays;
+    for (int *link = sbi_embed_groups_at(e, f, place); *link >= 0;) {
+        sbi_embed_group *group = &a->groups[*link];
+        if (group->hold == place->hold && group->cell == place->cell) {
+            *count += sbi_embed_list_points(a, group, f->sorted + *count);
+            sbi_embed_drop_group(a, link);
+        } else {
+            link = &group->next;
+        }
+    }
+}
+
+static int sbi_embed_place_before(const void *context, int p, int q)
+{
+    const sbi_embed_follower *f = (const sbi_embed_follower *)context;
+    const sbi_embed_place *a = &f->places[p], *b = &f->places[q];
+    if (a->hold != b->hold)
+        return a->hold < b->hold;
+    return a->cell != b->cell ? a->cell < b->cell : f->rank[p] < f->rank[q];
+}
+
+/* Makes anew what the swapped points and the changed nodes are part of. */
+static void sbi_embed_change_arrays(sb_embedding *e, sbi_embed_follower *f)
+{
+    sbi_embed_parts parts;
+    int count = 0;
+    sbi_embed_fill_parts(e, f, &parts);
+    for (int i = 0; i < f->swap_count; i++)
+        sbi_embed_take_out(e, f, &f->swaps[i].place, &count);
+    for (int i = 0; i < f->swap_count; i++)
+        sbi_embed_take_out(e, f, &f->places[f->swaps[i].point], &count);
+    for (int i = 0; i < f->changed_count; i++)
+        sbi_embed_drop_faces(&e->arrays, f->changed_nodes[i]);
+    sbi_merge_sort(f->sorted, f->sorted + e->report.point_count, count, sbi_embed_place_before, f);
+    sbi_embed_add_groups(&e->arrays, &parts, f->sorted, count);
+    sbi_embed_add_faces(f, &parts, &e->arrays);
 }
 
 /* ---- a whole mesh ---- */
@@ -389,9 +504,9 @@ static void sbi_embed_follower_free(const sb_embedding *e, sbi_embed_follower *f
     sbi_free(allocator, f->part_nodes);
     sbi_free(allocator, f->number);
     sbi_free(allocator, f->places);
+    sbi_free(allocator, f->rank);
+    sbi_free(allocator, f->sorted);
     sbi_free(allocator, f->swaps);
-    sbi_free(allocator, f->arrays[0].base);
-    sbi_free(allocator, f->arrays[1].base);
     sbi_free(allocator, f->scratch.base);
     sbi_free(allocator, f->old_nodes);
     sbi_free(allocator, f);
@@ -408,6 +523,7 @@ SBI_API void sbi_embed_follower_destroy(sb_embedding *e)
 static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
 {
     sbi_embed_follower *f = (sbi_embed_follower *)sbi_alloc_zeroed(&e->allocator, 1, sizeof *f);
+    size_t points = (size_t)e->report.point_count;
     if (!f)
         return NULL;
     f->width = sb_element_node_count(e->type);
@@ -415,8 +531,12 @@ static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
     f->face_nodes = e->face.nodes;
     f->face_corners = e->face.corners;
     sbi_embed_fill_local(e->type, f->local);
-    f->places = (sbi_embed_place *)sbi_alloc_zeroed(&e->allocator, (size_t)e->report.point_count, sizeof *f->places);
-    if (f->places)
+    f->places = (sbi_embed_place *)sbi_alloc_zeroed(&e->allocator, points, sizeof *f->places);
+    f->rank = (int *)sbi_alloc(&e->allocator, points, sizeof(int));
+    f->sorted = (int *)sbi_alloc(&e->allocator, points, 2 * sizeof(int));
+    for (size_t i = 0; f->rank && i < points; i++)
+        f->rank[e->order[i]] = (int)i;
+    if (f->places && f->rank && f->sorted)
         return f;
     sbi_embed_follower_free(e, f);
     return NULL;
@@ -424,8 +544,9 @@ static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
 
 /* Places all points in a mesh and makes the arrays. */
 static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, const sbi_embed_slots *mesh,
-                                     sb_error *error)
+                                     sbi_embed_arrays *arrays, sb_error *error)
 {
+    sbi_embed_parts parts;
     sb_result result;
     if (!sbi_embed_live_room(e, f, mesh->node_end, mesh->cell_end, 0) || !sbi_embed_live_fill(e, f, mesh) ||
         !sbi_embed_reserve_swaps(e, f, e->report.point_count))
@@ -439,25 +560,38 @@ static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, con
     if (result != SB_OK)
         return result;
     sbi_embed_swap_places(e, f);
-    result = sbi_embed_make_next(e, f, error);
-    if (result != SB_OK)
-        sbi_embed_swap_places(e, f);
-    return result;
+    sbi_embed_fill_report(e, f, &f->report);
+    sbi_embed_fill_parts(e, f, &parts);
+    if (sbi_embed_arrays_fill(&e->allocator, arrays, &parts, e->order, e->report.point_count))
+        return SB_OK;
+    sbi_embed_swap_places(e, f);
+    return sbi_embed_follow_no_memory(e, error);
 }
 
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error)
 {
     sbi_embed_follower *old = e->follower, *f = sbi_embed_follower_make(e);
-    sb_result result = f ? sbi_embed_take_mesh(e, f, mesh, error) : sbi_embed_follow_no_memory(e, error);
+    sbi_embed_arrays arrays;
+    sb_result result;
+    memset(&arrays, 0, sizeof arrays);
+    result = f ? sbi_embed_take_mesh(e, f, mesh, &arrays, error) : sbi_embed_follow_no_memory(e, error);
     if (result != SB_OK) {
+        sbi_embed_arrays_free(&e->allocator, &arrays);
         sbi_embed_follower_free(e, f);
         if (old && old->owner.body)
             old->stale = 1;
         return result;
     }
-    sbi_embed_adopt(e, f);
+    sbi_embed_arrays_free(&e->allocator, &e->arrays);
+    e->arrays = arrays;
+    e->report = f->report;
     if (old)
         f->owner = old->owner;
+    else
+        sbi_free(&e->allocator, e->elements);
+    e->elements = f->cells;
+    e->follower = f;
+    f->swap_count = 0;
     sbi_embed_follower_free(e, old);
     return SB_OK;
 }
@@ -498,12 +632,12 @@ SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_chan
     sbi_embed_live_apply(f, &e->face, 0);
     result = sbi_embed_list_changed(e, f) ? sbi_embed_search(e, f, SBI_EMBED_CHANGED, error)
                                           : sbi_embed_follow_no_memory(e, error);
-    sbi_embed_live_clear_marks(f);
     if (result != SB_OK)
         f->swap_count = 0;
     sbi_embed_swap_places(e, f);
-    if (result == SB_OK && f->swap_count)
-        result = sbi_embed_make_next(e, f, error);
+    sbi_embed_next_report(e, f, &f->report);
+    if (result == SB_OK && f->swap_count && !sbi_embed_reserve_arrays(e, f))
+        result = sbi_embed_follow_no_memory(e, error);
     if (result != SB_OK)
         sbi_embed_follower_give_up(e);
     return result;
@@ -513,8 +647,10 @@ SBI_API void sbi_embed_follower_follow(sb_embedding *e)
 {
     sbi_embed_follower *f = e->follower;
     if (f->swap_count)
-        sbi_embed_adopt(e, f);
-    e->report.node_count = f->node_end;
+        sbi_embed_change_arrays(e, f);
+    e->report = f->report;
+    f->swap_count = 0;
+    sbi_embed_live_clear_marks(f);
 }
 
 SBI_API void sbi_embed_follower_give_up(sb_embedding *e)

@@ -7,8 +7,9 @@
  * only; those around these, two deep, with complete normals in the middle; and all. Points that stay have the same bits
  * as before.
  *
- * Then the arrays that updates read are made again from the places, in the other one of two blocks of memory, which
- * takes the place of the first when the change has happened. They depend on the places and the mesh alone. */
+ * When the change has happened, the groups of these points and the faces around the nodes that changed are taken out of
+ * the arrays that updates read and made anew: what it costs goes with the change, not with mesh and points. What
+ * updates give depends on the places and the mesh alone. */
 #ifndef SBI_EMBED_FOLLOW_H
 #define SBI_EMBED_FOLLOW_H
 
@@ -61,17 +62,18 @@ typedef struct sbi_embed_follower {
 
     unsigned char *node_marks, *cell_marks; /* zeros between calls */
     int *changed_nodes, changed_count;      /* [node_room] nodes of the cells that change */
-    int *part_cells, part_count;            /* [cell_room] cells that are searched, ascending */
+    int *part_cells, part_count;            /* [2][cell_room] cells that are searched, ascending, and scratch */
     int *part_nodes, part_node_count;       /* [node_room] */
     int *number;                            /* [node_room] of a node in the mesh that is searched */
 
     sbi_embed_place *places; /* [point_count] */
+    int *rank;               /* [point_count] place in the embedding's order */
+    int *sorted;             /* [2][point_count] points of a change, and scratch */
     sbi_embed_swap *swaps;
     int swap_count, swap_room;
+    sb_embedding_report report; /* after the change */
 
-    sbi_embed_pool arrays[2], scratch;
-    int current;       /* the block of arrays that is read */
-    sb_embedding made; /* arrays in the other one */
+    sbi_embed_pool scratch;
 
     const sb_mesh_change *change; /* between reserve and what ends it */
     sb_vec3 *old_nodes;           /* [old_room] of the slots that made nodes take */

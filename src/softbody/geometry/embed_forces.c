@@ -22,7 +22,7 @@ static void sbi_embed_pull_offset(const sb_embedding *e, const sbi_embed_cell *c
                                   int slot, const sbi_embed_vec3 *force, sbi_embed_sums *sums)
 {
     sb_real inverse[SBI_EMBED_LANES], along[SBI_EMBED_LANES];
-    const sb_real *distance = e->parameters[2] + slot;
+    const sb_real *distance = e->arrays.parameters[2] + slot;
     sbi_embed_vec3 n, pull = *force;
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &n);
     sbi_embed_normalise(&n, inverse);
@@ -60,12 +60,13 @@ static void sbi_embed_pull_frame(sb_vec3 a, sb_vec3 b, sb_vec3 coordinates, sb_v
 static void sbi_embed_pull_frames(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
                                   int slot, const sbi_embed_vec3 *force, sbi_embed_sums *sums)
 {
+    sb_real *const *offsets = e->arrays.offsets;
     sbi_embed_vec3 tangent[3], pull[2];
     sbi_embed_tangents(cell, lanes, tangent);
     SBI_EMBED_EACH_LANE(l)
     {
         sb_vec3 on[2];
-        sb_vec3 offset = sb_v3(e->offsets[0][slot + l], e->offsets[1][slot + l], e->offsets[2][slot + l]);
+        sb_vec3 offset = sb_v3(offsets[0][slot + l], offsets[1][slot + l], offsets[2][slot + l]);
         sbi_embed_pull_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l), offset,
                              sbi_embed_lane(force, l), &on[0], &on[1]);
         sbi_embed_set_lane(&pull[0], l, on[0]);
@@ -85,20 +86,21 @@ static sb_vec3 sbi_embed_lane_sum(const sbi_embed_vec3 *v)
 
 static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed_group *group)
 {
-    sb_embedding *e = frame->embedding;
-    int is_offset = group->hold == SB_EMBEDDED_OFFSET;
+    const sb_embedding *e = frame->embedding;
+    const sbi_embed_arrays *arrays = &e->arrays;
+    size_t entry = (size_t)(group - arrays->groups) * (size_t)arrays->rows[SBI_EMBED_OF_GROUPS].width;
+    int is_offset = group->hold == SB_EMBEDDED_OFFSET, left = group->count;
     sbi_embed_cell cell;
     sbi_embed_sums sums;
     sbi_embed_cell_gather(e, group, frame->x, &cell);
     memset(sums.force, 0, sizeof sums.force[0] * (size_t)cell.count);
     memset(sums.pull, 0, sizeof sums.pull);
-    for (int slot = group->first; slot < group->first + group->count; slot += SBI_EMBED_LANES) {
+    for (int block = group->first_block; block >= 0; block = arrays->block_next[block], left -= SBI_EMBED_LANES) {
+        int slot = block * SBI_EMBED_LANES;
         sbi_embed_lanes lanes;
         sbi_embed_vec3 force;
         SBI_EMBED_EACH_LANE(l)
-        sbi_embed_set_lane(&force, l,
-                           slot + l < group->first + group->count ? frame->forces[e->slot_point[slot + l]]
-                                                                  : sb_v3(0, 0, 0));
+        sbi_embed_set_lane(&force, l, l < left ? frame->forces[arrays->slot_point[slot + l]] : sb_v3(0, 0, 0));
         sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, 0, &lanes);
         sbi_embed_spread_force(cell.count, lanes.shape[0], SBI_EMBED_LANES, &force, sums.force);
         if (is_offset)
@@ -107,31 +109,39 @@ static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed
             sbi_embed_pull_frames(e, &cell, &lanes, slot, &force, &sums);
     }
     for (int a = 0; a < cell.count; a++) {
-        e->entry_forces[group->node_first + a] = sbi_embed_lane_sum(&sums.force[a]);
+        arrays->rows[SBI_EMBED_OF_GROUPS].forces[entry + (size_t)a] = sbi_embed_lane_sum(&sums.force[a]);
         if (is_offset)
-            e->entry_pulls[group->node_first + a] = sbi_embed_lane_sum(&sums.pull[a]);
+            arrays->pulls[entry + (size_t)a] = sbi_embed_lane_sum(&sums.pull[a]);
     }
 }
 
 static void sbi_embed_task_forces(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    const sb_embedding *e = frame->embedding;
-    for (int g = e->tasks[task]; g < e->tasks[task + 1]; g++)
-        sbi_embed_group_forces(frame, &e->groups[g]);
+    const sbi_embed_arrays *arrays = &frame->embedding->arrays;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_GROUPS, arrays->rows[SBI_EMBED_OF_GROUPS].end);
+    for (int g = task * SBI_EMBED_TASK_GROUPS; g < end; g++)
+        if (arrays->groups[g].count > 0)
+            sbi_embed_group_forces(frame, &arrays->groups[g]);
 }
 
 /* From a unit nodal normal to the sum of face normals it is the direction of. */
 static void sbi_embed_task_normal_pulls(void *user, int task)
 {
-    sb_embedding *e = ((const sbi_embed_frame *)user)->embedding;
-    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->normal_count);
+    const sbi_embed_arrays *arrays = &((const sbi_embed_frame *)user)->embedding->arrays;
+    const sbi_embed_rows *rows = &arrays->rows[SBI_EMBED_OF_GROUPS];
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, arrays->touched_end);
     for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
-        sb_vec3 sum = sb_v3(0, 0, 0), n = e->normals[i];
-        for (int k = e->normal_groups.starts[i]; k < e->normal_groups.starts[i + 1]; k++)
-            sum = sb_v3_add(sum, e->entry_pulls[e->normal_groups.items[k]]);
+        const sbi_embed_touched *touched = &arrays->touched[i];
+        sb_vec3 sum = sb_v3(0, 0, 0), n;
+        if (touched->node < 0 || touched->normal_users == 0)
+            continue;
+        n = arrays->normals[i];
+        for (int entry = touched->first[SBI_EMBED_OF_GROUPS]; entry >= 0; entry = rows->next[entry])
+            if (arrays->groups[entry / rows->width].hold == SB_EMBEDDED_OFFSET)
+                sum = sb_v3_add(sum, arrays->pulls[entry]);
         sum = sb_v3_madd(sum, -sb_v3_dot(n, sum), n);
-        e->normal_pulls[i] = e->lengths[i] > 0 ? sb_v3_scale(1 / e->lengths[i], sum) : sb_v3(0, 0, 0);
+        arrays->normal_pulls[i] = arrays->lengths[i] > 0 ? sb_v3_scale(1 / arrays->lengths[i], sum) : sb_v3(0, 0, 0);
     }
 }
 
@@ -139,16 +149,18 @@ static void sbi_embed_task_normal_pulls(void *user, int task)
  * f_I = N_I,r b x q - N_I,s a x q. */
 static void sbi_embed_face_forces(const sbi_embed_frame *frame, int f)
 {
-    sb_embedding *e = frame->embedding;
-    int width = e->face.nodes;
-    size_t first = (size_t)f * (size_t)width, entry = (size_t)e->group_entries + first;
-    sb_vec3 *out = e->entry_forces + entry, x[SB_MAX_FACE_NODES];
+    const sb_embedding *e = frame->embedding;
+    const sbi_embed_arrays *arrays = &e->arrays;
+    const sbi_embed_rows *rows = &arrays->rows[SBI_EMBED_OF_FACES];
+    int width = rows->width;
+    size_t first = (size_t)f * (size_t)width;
+    sb_vec3 *out = rows->forces + first, x[SB_MAX_FACE_NODES];
     for (int i = 0; i < width; i++) {
-        x[i] = frame->x[e->nodes[entry + (size_t)i]];
+        x[i] = frame->x[rows->nodes[first + (size_t)i]];
         out[i] = sb_v3(0, 0, 0);
     }
     for (int i = 0; i < width; i++) {
-        int id = e->normal_of[entry + (size_t)i];
+        int touched = rows->touched[first + (size_t)i];
         sb_vec3 a = sb_v3(0, 0, 0), b = a, n, q, on_a, on_b;
         sb_real area;
         for (int j = 0; j < width; j++) {
@@ -157,10 +169,10 @@ static void sbi_embed_face_forces(const sbi_embed_frame *frame, int f)
         }
         n = sb_v3_cross(a, b);
         area = sb_v3_norm(n);
-        if (id < 0 || !(area > 0))
+        if (arrays->touched[touched].normal_users == 0 || !(area > 0))
             continue;
         n = sb_v3_scale(1 / area, n);
-        q = sb_v3_scale(e->weights[first + (size_t)i] / area, e->normal_pulls[id]);
+        q = sb_v3_scale(arrays->face_weights[first + (size_t)i] / area, arrays->normal_pulls[touched]);
         q = sb_v3_madd(q, -sb_v3_dot(n, q), n);
         on_a = sb_v3_cross(b, q);
         on_b = sb_v3_cross(q, a);
@@ -172,28 +184,36 @@ static void sbi_embed_face_forces(const sbi_embed_frame *frame, int f)
 static void sbi_embed_task_face_forces(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, frame->embedding->face_count);
+    const sbi_embed_rows *rows = &frame->embedding->arrays.rows[SBI_EMBED_OF_FACES];
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, rows->end);
     for (int f = task * SBI_EMBED_TASK_FACES; f < end; f++)
-        sbi_embed_face_forces(frame, f);
+        if (rows->nodes[(size_t)f * (size_t)rows->width] >= 0)
+            sbi_embed_face_forces(frame, f);
 }
 
 static void sbi_embed_task_touched(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    const sb_embedding *e = frame->embedding;
-    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->touched_count);
+    const sbi_embed_arrays *arrays = &frame->embedding->arrays;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, arrays->touched_end);
     for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
+        const sbi_embed_touched *touched = &arrays->touched[i];
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = e->touched.starts[i]; k < e->touched.starts[i + 1]; k++)
-            sum = sb_v3_add(sum, e->entry_forces[e->touched.items[k]]);
-        frame->node_forces[e->touched_nodes[i]] = sb_v3_add(frame->node_forces[e->touched_nodes[i]], sum);
+        if (touched->node < 0)
+            continue;
+        for (int kind = 0; kind < SBI_EMBED_KINDS; kind++)
+            for (int entry = touched->first[kind]; entry >= 0; entry = arrays->rows[kind].next[entry])
+                sum = sb_v3_add(sum, arrays->rows[kind].forces[entry]);
+        frame->node_forces[touched->node] = sb_v3_add(frame->node_forces[touched->node], sum);
     }
 }
 
 SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *node_positions,
                                      const sb_vec3 *point_forces, sb_vec3 *node_forces, const sb_jobs *jobs)
 {
+    const sbi_embed_arrays *arrays;
     sbi_embed_frame frame;
+    int nodes, faces;
     if (!embedding || !node_positions || !point_forces || !node_forces)
         return SB_ERROR_ARGUMENT;
     if (sbi_embed_is_stale(embedding))
@@ -204,9 +224,14 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
     frame.forces = point_forces;
     frame.node_forces = node_forces;
     sbi_embed_make_normals(&frame, jobs);
-    sbi_run(jobs, sbi_embed_task_forces, &frame, embedding->task_count);
-    sbi_run(jobs, sbi_embed_task_normal_pulls, &frame, sbi_embed_tasks(embedding->normal_count, SBI_EMBED_TASK_NODES));
-    sbi_run(jobs, sbi_embed_task_face_forces, &frame, sbi_embed_tasks(embedding->face_count, SBI_EMBED_TASK_FACES));
-    sbi_run(jobs, sbi_embed_task_touched, &frame, sbi_embed_tasks(embedding->touched_count, SBI_EMBED_TASK_NODES));
+    arrays = &embedding->arrays; /* of its own after a state was loaded */
+    nodes = sbi_embed_tasks(arrays->touched_end, SBI_EMBED_TASK_NODES);
+    faces = sbi_embed_tasks(arrays->rows[SBI_EMBED_OF_FACES].end, SBI_EMBED_TASK_FACES);
+    sbi_run(jobs, sbi_embed_task_forces, &frame,
+            sbi_embed_tasks(arrays->rows[SBI_EMBED_OF_GROUPS].end, SBI_EMBED_TASK_GROUPS));
+    if (faces > 0)
+        sbi_run(jobs, sbi_embed_task_normal_pulls, &frame, nodes);
+    sbi_run(jobs, sbi_embed_task_face_forces, &frame, faces);
+    sbi_run(jobs, sbi_embed_task_touched, &frame, nodes);
     return SB_OK;
 }

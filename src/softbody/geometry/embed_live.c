@@ -3,33 +3,17 @@
 
 /* ---- memory ---- */
 
-/* More room for an array; 0: no memory. */
-static int sbi_embed_live_grow(const sb_embedding *e, void **array, size_t used, size_t room, size_t item)
-{
-    void *grown = sbi_alloc(&e->allocator, room, item);
-    if (!grown)
-        return 0;
-    if (used)
-        memcpy(grown, *array, used * item);
-    sbi_free(&e->allocator, *array);
-    *array = grown;
-    return 1;
-}
-
-/* Half as much again, so that a mesh that grows does not ask each time. */
-static int sbi_embed_live_roomy(int needed) { return needed > INT_MAX / 2 ? needed : needed + needed / 2; }
-
 static int sbi_embed_live_node_room(const sb_embedding *e, sbi_embed_follower *f, int needed)
 {
-    size_t used = (size_t)f->node_room, room = (size_t)sbi_embed_live_roomy(needed);
+    size_t used = (size_t)f->node_room, room = (size_t)sbi_embed_roomy(needed);
     if (needed <= f->node_room)
         return 1;
-    if (!sbi_embed_live_grow(e, (void **)&f->nodes, used, room, sizeof(sb_vec3)) ||
-        !sbi_embed_live_grow(e, (void **)&f->first, used, room, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->node_marks, used, room, 1) ||
-        !sbi_embed_live_grow(e, (void **)&f->changed_nodes, used, room, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->part_nodes, used, room, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->number, used, room, sizeof(int)))
+    if (!sbi_embed_grow_array(&e->allocator, (void **)&f->nodes, used, room, sizeof(sb_vec3)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->first, used, room, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->node_marks, used, room, 1) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->changed_nodes, used, room, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->part_nodes, used, room, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->number, used, room, sizeof(int)))
         return 0;
     memset(f->nodes + used, 0, (room - used) * sizeof(sb_vec3));
     memset(f->first + used, 0xff, (room - used) * sizeof(int));
@@ -46,12 +30,12 @@ static int sbi_embed_live_cell_room(const sb_embedding *e, sbi_embed_follower *f
         return 1;
     if (needed > INT_MAX / f->width)
         return 0;
-    room = (size_t)sbi_min_int(sbi_embed_live_roomy(needed), INT_MAX / f->width);
-    if (!sbi_embed_live_grow(e, (void **)&f->cells, used * width, room * width, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->next, used * width, room * width, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->outer, used * faces, room * faces, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->cell_marks, used, room, 1) ||
-        !sbi_embed_live_grow(e, (void **)&f->part_cells, used, room, sizeof(int)))
+    room = (size_t)sbi_min_int(sbi_embed_roomy(needed), INT_MAX / f->width);
+    if (!sbi_embed_grow_array(&e->allocator, (void **)&f->cells, used * width, room * width, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->next, used * width, room * width, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->outer, used * faces, room * faces, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->cell_marks, used, room, 1) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->part_cells, 0, 2 * room, sizeof(int)))
         return 0;
     memset(f->cells + used * width, 0xff, (room - used) * width * sizeof(int));
     memset(f->outer + used * faces, 0xff, (room - used) * faces * sizeof(int));
@@ -62,13 +46,13 @@ static int sbi_embed_live_cell_room(const sb_embedding *e, sbi_embed_follower *f
 
 SBI_API int sbi_embed_live_room(const sb_embedding *e, sbi_embed_follower *f, int nodes, int cells, int rows)
 {
-    size_t used = (size_t)f->row_room, room = (size_t)sbi_embed_live_roomy(rows), width = (size_t)f->face_nodes;
+    size_t used = (size_t)f->row_room, room = (size_t)sbi_embed_roomy(rows), width = (size_t)f->face_nodes;
     if (!sbi_embed_live_node_room(e, f, nodes) || !sbi_embed_live_cell_room(e, f, cells))
         return 0;
     if (rows <= f->row_room)
         return 1;
-    if (!sbi_embed_live_grow(e, (void **)&f->weights, used * width, room * width, sizeof(sb_real)) ||
-        !sbi_embed_live_grow(e, (void **)&f->free_rows, used, room, sizeof(int)))
+    if (!sbi_embed_grow_array(&e->allocator, (void **)&f->weights, used * width, room * width, sizeof(sb_real)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->free_rows, used, room, sizeof(int)))
         return 0;
     f->row_room = (int)room;
     return 1;
@@ -192,9 +176,9 @@ SBI_API int sbi_embed_live_fill(const sb_embedding *e, sbi_embed_follower *f, co
 
 /* ---- changes ---- */
 
-static void sbi_embed_live_mark(sbi_embed_follower *f, const int *nodes)
+SBI_API void sbi_embed_live_mark(sbi_embed_follower *f, const int *nodes, int count)
 {
-    for (int a = 0; a < f->width; a++)
+    for (int a = 0; a < count; a++)
         if (!f->node_marks[nodes[a]]) {
             f->node_marks[nodes[a]] = 1;
             f->changed_nodes[f->changed_count++] = nodes[a];
@@ -207,15 +191,15 @@ static void sbi_embed_live_mark_change(sbi_embed_follower *f)
     size_t n = (size_t)f->width;
     for (int i = 0; i < c->removed_cell_count; i++) {
         f->cell_marks[c->removed_cells[i]] = 1;
-        sbi_embed_live_mark(f, c->removed_cell_nodes + (size_t)i * n);
+        sbi_embed_live_mark(f, c->removed_cell_nodes + (size_t)i * n, f->width);
     }
     for (int i = 0; i < c->made_cell_count; i++) {
         f->cell_marks[c->made_cells[i]] = 1;
-        sbi_embed_live_mark(f, c->made_cell_nodes + (size_t)i * n);
+        sbi_embed_live_mark(f, c->made_cell_nodes + (size_t)i * n, f->width);
     }
     for (int i = 0; i < c->reshaped_cell_count; i++) {
         f->cell_marks[c->reshaped_cells[i]] = 1;
-        sbi_embed_live_mark(f, f->cells + (size_t)c->reshaped_cells[i] * n);
+        sbi_embed_live_mark(f, f->cells + (size_t)c->reshaped_cells[i] * n, f->width);
     }
 }
 

@@ -12,5 +12,7 @@ SBI_API int sbi_embed_live_fill(const sb_embedding *e, sbi_embed_follower *f, co
  * are set: nodes of cells that change, and these cells. */
 SBI_API void sbi_embed_live_apply(sbi_embed_follower *f, const sbi_embed_face *face, int back);
 SBI_API void sbi_embed_live_clear_marks(sbi_embed_follower *f);
+/* Marks nodes as if they were of a cell that changes. */
+SBI_API void sbi_embed_live_mark(sbi_embed_follower *f, const int *nodes, int count);
 
 #endif /* SBI_EMBED_LIVE_H */

@@ -28,21 +28,22 @@ static void sbi_embed_place_outside(const sbi_embed_volume *volume, sb_embedding
                                     const sbi_embed_hit *hit, sbi_embed_place *place, sb_embedded_point *info)
 {
     sbi_embed_foot foot;
-    if (kind == SB_EMBED_SMOOTH && sbi_embed_find_foot(volume, point, hit, &foot)) {
+    place->hold = SB_EMBEDDED_EXTRAPOLATED;
+    if (kind == SB_EMBED_PLAIN)
+        return;
+    if (sbi_embed_find_foot(volume, point, hit, &foot)) {
         place->hold = SB_EMBEDDED_OFFSET;
         sbi_embed_place_foot(volume, &foot, place, info);
         return;
     }
     foot = sbi_embed_hit_foot(volume, hit);
-    if (kind == SB_EMBED_SMOOTH && foot.face >= 0) {
+    if (foot.face >= 0) {
         sb_vec3 tangent[2], offset = sb_v3_sub(point, sbi_embed_foot_tangents(volume, &foot, tangent));
         offset = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), offset);
         place->hold = SB_EMBEDDED_FRAME;
         sbi_embed_place_foot(volume, &foot, place, info);
         place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
-        return;
     }
-    place->hold = SB_EMBEDDED_EXTRAPOLATED;
 }
 
 /* Coordinates of a rest normal N that make the carried one: J^T N / det J with the columns J of the map at rest, for
@@ -94,13 +95,20 @@ SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_
         place->cell = volume->boundary.elements[place->cell] * volume->faces + volume->boundary.faces[place->cell];
 }
 
+SBI_API int *sbi_embed_report_count(sb_embedding_report *report, sb_embedding_hold hold)
+{
+    if (hold == SB_EMBEDDED_INSIDE)
+        return &report->inside;
+    if (hold == SB_EMBEDDED_OFFSET)
+        return &report->offset;
+    return hold == SB_EMBEDDED_FRAME ? &report->frame : &report->extrapolated;
+}
+
 SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_place *place, int index)
 {
-    report->inside += place->hold == SB_EMBEDDED_INSIDE;
-    report->offset += place->hold == SB_EMBEDDED_OFFSET;
-    report->frame += place->hold == SB_EMBEDDED_FRAME;
-    report->extrapolated += place->hold == SB_EMBEDDED_EXTRAPOLATED;
-    if (place->gap > report->max_distance) {
+    ++*sbi_embed_report_count(report, place->hold);
+    if (place->gap > report->max_distance ||
+        (place->gap > 0 && place->gap >= report->max_distance && index < report->farthest_point)) {
         report->max_distance = place->gap;
         report->farthest_point = index;
     }

@@ -12,8 +12,8 @@
  * sizes divide the work among threads and depend on nothing but the problem. */
 enum {
     SBI_EMBED_LANES = 8,
-    SBI_EMBED_GROUP = 256,       /* most points of a group */
-    SBI_EMBED_TASK_SLOTS = 1024, /* points of a task */
+    SBI_EMBED_GROUP = 256,      /* most points of a group */
+    SBI_EMBED_TASK_GROUPS = 32, /* groups of a task */
     SBI_EMBED_TASK_FACES = 128,
     SBI_EMBED_TASK_NODES = 512,
     SBI_EMBED_TASK_RINGS = 2048,
@@ -35,12 +35,64 @@ typedef struct sbi_embed_lists {
     int *items;
 } sbi_embed_lists;
 
-/* Points held in the same way by the same cell (an element, or a face for OFFSET and FRAME). */
+/* Points held in the same way by the same cell (an element, or a face for OFFSET and FRAME). Their slots lie in blocks
+ * of SBI_EMBED_LANES; what the last one has too many repeats the last point. */
 typedef struct sbi_embed_group {
     sb_embedding_hold hold;
-    int first, count;           /* slots; first is a multiple of SBI_EMBED_LANES */
-    int node_first, node_count; /* in sb_embedding.nodes */
+    int cell;
+    int count; /* 0: free */
+    int first_block;
+    int node_count;
+    int next; /* of the same element, or -1 */
 } sbi_embed_group;
+
+/* What adds to nodes: a row of entries for each group, or for each face. Rows are used again when they are free. */
+typedef struct sbi_embed_rows {
+    int width, end, used, room; /* rows from `end` on are fresh; room counts all */
+    int free_first;             /* chained by `next` of their first entries; -1 ends */
+    uint64_t *order;            /* [room] the entries of a node follow each other in this order of their rows */
+    int *nodes;                 /* [room][width]; the first is -1 in a free row */
+    int *touched;               /* [room][width] index of the node among the touched ones */
+    int *next;                  /* [room][width] next entry of the same node, or -1 */
+    sb_vec3 *forces;            /* [room][width] scratch */
+} sbi_embed_rows;
+
+enum { SBI_EMBED_OF_GROUPS = 0, SBI_EMBED_OF_FACES = 1, SBI_EMBED_KINDS = 2 };
+
+/* A node that has entries. */
+typedef struct sbi_embed_touched {
+    int node;                                          /* -1: free, and first[0] is the next free one */
+    int normal_users;                                  /* entries of OFFSET groups: they need its smooth normal */
+    int first[SBI_EMBED_KINDS], last[SBI_EMBED_KINDS]; /* its entries of groups and of faces, or -1 */
+} sbi_embed_touched;
+
+/* What updates read and write. Groups, blocks, faces and touched nodes lie in slots that are used again, so that a
+ * change of the mesh costs what it changes. Which slot holds what depends on the past; results do not: sums run along
+ * the lists of entries. */
+typedef struct sbi_embed_arrays {
+    int block_end, block_used, block_room, block_free; /* free ones are chained by block_next; -1 ends */
+    int *block_next;                                   /* [block_room] next block of the same group */
+    int *slot_point;                                   /* [block_room][SBI_EMBED_LANES] */
+    sb_real *parameters[3];                            /* likewise: xi; OFFSET (r, s, d); FRAME (r, s) */
+    sb_real *offsets[3];                               /* EXTRAPOLATED: step; FRAME: in the frame; NULL: never any */
+    sb_real *carried[3];                               /* def.normals as cofactor coordinates, J^T N / det J; or NULL */
+
+    sbi_embed_rows rows[SBI_EMBED_KINDS];
+    sbi_embed_group *groups; /* of the rows of groups */
+    int *element_groups;     /* [element_room] first group of an element, or -1 */
+    int element_room;
+    sb_vec3 *pulls;        /* [entry of groups] scratch: derivative with respect to the smooth normal */
+    sb_real *face_weights; /* [entry of faces] angles (rad) */
+    sb_vec3 *face_normals; /* [entry of faces] scratch: times the weights */
+
+    int touched_end, touched_used, touched_room, touched_free;
+    sbi_embed_touched *touched; /* [touched_room] */
+    sb_vec3 *normals;           /* [touched_room] scratch: unit */
+    sb_real *lengths;           /* [touched_room] scratch: of the sums that they are the directions of */
+    sb_vec3 *normal_pulls;      /* [touched_room] scratch */
+    int *touched_of;            /* [node_room] -1: it has no entries */
+    int node_room;
+} sbi_embed_arrays;
 
 /* A point's place, as updates take it. */
 typedef struct sbi_embed_place {
@@ -65,35 +117,9 @@ struct sb_embedding {
     sb_vec3 *rest_normals; /* [point_count] def.normals, or NULL */
     int *order;            /* [point_count] along Morton's curve */
     unsigned char *inside; /* [point_count] 1: it was inside at creation */
-    struct sbi_embed_follower
-        *follower; /* of a body whose mesh changes: the arrays from here on and elements are in it; or NULL */
-
-    int group_count, task_count, slot_count;
-    sbi_embed_group *groups;
-    int *tasks;             /* [task_count + 1] first group of each */
-    int *slot_point;        /* [slot_count]; padding repeats the last point of its group */
-    sb_real *parameters[3]; /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
-    sb_real *offsets[3];    /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
-    sb_real *carried[3];    /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
-
-    /* Node entries: those of the groups, then those of the faces whose normals they need. */
-    int group_entries, entry_count, face_count, normal_count, touched_count;
-    int *nodes;                    /* [entry_count] */
-    int *normal_of;                /* [entry_count] the smooth normal there, or -1 */
-    sb_real *weights;              /* [face_count][face nodes] */
-    sbi_embed_lists normal_faces;  /* smooth normal -> entries of its faces, counted from the first of them */
-    sbi_embed_lists normal_groups; /* smooth normal -> entries of groups */
-    sbi_embed_lists touched;       /* touched node -> entries */
-    int *touched_nodes;            /* [touched_count] */
-    sbi_embed_lists rings;         /* point -> its neighbours in order around it; ~index starts a new run */
-
-    /* scratch of updates */
-    sb_vec3 *face_normals; /* [face_count][face nodes] */
-    sb_vec3 *normals;      /* [normal_count] unit */
-    sb_real *lengths;      /* [normal_count] of the sums that they are the directions of */
-    sb_vec3 *entry_forces; /* [entry_count] */
-    sb_vec3 *entry_pulls;  /* [group_entries] derivative with respect to the smooth normal */
-    sb_vec3 *normal_pulls; /* [normal_count] */
+    sbi_embed_lists rings; /* point -> its neighbours in order around it; ~index starts a new run */
+    sbi_embed_arrays arrays;
+    struct sbi_embed_follower *follower; /* of a body whose mesh changes: elements are in it; or NULL */
 };
 
 typedef struct sbi_embed_lanes {
@@ -219,25 +245,53 @@ SBI_API void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists)
 /* Places one point; *hint is an element nearby, and then the point's own. normal: NULL for none. */
 SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
                                    const sb_vec3 *normal, int *hint, sbi_embed_place *place, sb_embedded_point *info);
+/* How many points are held in this way. */
+SBI_API int *sbi_embed_report_count(sb_embedding_report *report, sb_embedding_hold hold);
 SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_place *place, int index);
 
 /* What the arrays of an update are made of: places, and the mesh that they are in. */
 typedef struct sbi_embed_parts {
-    const sbi_embed_place *places; /* [count] */
-    const int *order;              /* [count] points along Morton's curve */
-    int count, with_normals;
-    int node_count, element_count, width, faces, outer_count; /* outer_count: boundary faces, or more */
-    const int *elements;                                      /* [element_count][width] */
+    const sbi_embed_place *places; /* of all points */
+    int with_normals, with_offsets;
+    int node_count, element_count, width, faces;
+    const int *elements;    /* [element_count][width] */
     const int *outer;       /* [element_count][faces] row of weights of boundary faces, or -1 */
     const sb_real *weights; /* angles at their nodes (rad) */
     const sbi_embed_face *face;
     int local[6][SB_MAX_FACE_NODES]; /* nodes of each face of an element */
 } sbi_embed_parts;
 SBI_API void sbi_embed_fill_local(sb_element_type type, int local[6][SB_MAX_FACE_NODES]);
-/* Fills the arrays of e, which are zeros before, in memory from e->allocator; the same for the same places and mesh. 0:
- * no memory. */
-SBI_API int sbi_embed_make_arrays(sb_embedding *e, const sbi_embed_parts *parts);
-SBI_API void sbi_embed_free_arrays(sb_embedding *e);
+
+/* Groups, blocks, faces and nodes that come on top of those in use. */
+typedef struct sbi_embed_more {
+    int groups, blocks, faces, touched;
+} sbi_embed_more;
+
+/* Replaces an array of `used` items by one with room for more; 0: no memory, and it stays. */
+SBI_API int sbi_embed_grow_array(const sb_allocator *allocator, void **array, size_t used, size_t room, size_t item);
+/* Half as much again, so that what grows does not ask each time. */
+SB_INLINE int sbi_embed_roomy(int needed) { return needed > INT_MAX / 2 ? needed : needed + needed / 2; }
+/* Fills arrays, which are zeros before, with all points: order[count]. 0: no memory. */
+SBI_API int sbi_embed_arrays_fill(const sb_allocator *allocator, sbi_embed_arrays *arrays, const sbi_embed_parts *parts,
+                                  const int *order, int count);
+/* Room for more. 0: no memory, and nothing has changed that can be seen. */
+SBI_API int sbi_embed_arrays_reserve(const sb_allocator *allocator, sbi_embed_arrays *arrays,
+                                     const sbi_embed_parts *parts, const sbi_embed_more *more);
+SBI_API void sbi_embed_arrays_free(const sb_allocator *allocator, sbi_embed_arrays *arrays);
+
+/* Nodes of a place's element or face; returns how many. */
+SBI_API int sbi_embed_cell_nodes(const sbi_embed_parts *parts, sb_embedding_hold hold, int cell,
+                                 int nodes[SB_MAX_ELEMENT_NODES]);
+/* Lists the points of a group; returns how many. */
+SBI_API int sbi_embed_list_points(const sbi_embed_arrays *arrays, const sbi_embed_group *group, int *points);
+/* Makes groups of points, which lie next to those of the same hold and cell; whoever is there has all its points. */
+SBI_API void sbi_embed_add_groups(sbi_embed_arrays *arrays, const sbi_embed_parts *parts, const int *points, int count);
+/* Removes the group that *link names, and lets *link name the next of its element. */
+SBI_API void sbi_embed_drop_group(sbi_embed_arrays *arrays, int *link);
+/* Removes the faces of which a node is one. */
+SBI_API void sbi_embed_drop_faces(sbi_embed_arrays *arrays, int node);
+/* Adds a face (element * faces + local face) where it is an outer one and smooth normals need it. */
+SBI_API void sbi_embed_add_face(sbi_embed_arrays *arrays, const sbi_embed_parts *parts, int face);
 
 SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
                                    sbi_embed_cell *cell);

@@ -55,9 +55,15 @@ typedef struct sbi_embed_volume {
 /* Elements of a leaf of the tree; deepest path through it. */
 enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
+typedef enum sbi_embed_skin {
+    SBI_EMBED_NO_SKIN = 0, /* closest elements only: boundary_face is -1 throughout and for the caller to fill, and what
+                            * else is of the boundary is empty */
+    SBI_EMBED_SKIN = 1
+} sbi_embed_skin;
+
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
-                                          sb_error *error);
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, sbi_embed_skin skin, const sb_allocator *allocator,
+                                          sbi_embed_volume *volume, sb_error *error);
 SBI_API void sbi_embed_volume_free(sbi_embed_volume *volume);
 
 /* Sorts count points along Morton's curve through their bounding box: order[count] receives their indices. scratch:

@@ -99,13 +99,16 @@ static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[
 SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
                                    sbi_embed_cell *cell)
 {
-    const int *nodes = e->nodes + group->node_first, *ids = e->normal_of + group->node_first;
+    const sbi_embed_arrays *arrays = &e->arrays;
+    const sbi_embed_rows *rows = &arrays->rows[SBI_EMBED_OF_GROUPS];
+    size_t entry = (size_t)(group - arrays->groups) * (size_t)rows->width;
+    const int *nodes = rows->nodes + entry, *touched = rows->touched + entry;
     cell->type = sbi_embed_is_on_face(group->hold) ? e->face.type : e->type;
     cell->count = group->node_count;
     for (int a = 0; a < group->node_count; a++) {
         cell->x[a] = x[nodes[a]];
         if (group->hold == SB_EMBEDDED_OFFSET)
-            cell->normal[a] = e->normals[ids[a]];
+            cell->normal[a] = arrays->normals[touched[a]];
     }
 }
 
@@ -114,14 +117,14 @@ SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold,
 {
     const sb_real *xi[3];
     for (int k = 0; k < 3; k++)
-        xi[k] = e->parameters[k] + slot;
+        xi[k] = e->arrays.parameters[k] + slot;
     sbi_embed_shape_lanes(type, xi, slopes || hold >= SB_EMBEDDED_FRAME, lanes);
     if (hold != SB_EMBEDDED_EXTRAPOLATED)
         return;
     for (int a = 0; a < count; a++)
         for (int k = 0; k < 3; k++)
             SBI_EMBED_EACH_LANE(l)
-    lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
+    lanes->shape[a][l] += lanes->slope[a][k][l] * e->arrays.offsets[k][slot + l];
 }
 
 SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
@@ -144,7 +147,7 @@ static void sbi_embed_carry(const sb_embedding *e, int slot, const sbi_embed_vec
     {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = 0; k < 3; k++)
-            sum = sb_v3_madd(sum, e->carried[k][slot + l],
+            sum = sb_v3_madd(sum, e->arrays.carried[k][slot + l],
                              sb_v3_cross(sbi_embed_lane(&g[(k + 1) % 3], l), sbi_embed_lane(&g[(k + 2) % 3], l)));
         sbi_embed_set_lane(out, l, sum);
     }
@@ -157,7 +160,7 @@ static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *
 {
     sb_real inverse[SBI_EMBED_LANES];
     sbi_embed_vec3 g[3];
-    const sb_real *distance = e->parameters[2] + slot;
+    const sb_real *distance = e->arrays.parameters[2] + slot;
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &g[2]);
     sbi_embed_normalise(&g[2], inverse);
@@ -183,6 +186,7 @@ static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *
 static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
                                   int slot, sbi_embed_vec3 *at, sbi_embed_vec3 *normal)
 {
+    sb_real *const *offsets = e->arrays.offsets, *const *carried = e->arrays.carried;
     sbi_embed_vec3 tangent[3];
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
     sbi_embed_tangents(cell, lanes, tangent);
@@ -190,11 +194,10 @@ static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *c
     {
         int s = slot + l;
         sb_mat3 frame = sbi_embed_face_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l));
-        sb_vec3 offset = sb_v3(e->offsets[0][s], e->offsets[1][s], e->offsets[2][s]);
+        sb_vec3 offset = sb_v3(offsets[0][s], offsets[1][s], offsets[2][s]);
         sbi_embed_set_lane(at, l, sb_v3_add(sbi_embed_lane(at, l), sb_m3_apply(frame, offset)));
         if (normal)
-            sbi_embed_set_lane(normal, l,
-                               sb_m3_apply(frame, sb_v3(e->carried[0][s], e->carried[1][s], e->carried[2][s])));
+            sbi_embed_set_lane(normal, l, sb_m3_apply(frame, sb_v3(carried[0][s], carried[1][s], carried[2][s])));
     }
 }
 
@@ -212,11 +215,13 @@ static void sbi_embed_slots_volume(const sb_embedding *e, const sbi_embed_cell *
 static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed_group *group)
 {
     const sb_embedding *e = frame->embedding;
-    sb_vec3 *normals = e->carried[0] ? frame->normals : NULL;
+    const sbi_embed_arrays *arrays = &e->arrays;
+    sb_vec3 *normals = arrays->carried[0] ? frame->normals : NULL;
     sbi_embed_cell cell;
     sbi_embed_cell_gather(e, group, frame->x, &cell);
-    for (int slot = group->first; slot < group->first + group->count; slot += SBI_EMBED_LANES) {
-        const int *point = e->slot_point + slot;
+    for (int block = group->first_block; block >= 0; block = arrays->block_next[block]) {
+        int slot = block * SBI_EMBED_LANES;
+        const int *point = arrays->slot_point + slot;
         sbi_embed_lanes lanes;
         sbi_embed_vec3 at, normal, *wanted = normals ? &normal : NULL;
         sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, normals != NULL, &lanes);
@@ -238,37 +243,46 @@ static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed
 static void sbi_embed_task_faces(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    sb_embedding *e = frame->embedding;
-    int width = e->face.nodes, end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, e->face_count);
+    const sb_embedding *e = frame->embedding;
+    const sbi_embed_rows *rows = &e->arrays.rows[SBI_EMBED_OF_FACES];
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, rows->end);
     for (int f = task * SBI_EMBED_TASK_FACES; f < end; f++) {
-        size_t first = (size_t)f * (size_t)width;
-        const int *nodes = e->nodes + (size_t)e->group_entries + first;
+        size_t first = (size_t)f * (size_t)rows->width;
+        const int *nodes = rows->nodes + first;
         sb_vec3 x[SB_MAX_FACE_NODES];
-        for (int i = 0; i < width; i++)
+        if (nodes[0] < 0)
+            continue;
+        for (int i = 0; i < rows->width; i++)
             x[i] = frame->x[nodes[i]];
-        sbi_embed_face_normals(&e->face, x, e->weights + first, e->face_normals + first);
+        sbi_embed_face_normals(&e->face, x, e->arrays.face_weights + first, e->arrays.face_normals + first);
     }
 }
 
 static void sbi_embed_task_normals(void *user, int task)
 {
-    sb_embedding *e = ((const sbi_embed_frame *)user)->embedding;
-    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->normal_count);
+    const sbi_embed_arrays *arrays = &((const sbi_embed_frame *)user)->embedding->arrays;
+    const int *next = arrays->rows[SBI_EMBED_OF_FACES].next;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, arrays->touched_end);
     for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
+        const sbi_embed_touched *touched = &arrays->touched[i];
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = e->normal_faces.starts[i]; k < e->normal_faces.starts[i + 1]; k++)
-            sum = sb_v3_add(sum, e->face_normals[e->normal_faces.items[k]]);
-        e->normals[i] = sbi_embed_unit(sum);
-        e->lengths[i] = sb_v3_norm(sum);
+        if (touched->node < 0 || touched->normal_users == 0)
+            continue;
+        for (int entry = touched->first[SBI_EMBED_OF_FACES]; entry >= 0; entry = next[entry])
+            sum = sb_v3_add(sum, arrays->face_normals[entry]);
+        arrays->normals[i] = sbi_embed_unit(sum);
+        arrays->lengths[i] = sb_v3_norm(sum);
     }
 }
 
 static void sbi_embed_task_points(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    const sb_embedding *e = frame->embedding;
-    for (int g = e->tasks[task]; g < e->tasks[task + 1]; g++)
-        sbi_embed_group_points(frame, &e->groups[g]);
+    const sbi_embed_arrays *arrays = &frame->embedding->arrays;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_GROUPS, arrays->rows[SBI_EMBED_OF_GROUPS].end);
+    for (int g = task * SBI_EMBED_TASK_GROUPS; g < end; g++)
+        if (arrays->groups[g].count > 0)
+            sbi_embed_group_points(frame, &arrays->groups[g]);
 }
 
 /* Twice the area vector of the polygons around a point: sums of products of neighbours next to each other, seen from
@@ -293,9 +307,12 @@ static void sbi_embed_task_rings(void *user, int task)
 
 SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
 {
-    const sb_embedding *e = frame->embedding;
-    sbi_run(jobs, sbi_embed_task_faces, frame, sbi_embed_tasks(e->face_count, SBI_EMBED_TASK_FACES));
-    sbi_run(jobs, sbi_embed_task_normals, frame, sbi_embed_tasks(e->normal_count, SBI_EMBED_TASK_NODES));
+    const sbi_embed_arrays *arrays = &frame->embedding->arrays;
+    if (arrays->rows[SBI_EMBED_OF_FACES].used == 0)
+        return;
+    sbi_run(jobs, sbi_embed_task_faces, frame,
+            sbi_embed_tasks(arrays->rows[SBI_EMBED_OF_FACES].end, SBI_EMBED_TASK_FACES));
+    sbi_run(jobs, sbi_embed_task_normals, frame, sbi_embed_tasks(arrays->touched_end, SBI_EMBED_TASK_NODES));
 }
 
 SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
@@ -312,8 +329,9 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
     frame.points = points;
     frame.normals = normals;
     sbi_embed_make_normals(&frame, jobs);
-    sbi_run(jobs, sbi_embed_task_points, &frame, embedding->task_count);
-    if (normals && !embedding->carried[0])
+    sbi_run(jobs, sbi_embed_task_points, &frame,
+            sbi_embed_tasks(embedding->arrays.rows[SBI_EMBED_OF_GROUPS].end, SBI_EMBED_TASK_GROUPS));
+    if (normals && !embedding->arrays.carried[0])
         sbi_run(jobs, sbi_embed_task_rings, &frame, sbi_embed_tasks(embedding->rings.rows, SBI_EMBED_TASK_RINGS));
     return SB_OK;
 }

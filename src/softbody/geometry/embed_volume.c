@@ -252,14 +252,14 @@ static void sbi_embed_fill_elements(sbi_embed_volume *volume, sbi_embed_box *box
     sbi_embed_fill_tree(volume, boxes);
 }
 
-static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sb_error *error)
+static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sbi_embed_skin skin, sb_error *error)
 {
     const sb_allocator *allocator = &volume->allocator;
-    sb_result result = sb_mesh_boundary(volume->mesh, 0, allocator, &volume->boundary, error);
+    sb_result result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
     size_t entries = (size_t)volume->mesh->element_count * (size_t)volume->faces;
-    if (result == SB_OK)
-        result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
-    if (result == SB_OK)
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
+        result = sb_mesh_boundary(volume->mesh, 0, allocator, &volume->boundary, error);
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
         result = sb_mesh_neighbours(&volume->boundary.surface, allocator, &volume->face_neighbours, error);
     if (result != SB_OK)
         return result;
@@ -273,10 +273,11 @@ static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sb_error *
     return SB_OK;
 }
 
-static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *error)
+static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sbi_embed_skin skin, sb_error *error)
 {
     const sb_allocator *allocator = &volume->allocator;
-    size_t elements = (size_t)volume->mesh->element_count, nodes = (size_t)volume->mesh->node_count, leaves = 1;
+    size_t elements = (size_t)volume->mesh->element_count, leaves = 1;
+    size_t nodes = skin == SBI_EMBED_SKIN ? (size_t)volume->mesh->node_count : 0;
     size_t entries = (size_t)volume->boundary.surface.element_count * (size_t)volume->face.nodes;
     sbi_embed_box *boxes = (sbi_embed_box *)sbi_alloc(allocator, elements, sizeof(sbi_embed_box));
     sb_vec3 *centres = (sb_vec3 *)sbi_alloc(allocator, elements, sizeof(sb_vec3));
@@ -295,7 +296,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     if (boxes && centres && scratch && volume->boxes && volume->order && volume->bulge && volume->weights &&
         volume->normals && (volume->is_box || volume->planes)) {
         sbi_embed_fill_elements(volume, boxes, centres, scratch);
-        sbi_embed_fill_normals(volume);
+        if (skin == SBI_EMBED_SKIN)
+            sbi_embed_fill_normals(volume);
     } else {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory to search %d elements", volume->mesh->element_count);
     }
@@ -305,8 +307,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     return result;
 }
 
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
-                                          sb_error *error)
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, sbi_embed_skin skin, const sb_allocator *allocator,
+                                          sbi_embed_volume *volume, sb_error *error)
 {
     sb_result result;
     sb_vec3 low, high;
@@ -321,11 +323,11 @@ SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocato
     sb_mesh_bounds(mesh, &low, &high);
     volume->scale = sb_max(sb_max(sb_max(sb_abs(low.x), sb_abs(high.x)), sb_max(sb_abs(low.y), sb_abs(high.y))),
                            sb_max(sb_abs(low.z), sb_abs(high.z)));
-    result = sbi_embed_prepare_topology(volume, error);
-    if (result == SB_OK) {
+    result = sbi_embed_prepare_topology(volume, skin, error);
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
         sbi_embed_face_make(volume->boundary.surface.element_type, &volume->face);
-        result = sbi_embed_prepare_geometry(volume, error);
-    }
+    if (result == SB_OK)
+        result = sbi_embed_prepare_geometry(volume, skin, error);
     if (result != SB_OK)
         sbi_embed_volume_free(volume);
     return result;

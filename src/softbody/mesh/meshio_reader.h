@@ -6,6 +6,7 @@
 #include "meshio.h"
 
 #include "../base/output.h"
+#include "../base/sort.h"
 
 /* ---- numbers ---------------------------------------------------------------------------------------
  * strtod obeys the locale: where the decimal point is a comma it reads "0.5" as 0 and stops. These do not;
@@ -88,11 +89,6 @@ SBI_API const unsigned char *sbi_reader_bytes(sbi_reader *reader, size_t count, 
 SBI_API uint64_t sbi_decode_bits(const sbi_reader *reader, const unsigned char *bytes, int size);
 SBI_API int64_t sbi_decode_signed(const sbi_reader *reader, const unsigned char *bytes, int size);
 SBI_API double sbi_decode_float(const sbi_reader *reader, const unsigned char *bytes, int size);
-
-/* Sorts `order` [count], stably, by before(context, a, b); scratch [count]. Merging, so that no input is
- * slow. */
-typedef int (*sbi_before)(const void *context, int a, int b);
-SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before before, const void *context);
 
 /* ---- XML (meshio_xml) ------------------------------------------------------------------------------
  * Elements and attributes as they stand in the file, one after the other: no entities, no document type definitions

@@ -598,6 +598,8 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
 static void sbi_pcg_guest_residual(sbi_pcg_state *s)
 {
     sbi_pcg_wake_guests(s);
+    if (s->compact) /* it has the x of its last product */
+        sbi_pcg_run(s, sbi_pcg_spread_task);
     sbi_pcg_run(s, sbi_pcg_residual_task);
     sbi_guest_residual(s->guests, s->x, s->x, s->r);
     sbi_guest_measure(s->guests);
