@@ -5096,14 +5096,13 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
- * Cost: a change searches the points of changed cells, then, where there are any, makes what updates read anew in one
- * pass over all points: 0.9 ms for 10,000 points in 14,000 tet4 (tests/bench/RESULTS.md). The first call takes about as
- * long as the creation. A change allocates when arrays have to grow, and to find a point that no cell around it
- * holds. Without memory the change is refused (SB_ERROR_MEMORY). After a state was loaded without memory for this, the
- * next sb_embedding_update or sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn.
- * It ends with either of the two, or sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the
- * body's), SB_ERROR_STATE (it follows a body already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it
- * as it was. */
+ * Cost: a change searches the points of changed cells and makes anew what updates read of them; points and cells far
+ * from it cost nothing (tests/bench/RESULTS.md). The first call takes about as long as the creation. A change allocates
+ * when arrays have to grow, and to find a point that no cell around it holds. Without memory the change is refused
+ * (SB_ERROR_MEMORY). After a state was loaded without memory for this, the next sb_embedding_update or
+ * sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn. It ends with either of the two, or
+ * sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's), SB_ERROR_STATE (it follows a body
+ * already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it as it was. */
 SB_API sb_result sb_embedding_follow(sb_embedding *embedding, sb_body *body, sb_error *error);
 /* It stays as it is, and does not follow any more. SB_ERROR_STATE: it follows no body. SB_ERROR_ARGUMENT: NULL. */
 SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);
@@ -6892,6 +6891,52 @@ SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_ve
             sb_vec3 *force = forces + mapping->nodes[k];
             *force = sb_v3_madd(*force, mapping->weights[k], f[j]);
         }
+}
+
+/* ==== src/softbody/base/sort.h ==== */
+/* sort: numbers in an order that the caller says. Internal. Floor 0. */
+#ifndef SB_SORT_H
+#define SB_SORT_H
+
+
+/* Sorts `order` [count], stably, by before(context, a, b); scratch [count]. Merging, so that no input is
+ * slow. */
+typedef int (*sbi_before)(const void *context, int a, int b);
+SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before before, const void *context);
+
+#endif /* SB_SORT_H */
+
+/* ==== src/softbody/base/sort.c ==== */
+/* sort: merging. */
+
+#include <string.h>
+
+/* Merges [first, middle) and [middle, end) of `from` into `to`. */
+static void sbi_merge_runs(const int *from, int *to, int first, int middle, int end, sbi_before before,
+                           const void *context)
+{
+    int left = first, right = middle;
+    for (int i = first; i < end; i++) {
+        int take_right = left >= middle || (right < end && before(context, from[right], from[left]));
+        to[i] = take_right ? from[right++] : from[left++];
+    }
+}
+
+SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before before, const void *context)
+{
+    int *from = order, *to = scratch;
+    for (int64_t width = 1; width < count; width *= 2) {
+        int *swap = from;
+        for (int64_t first = 0; first < count; first += 2 * width) {
+            int64_t middle = first + width < count ? first + width : count;
+            int64_t end = middle + width < count ? middle + width : count;
+            sbi_merge_runs(from, to, (int)first, (int)middle, (int)end, before, context);
+        }
+        from = to;
+        to = swap;
+    }
+    if (from != order)
+        memcpy(order, from, (size_t)count * sizeof order[0]);
 }
 
 /* ==== src/softbody/base/owned.h ==== */
@@ -10636,11 +10681,6 @@ SBI_API uint64_t sbi_decode_bits(const sbi_reader *reader, const unsigned char *
 SBI_API int64_t sbi_decode_signed(const sbi_reader *reader, const unsigned char *bytes, int size);
 SBI_API double sbi_decode_float(const sbi_reader *reader, const unsigned char *bytes, int size);
 
-/* Sorts `order` [count], stably, by before(context, a, b); scratch [count]. Merging, so that no input is
- * slow. */
-typedef int (*sbi_before)(const void *context, int a, int b);
-SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before before, const void *context);
-
 /* ---- XML (meshio_xml) ------------------------------------------------------------------------------
  * Elements and attributes as they stand in the file, one after the other: no entities, no document type definitions
  * (which is where XML files hide what unfolds into gigabytes), no CDATA. */
@@ -11573,34 +11613,6 @@ SBI_API double sbi_decode_float(const sbi_reader *reader, const unsigned char *b
     }
     memcpy(&value, &bits, sizeof value);
     return value;
-}
-
-/* Merges [first, middle) and [middle, end) of `from` into `to`. */
-static void sbi_merge_runs(const int *from, int *to, int first, int middle, int end, sbi_before before,
-                           const void *context)
-{
-    int left = first, right = middle;
-    for (int i = first; i < end; i++) {
-        int take_right = left >= middle || (right < end && before(context, from[right], from[left]));
-        to[i] = take_right ? from[right++] : from[left++];
-    }
-}
-
-SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before before, const void *context)
-{
-    int *from = order, *to = scratch;
-    for (int64_t width = 1; width < count; width *= 2) {
-        int *swap = from;
-        for (int64_t first = 0; first < count; first += 2 * width) {
-            int64_t middle = first + width < count ? first + width : count;
-            int64_t end = middle + width < count ? middle + width : count;
-            sbi_merge_runs(from, to, (int)first, (int)middle, (int)end, before, context);
-        }
-        from = to;
-        to = swap;
-    }
-    if (from != order)
-        memcpy(order, from, (size_t)count * sizeof order[0]);
 }
 #endif /* !defined(SB_NO_FILES) */
 
@@ -28353,9 +28365,10 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
  *
  * Rows lie in one pool, each in a piece with room to spare. A row that outgrows its piece moves to a free piece of the
  * size it needs, or to the pool's end; pieces come in sizes of SBI_LIVE_PIECE places and wait in one list a size. When
- * the pool is full, rows are pushed together. Columns ascend in every row whatever the history, so products, sums over
- * rows and all that is made from them are functions of the pattern alone; only positions in the pool are history.
- * Places in no row hold zero blocks of column 0 that are their own transposes: loops over all blocks need not know.
+ * the pool is full, or a quarter of the rows have moved, rows are pushed together in their order. Columns ascend in
+ * every row whatever the history, so products, sums over rows and all that is made from them are functions of the
+ * pattern alone; only positions in the pool are history. Places in no row hold zero blocks of column 0 that are their
+ * own transposes: loops over all blocks need not know.
  *
  * Each coupling counts the cells that have both its nodes, and the loads, mappings and constraints that need it
  * besides; it goes when the last of them does. A row that is not in use keeps its diagonal block, the identity, and is
@@ -28394,6 +28407,7 @@ typedef struct sbi_matrix_live {
     unsigned version;      /* how many changes there were, from 1 */
     int *room;             /* [row_capacity] places of the row's piece */
     int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    int *places;           /* [block_capacity] scratch */
     unsigned char *in_use; /* [row_capacity] */
     unsigned char *marks;  /* [row_capacity] zeros between calls */
     int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
@@ -28402,6 +28416,8 @@ typedef struct sbi_matrix_live {
     int *touched; /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
     int repacked;    /* 1: all rows moved */
+    int packed_end;  /* of the pool when rows were pushed together last, or the matrix was made */
+    int moved_count; /* rows that have left what was there then */
     int used_blocks; /* blocks that are in rows */
     /* parts */
     int *part_of;    /* [row_capacity] */
@@ -29041,7 +29057,10 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
 #include <limits.h>
 #include <string.h>
 
-enum { SBI_LIVE_LOSER = 2 }; /* mark of a row that lost a coupling in the change at hand */
+enum {
+    SBI_LIVE_LOSER = 2,    /* mark of a row that lost a coupling in the change at hand */
+    SBI_LIVE_SCATTERED = 4 /* rows are pushed together when more than this part of them, the fourth, have moved */
+};
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
@@ -29073,6 +29092,7 @@ static void sbi_live_layout_pool(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->columns = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     matrix->transpose = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     live->uses = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    live->places = (int *)sbi_arena_take(arena, blocks, sizeof(int));
 }
 
 typedef void sbi_live_layout(sb_matrix *matrix, sbi_matrix_live *live, size_t count, sbi_arena *arena);
@@ -29261,60 +29281,68 @@ static void sbi_live_touch(sb_matrix *matrix, int i)
 
 /* ---- pushing rows together ------------------------------------------------------------------------------ */
 
-static void sbi_live_sift(const int *start, int *rows, int root, int count)
-{
-    int row = rows[root];
-    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
-        if (child + 1 < count && start[rows[child]] < start[rows[child + 1]])
-            child++;
-        if (start[row] >= start[rows[child]])
-            break;
-        rows[root] = rows[child];
-        root = child;
-    }
-    rows[root] = row;
-}
-
-/* Rows by the places of their pieces. */
-static void sbi_live_order_rows(const sb_matrix *matrix, int *rows)
-{
-    int count = matrix->row_count;
-    for (int i = 0; i < count; i++)
-        rows[i] = i;
-    for (int root = count / 2; root-- > 0;)
-        sbi_live_sift(matrix->row_start, rows, root, count);
-    for (int last = count - 1; last > 0; last--) {
-        int top = rows[0];
-        rows[0] = rows[last];
-        rows[last] = top;
-        sbi_live_sift(matrix->row_start, rows, 0, last);
-    }
-}
-
-/* Places that rows take once they are pushed together: as long as they are. */
-static void sbi_live_pack(sb_matrix *matrix)
+/* Where each place of the pool goes when rows follow each other, as long as they are; -1: it is in no row. Rows get
+ * their new places. Returns where they end. */
+static int sbi_live_plan_places(sb_matrix *matrix)
 {
     sbi_matrix_live *live = matrix->live;
-    int *rows = live->held, end = 0, old_end = matrix->block_count;
-    sbi_live_order_rows(matrix, rows);
-    for (int k = 0; k < matrix->row_count; k++) {
-        int i = rows[k];
+    int *to = live->places, end = 0;
+    memset(to, 0xff, (size_t)matrix->block_count * sizeof *to);
+    for (int i = 0; i < matrix->row_count; i++) {
         int start = end;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, end++)
-            if (q != end)
-                sbi_live_move(matrix, i, q, end);
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            to[q] = end++;
+        matrix->diagonal[i] = to[matrix->diagonal[i]];
         matrix->row_start[i] = start;
         matrix->row_end[i] = end;
         live->room[i] = end - start;
     }
+    return end;
+}
+
+static void sbi_live_swap(sb_matrix *matrix, int p, int q)
+{
+    sb_real block[9];
+    int column = matrix->columns[p], twin = matrix->transpose[p], uses = matrix->live->uses[p];
+    memcpy(block, matrix->blocks[p], sizeof block);
+    memcpy(matrix->blocks[p], matrix->blocks[q], sizeof block);
+    memcpy(matrix->blocks[q], block, sizeof block);
+    matrix->columns[p] = matrix->columns[q];
+    matrix->columns[q] = column;
+    matrix->transpose[p] = matrix->transpose[q];
+    matrix->transpose[q] = twin;
+    matrix->live->uses[p] = matrix->live->uses[q];
+    matrix->live->uses[q] = uses;
+}
+
+/* Pushes rows together in their order, so that loops over them run through memory as in a compact matrix. */
+static void sbi_live_pack(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *to = live->places, end = sbi_live_plan_places(matrix), old_end = matrix->block_count;
+    for (int q = 0; q < old_end; q++)
+        if (to[q] >= 0)
+            matrix->transpose[q] = to[matrix->transpose[q]];
+    for (int q = 0; q < old_end; q++)
+        while (to[q] >= 0 && to[q] != q) { /* each turn brings one block home */
+            int home = to[q];
+            sbi_live_swap(matrix, q, home);
+            to[q] = to[home];
+            to[home] = home;
+        }
     for (int q = end; q < old_end; q++)
         sbi_live_clear(matrix, q);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         live->free_pieces[size] = -1;
-    matrix->block_count = end;
+    matrix->block_count = live->packed_end = end;
+    live->moved_count = 0;
     live->repacked = 1;
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_live_touch(matrix, i);
+}
+
+/* 1 when so many rows lie elsewhere that products, which read the pool, take longer than they need. */
+static int sbi_live_is_scattered(const sb_matrix *matrix)
+{
+    return matrix->live->moved_count > matrix->row_count / SBI_LIVE_SCATTERED;
 }
 
 /* ---- the plan: couplings that change --------------------------------------------------------------------- */
@@ -29432,32 +29460,34 @@ static void sbi_live_list_keys(sbi_matrix_live *live, int made)
     live->key_count = end;
 }
 
+/* Room for `count` items, whose old ones nobody needs any more: *items, or a larger one in its place. NULL: no memory.
+ */
+static void *sbi_live_renew(const sb_allocator *allocator, void *items, int *capacity, size_t count, size_t size)
+{
+    int more = sbi_live_more((int)count);
+    void *made;
+    if (items && count <= (size_t)*capacity)
+        return items;
+    made = sbi_alloc(allocator, (size_t)more, size);
+    if (!made)
+        return NULL;
+    sbi_free(allocator, items);
+    *capacity = more;
+    return made;
+}
+
 /* Room for so many keys and pairs; 0: no memory. */
-static int sbi_live_take_plan(sb_matrix *matrix, size_t keys, size_t pairs)
+static int sbi_live_take_plan(sb_matrix *matrix, size_t key_count, size_t pair_count)
 {
     sbi_matrix_live *live = matrix->live;
-    const sb_allocator *allocator = &matrix->allocator;
-    if (keys > INT_MAX / 2 || pairs > INT_MAX / 2)
+    void *keys, *pairs;
+    if (key_count > INT_MAX / 2 || pair_count > INT_MAX / 2)
         return 0;
-    if (keys > (size_t)live->key_capacity) {
-        int capacity = sbi_live_more((int)keys);
-        sbi_live_key *made = (sbi_live_key *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
-        if (!made)
-            return 0;
-        sbi_free(allocator, live->keys);
-        live->keys = made;
-        live->key_capacity = capacity;
-    }
-    if (pairs > (size_t)live->pair_capacity) {
-        int capacity = sbi_live_more((int)pairs);
-        sbi_live_pair *made = (sbi_live_pair *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
-        if (!made)
-            return 0;
-        sbi_free(allocator, live->pairs);
-        live->pairs = made;
-        live->pair_capacity = capacity;
-    }
-    return 1;
+    keys = sbi_live_renew(&matrix->allocator, live->keys, &live->key_capacity, key_count, sizeof *live->keys);
+    live->keys = keys ? (sbi_live_key *)keys : live->keys;
+    pairs = sbi_live_renew(&matrix->allocator, live->pairs, &live->pair_capacity, pair_count, sizeof *live->pairs);
+    live->pairs = pairs ? (sbi_live_pair *)pairs : live->pairs;
+    return keys && pairs;
 }
 
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error)
@@ -29613,6 +29643,7 @@ static void sbi_live_sweep_row(sb_matrix *matrix, int i)
 static void sbi_live_move_row(sb_matrix *matrix, int i, int length)
 {
     int start = matrix->row_start[i], end = matrix->row_end[i], room = matrix->live->room[i];
+    matrix->live->moved_count += start < matrix->live->packed_end;
     sbi_live_take_piece(matrix, i, length);
     for (int q = start; q < end; q++) {
         sbi_live_move(matrix, i, q, matrix->row_end[i]++);
@@ -29897,6 +29928,10 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change)
     for (int k = 0; k < live->touched_count; k++)
         sbi_live_sweep_row(matrix, live->touched[k]);
     sbi_live_fill(matrix);
+    if (sbi_live_is_scattered(matrix))
+        sbi_live_pack(matrix);
+    for (int i = 0; i < matrix->row_count && live->repacked; i++)
+        sbi_live_touch(matrix, i);
     sbi_live_end_nodes(matrix, change);
     sbi_live_follow_parts(matrix);
     for (int k = 0; k < live->touched_count; k++)
@@ -29933,7 +29968,7 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sbi_free(&matrix->allocator, made.memory);
     made.memory = NULL;
     made.live = live;
-    live->used_blocks = made.block_count;
+    live->used_blocks = live->packed_end = made.block_count;
     *matrix = made;
     sbi_live_note_parts(matrix);
     return 1;
@@ -39366,6 +39401,8 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
 static void sbi_pcg_guest_residual(sbi_pcg_state *s)
 {
     sbi_pcg_wake_guests(s);
+    if (s->compact) /* it has the x of its last product */
+        sbi_pcg_run(s, sbi_pcg_spread_task);
     sbi_pcg_run(s, sbi_pcg_residual_task);
     sbi_guest_residual(s->guests, s->x, s->x, s->r);
     sbi_guest_measure(s->guests);
@@ -42050,10 +42087,31 @@ typedef struct sbi_assembly {
     struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
+/* Cells that arrays have room for. */
+SB_INLINE int sbi_assembly_cell_room(const sb_domain *domain)
+{
+    return sbi_max_int(domain->cell_capacity, domain->cell_count);
+}
+/* The cell after the last one of a chunk. */
+SB_INLINE int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size;
+    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
+}
+/* Reals that a point remembers. */
+SB_INLINE size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+
+/* ---- assembly_layout ---- */
+
 /* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
  * or for real). */
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
                                  sbi_arena *arena);
+/* Colours the chunks; node_colours: scratch [node_count]. */
+SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours);
+
+/* ---- assembly ---- */
+
 /* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
 /* The same for another pattern of the matrix: only where blocks are has changed. pair_start: [block_count + 1], used
@@ -42084,7 +42142,13 @@ SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_v
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
-/* ---- memory of materials with Prony terms ----
+/* A cell takes over the warm starts and the memory of one of another assembly with as many points and terms; then
+ * sbi_assembly_begin_step(to, 0). */
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
+/* Gives up what is not of the layout. */
+SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator);
+
+/* ---- assembly_memory: materials with Prony terms ----
  * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
  * and Goudreau 1970), so that the step has the energy W_relaxed + H : E. Between steps dt is 0: energy, force and
  * tangent are those of a sudden change from the present state. Bodies without Prony terms pay one test per call. */
@@ -42092,7 +42156,6 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
 /* Room for the memory of so many terms; SB_ERROR_MEMORY changes nothing. What is remembered stays. */
 SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
                                               sb_error *error);
-SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator);
 /* The part of the state that the memory is, one array of *bytes bytes; NULL and 0 without Prony terms. Whoever
  * overwrites it calls sbi_assembly_begin_step(assembly, 0) afterwards. */
 SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes);
@@ -42111,10 +42174,6 @@ SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
 /* One cell forgets. */
 SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u);
-/* A cell takes over the warm starts and the memory of one of another assembly with as many points and terms; then
- * sbi_assembly_begin_step(to, 0). */
-SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
-
 /* ---- assembly_turn ---- */
 
 /* Mean deformation gradient of a cell with q points; the identity where it has no weight. */
@@ -42243,6 +42302,8 @@ SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
 /* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
 SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);
+/* The energy units of all chunks, and their sum. */
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
 /* Memory for another matrix of the same nodes, and its maps. */
 SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
 SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
@@ -42260,18 +42321,49 @@ SB_INLINE int sbi_live_next_pair(const sbi_assembly_live *live, int pair)
 {
     return live->pair_next[sbi_live_pair_index(pair)];
 }
-
-/* ---- assembly ---- */
-
-/* Colours the chunks; node_colours: scratch [node_count]. */
-SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours);
-/* Reals that a point remembers. */
-SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly);
-/* The energy units of all chunks, and their sum. */
-SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
 #endif
 
 #endif /* SB_ASSEMBLY_LIVE_H */
+
+/* ==== src/softbody/fem/assembly_cell.h ==== */
+/* assembly_cell: a cell's displacements and deformation gradients, for loops that know its numbers of nodes and points
+ * as literals. Floor 2, internal. */
+#ifndef SB_ASSEMBLY_CELL_H
+#define SB_ASSEMBLY_CELL_H
+
+
+SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
+{
+    for (int a = 0; a < n; a++) {
+        local[a][0] = u[cell[a]].x;
+        local[a][1] = u[cell[a]].y;
+        local[a][2] = u[cell[a]].z;
+    }
+}
+
+/* F = I + sum_a u_a g_a^T: displacements, not positions, so that rest is exact wherever the mesh lies. */
+SBI_FORCE_INLINE sb_mat3 sbi_cell_deformation(const sb_real (*u)[3], const sb_real *gradients, const int n)
+{
+    sb_mat3 f = sb_m3_identity();
+    for (int a = 0; a < n; a++)
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                f.m[i][j] += u[a][i] * gradients[3 * a + j];
+    return f;
+}
+
+/* Deformation gradients of all points of a cell. */
+SBI_FORCE_INLINE void sbi_cell_deformations(const sb_domain *domain, int e, const sb_vec3 *u, const int n, const int q,
+                                            sb_mat3 *f)
+{
+    const sb_real *gradients = domain->gradients + (size_t)e * (size_t)q * 3 * (size_t)n;
+    sb_real local[SB_MAX_ELEMENT_NODES][3];
+    sbi_cell_gather(domain->cells + (size_t)e * (size_t)n, u, n, local);
+    for (int p = 0; p < q; p++)
+        f[p] = sbi_cell_deformation((const sb_real(*)[3])local, gradients + p * 3 * n, n);
+}
+
+#endif /* SB_ASSEMBLY_CELL_H */
 
 /* ==== src/softbody/fem/assembly_turn.c ==== */
 /* assembly_turn: the rotation that all points of a corotated cell share, and what comes with it. */
@@ -42578,7 +42670,8 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 /* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them
  * would otherwise read and write memory for each product. */
 
-/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. Three nodes at a time: there are three or nine
+ * of them, n being 4 or 10, so that none is left over; one at a time, F would be read and written for each node. */
 SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int i,
                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
@@ -43239,18 +43332,10 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
     sbi_matrix_set_free_rows(matrix);
 }
 
-/* ==== src/softbody/fem/assembly.c ==== */
-/* assembly: loops over integration points. */
+/* ==== src/softbody/fem/assembly_layout.c ==== */
+/* assembly_layout: arrays, chunks and their colours. */
 
 #include <string.h>
-
-/* ---- set-up ---- */
-
-/* Cells that arrays have room for. */
-static int sbi_assembly_cell_room(const sb_domain *domain)
-{
-    return sbi_max_int(domain->cell_capacity, domain->cell_count);
-}
 
 static int sbi_assembly_chunk_size(int cell_count)
 {
@@ -43281,12 +43366,6 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     assembly->chunk_bad_cell = (int *)sbi_arena_take(arena, chunks, sizeof(int));
     if (sbi_batch_fits(domain))
         sbi_batch_layout(assembly, domain, block_count, arena);
-}
-
-static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
-{
-    int begin = chunk * assembly->chunk_size;
-    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
 }
 
 /* Nodes of a chunk, of which some may be listed more than once. */
@@ -43342,6 +43421,722 @@ SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
     }
     assembly->colour_start[assembly->colour_count] = position;
 }
+
+/* ==== src/softbody/fem/assembly_memory.c ==== */
+/* assembly_memory: what points of materials with Prony terms remember of viscous stress. */
+
+#include <string.h>
+
+static size_t sbi_memory_points(const sbi_assembly *assembly)
+{
+    return (size_t)assembly->domain->cell_count * (size_t)assembly->domain->points_per_cell;
+}
+
+SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
+                                              sb_error *error)
+{
+    size_t points = (size_t)sbi_assembly_cell_room(assembly->domain) * (size_t)assembly->domain->points_per_cell;
+    size_t old_stride = sbi_memory_stride(assembly), stride;
+    sb_real *history, *prestress = assembly->prestress;
+    if (terms <= assembly->terms)
+        return SB_OK;
+    stride = 6 * (1 + (size_t)terms);
+    history =
+        (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
+    if (!prestress)
+        prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        if (!assembly->prestress)
+            sbi_free(allocator, prestress);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
+                        assembly->domain->cell_count);
+    }
+    for (size_t p = 0; assembly->history && p < sbi_memory_points(assembly); p++)
+        memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    assembly->terms = terms;
+    return SB_OK;
+}
+
+/* Copies the memory to the second half of its block, or back. */
+static void sbi_memory_copy(sbi_assembly *assembly, int restore)
+{
+    size_t bytes = 0, count;
+    sb_real *history = sbi_assembly_memory(assembly, &bytes);
+    count = bytes / sizeof(sb_real);
+    if (history)
+        memcpy(restore ? history : history + count, restore ? history + count : history, bytes);
+}
+
+SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 0); }
+SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 1); }
+
+SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly)
+{
+    if (assembly->viscous)
+        memset(assembly->prestress, 0, sbi_memory_points(assembly) * 6 * sizeof(sb_real));
+}
+
+SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
+{
+    *bytes = assembly->viscous ? sbi_memory_points(assembly) * sbi_memory_stride(assembly) * sizeof(sb_real) : 0;
+    return assembly->viscous ? assembly->history : NULL;
+}
+
+/* The shares of materials with Prony terms for a step of dt. */
+static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
+{
+    int split = assembly->domain->mean_point;
+    for (int i = 0; i < assembly->material_count; i++) {
+        const sb_material *material = assembly->materials + i;
+        sb_material relaxed;
+        if (material->prony_count == 0)
+            continue;
+        relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
+        for (int k = 0; k < 2; k++)
+            assembly->shares[2 * i + k] = sbi_material_share_of(&relaxed, !split ? SBI_SHARE_WHOLE
+                                                                          : k    ? SBI_SHARE_VOLUME
+                                                                                 : SBI_SHARE_SHEAR);
+    }
+}
+
+/* What J F^-1 P is to be multiplied with for the S0 that a point remembers: 1/J, but nothing where a model that may be
+ * inside out is, and a continuous way between. S would grow without bound towards J = 0, where such a model has no
+ * energy to keep it away, and the memory would hold the point there; this way S0 is bounded by |cof F| |P| / least, and
+ * a point inside out forgets. Models with a barrier at J = 0 remember everything. */
+static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
+{
+    const sb_real least = (sb_real)0.05;
+    if (!(J > 0))
+        return 0;
+    return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
+}
+
+/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
+static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
+{
+    static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
+    sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
+    sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
+    int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
+                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
+    if (finite)
+        p = sb_m3_tmul(cofactor, p);
+    for (int k = 0; k < 6; k++) {
+        s0[k] = finite ? (sb_real)0.5 * weight * (p.m[row[k]][column[k]] + p.m[column[k]][row[k]]) : 0;
+        finite &= sb_is_finite(s0[k]);
+    }
+    for (int k = 0; k < 6 && !finite; k++)
+        s0[k] = 0;
+}
+
+typedef struct sbi_memory_job {
+    sbi_assembly *assembly;
+    const sb_vec3 *u; /* the end of a step of dt, or NULL */
+    sb_real dt;
+    int material; /* of the cells in question, or -1 */
+} sbi_memory_job;
+
+/* The memory of a cell moves on to the end of a step. */
+static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
+{
+    sbi_assembly *assembly = job->assembly;
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, index = assembly->cell_material[e];
+    size_t stride = sbi_memory_stride(assembly);
+    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+    sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
+    for (int p = 0; p < q; p++) {
+        int is_mean = domain->mean_point && p == q - 1;
+        const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
+        const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
+        sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
+        sbi_memory_instant(relaxing, &f[p], fibre, s0);
+        sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
+        memcpy(point, s0, sizeof s0);
+    }
+}
+
+/* H of a cell's points for a step of dt. */
+static void sbi_memory_prestress_cell(sbi_assembly *assembly, int e, sb_real dt)
+{
+    size_t stride = sbi_memory_stride(assembly), q = (size_t)assembly->domain->points_per_cell;
+    for (size_t at = (size_t)e * q; at < (size_t)(e + 1) * q; at++) {
+        sb_real *point = assembly->history + at * stride;
+        sbi_prony_prestress(assembly->materials + assembly->cell_material[e], dt, point,
+                            (const sb_real(*)[6])(point + 6), assembly->prestress + 6 * at);
+    }
+}
+
+static void sbi_memory_chunk(void *user, int chunk)
+{
+    const sbi_memory_job *job = (const sbi_memory_job *)user;
+    sbi_assembly *assembly = job->assembly;
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+        int index = assembly->cell_material[e];
+        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 ||
+            (job->material >= 0 && job->material != index))
+            continue;
+        if (job->u)
+            sbi_memory_advance_cell(job, e);
+        sbi_memory_prestress_cell(assembly, e, job->u ? 0 : job->dt);
+    }
+}
+
+static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, int material)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous)
+        return 0;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = dt;
+    job.material = material;
+    sbi_run(assembly->jobs, sbi_memory_chunk, &job, assembly->chunk_count);
+    sbi_memory_relax(assembly, u ? 0 : dt);
+    return 1;
+}
+
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt)
+{
+    return sbi_memory_run(assembly, NULL, dt, -1);
+}
+
+SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
+{
+    return sbi_memory_run(assembly, u, dt, -1);
+}
+
+SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous || assembly->materials[assembly->cell_material[cell]].prony_count == 0)
+        return;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = (sb_real)INFINITY;
+    sbi_memory_advance_cell(&job, cell);
+    sbi_memory_prestress_cell(assembly, cell, 0);
+}
+
+SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
+{
+    sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
+}
+
+/* ==== src/softbody/fem/assembly_live.c ==== */
+/* assembly_live: rings of cells, and maps of the rows that a change touched. */
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size, sbi_arena *arena)
+{
+    size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
+    live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
+    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
+    live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
+    live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
+    live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    live->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
+}
+
+/* Zeroed arrays of the capacities in `live`; 0: no memory. */
+static int sbi_assembly_live_take(sbi_assembly_live *live, int chunk_size)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    live->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&live->allocator, arena.used, 1);
+    if (!live->memory)
+        return 0;
+    arena.base = (unsigned char *)live->memory;
+    arena.used = 0;
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    return 1;
+}
+
+SBI_API void sbi_assembly_free_live(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    sb_allocator allocator;
+    if (!live)
+        return;
+    allocator = live->allocator;
+    sbi_free(&allocator, live->memory);
+    sbi_free(&allocator, live->arrays);
+    sbi_free(&allocator, live->inherited);
+    sbi_free(&allocator, live->memories);
+    sbi_free(&allocator, live);
+    assembly->live = NULL;
+}
+
+/* ---- rings ------------------------------------------------------------------------------------------------ */
+
+/* Puts a corner into the ring of its node. */
+static void sbi_ring_add(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at >= 0 && *at < corner)
+        at = live->corner_next + *at;
+    live->corner_next[corner] = *at;
+    *at = corner;
+}
+
+static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at != corner)
+        at = live->corner_next + *at;
+    *at = live->corner_next[corner];
+}
+
+/* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
+static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
+
+/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
+static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
+{
+    sbi_assembly_live *live = assembly->live;
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+        live->place[matrix->columns[q]] = q;
+        live->last[matrix->columns[q]] = -1;
+        live->pair_first[q] = -1;
+    }
+    for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
+        int e = corner / 4, a = corner % 4;
+        const int *cell = assembly->domain->cells + 4 * (size_t)e;
+        for (int b = 0; b < 4; b++) {
+            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
+            if (b >= a)
+                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
+            if (j <= i)
+                continue;
+            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
+            *next = pair;
+            live->last[j] = sbi_live_pair_index(pair);
+            live->pair_next[live->last[j]] = -1;
+        }
+    }
+}
+
+/* ---- chunks ------------------------------------------------------------------------------------------------ */
+
+static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
+{
+    sb_real sum = 0;
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
+    }
+    assembly->live->units[chunk] = sum;
+}
+
+static void sbi_assembly_sum_units(sbi_assembly *assembly)
+{
+    assembly->energy_unit = 0;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        assembly->energy_unit += assembly->live->units[chunk];
+}
+
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
+{
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_weigh_chunk(assembly, chunk);
+    sbi_assembly_sum_units(assembly);
+}
+
+/* Lists the nodes of a chunk's cells. */
+static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
+{
+    const int *cells = assembly->domain->cells;
+    sbi_assembly_live *live = assembly->live;
+    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_chunk_end(assembly, chunk), count = 0;
+    for (int k = first; k < end; k++)
+        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
+            live->marks[cells[k]] = 1;
+            live->chunk_nodes[first + count++] = cells[k];
+        }
+    for (int k = first; k < first + count; k++)
+        live->marks[live->chunk_nodes[k]] = 0;
+    live->chunk_node_count[chunk] = count;
+}
+
+/* ---- making one ------------------------------------------------------------------------------------------- */
+
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
+static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    sbi_assembly_live *live = assembly->live;
+    for (int i = 0; i < live->node_capacity; i++)
+        live->corner_first[i] = -1;
+    for (int corner = 4 * domain->cell_count; corner-- > 0;) {
+        if (!sbi_domain_is_free(domain, corner / 4))
+            sbi_ring_add(live, domain->cells[corner], corner);
+    }
+    sbi_assembly_map_rows(assembly, matrix);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_list_nodes(assembly, chunk);
+    sbi_assembly_colour(assembly, live->node_colours);
+}
+
+SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
+                                         sb_error *error)
+{
+    sbi_assembly_live *live = (sbi_assembly_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    if (live) {
+        if (allocator)
+            live->allocator = *allocator;
+        live->node_capacity = matrix->live->row_capacity;
+        live->cell_capacity = assembly->domain->cell_capacity;
+        live->block_capacity = matrix->live->block_capacity;
+        live->cell_end = assembly->domain->cell_count;
+    }
+    if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
+        sbi_free(allocator, live);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d cells", assembly->domain->cell_count);
+    }
+    assembly->live = live;
+    sbi_assembly_make_rings(assembly, matrix);
+    return SB_OK;
+}
+
+/* ---- growing ---------------------------------------------------------------------------------------------- */
+
+/* Copies what cells have from arrays that were outgrown. */
+static void sbi_assembly_copy_arrays(const sbi_assembly *from, sbi_assembly *to)
+{
+    size_t cells = (size_t)from->domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+    size_t materials = (size_t)from->material_count * 2 * sizeof(sb_material);
+    memcpy(to->rotations, from->rotations, cells * sizeof(sb_quat));
+    memcpy(to->saved_rotations, from->saved_rotations, cells * sizeof(sb_quat));
+    memcpy(to->shares, from->shares, materials);
+    memcpy(to->relaxing, from->relaxing, materials);
+    memcpy(to->scatter, from->scatter, cells * 10 * sizeof(int));
+    memcpy(to->batch_gradients, from->batch_gradients, batches * 9 * lane);
+    memcpy(to->batch_moduli, from->batch_moduli, batches * 3 * lane);
+    memcpy(to->batch_quats, from->batch_quats, batches * 4 * lane);
+    memcpy(to->saved_batch_quats, from->saved_batch_quats, batches * 4 * lane);
+    memcpy(to->ratios, from->ratios, cells * sizeof(sb_real));
+}
+
+/* The assembly's own arrays for the cells that the domain has room for; 0: no memory. */
+static int sbi_assembly_grow_arrays(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly grown = *assembly;
+    sbi_arena arena = {NULL, 0, 0};
+    int count = assembly->chunk_count;
+    void *memory;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    memory = arena.overflow ? NULL : sbi_alloc_zeroed(&assembly->live->allocator, arena.used, 1);
+    if (!memory)
+        return 0;
+    arena.base = (unsigned char *)memory;
+    arena.used = 0;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    sbi_assembly_copy_arrays(assembly, &grown);
+    memcpy(grown.colour_start, assembly->colour_start, (size_t)(assembly->colour_count + 1) * sizeof(int));
+    memcpy(grown.colour_chunks, assembly->colour_chunks, (size_t)count * sizeof(int));
+    memcpy(grown.chunk_energy, assembly->chunk_energy, (size_t)count * sizeof(sb_real));
+    memcpy(grown.chunk_bad_cell, assembly->chunk_bad_cell, (size_t)count * sizeof(int));
+    sbi_free(&assembly->live->allocator, assembly->live->arrays);
+    assembly->live->arrays = memory;
+    *assembly = grown;
+    return 1;
+}
+
+/* Viscous memory for as many cells; 0: no memory. */
+static int sbi_assembly_grow_memory(sbi_assembly *assembly)
+{
+    const sb_allocator *allocator = &assembly->live->allocator;
+    size_t stride = sbi_memory_stride(assembly), cells = (size_t)assembly->domain->cell_capacity;
+    size_t used = (size_t)assembly->domain->cell_count;
+    sb_real *history, *prestress;
+    if (!assembly->history)
+        return 1;
+    history = (sb_real *)sbi_alloc_zeroed(allocator, cells, 2 * stride * sizeof(sb_real));
+    prestress = (sb_real *)sbi_alloc_zeroed(allocator, cells, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        sbi_free(allocator, prestress);
+        return 0;
+    }
+    memcpy(history, assembly->history, used * stride * sizeof(sb_real));
+    memcpy(prestress, assembly->prestress, used * 6 * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    return 1;
+}
+
+/* Rings for the capacities of domain and matrix; 0: no memory. */
+static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly_live *live = assembly->live, grown = *live;
+    size_t cells = (size_t)assembly->domain->cell_count;
+    grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
+    grown.cell_capacity = assembly->domain->cell_capacity;
+    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
+    if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
+        return 0;
+    memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
+    for (int i = live->node_capacity; i < grown.node_capacity; i++)
+        grown.corner_first[i] = -1;
+    memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
+    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
+    memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
+    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
+    memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
+    sbi_free(&live->allocator, live->memory);
+    *live = grown;
+    return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
+{
+    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
+                                   assembly->live->node_capacity >= matrix->live->row_capacity);
+    return fits || sbi_assembly_grow_rings(assembly, matrix)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
+}
+
+/* Places to keep what parents have; 0: no memory. */
+static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    sb_quat *inherited;
+    sb_real *memories;
+    if (count <= live->inherited_capacity && stride <= live->stride)
+        return 1;
+    count = sbi_max_int(count > INT_MAX / 2 ? count : 2 * count, live->inherited_capacity);
+    inherited = (sb_quat *)sbi_alloc(&live->allocator, (size_t)count, 2 * sizeof(sb_quat));
+    memories = (sb_real *)sbi_alloc(&live->allocator, (size_t)count, (stride + 1) * sizeof(sb_real));
+    if (!inherited || !memories) {
+        sbi_free(&live->allocator, inherited);
+        sbi_free(&live->allocator, memories);
+        return 0;
+    }
+    sbi_free(&live->allocator, live->inherited);
+    sbi_free(&live->allocator, live->memories);
+    live->inherited = inherited;
+    live->memories = memories;
+    live->inherited_capacity = count;
+    live->stride = stride;
+    return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error)
+{
+    return sbi_assembly_reserve_inherited(assembly, cells)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for changes of %d cells", cells);
+}
+
+SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
+                                       sb_error *error)
+{
+    sbi_assembly_live *live = assembly->live;
+    int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
+    if (more_cells)
+        made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
+    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
+                 live->block_capacity < matrix->live->block_capacity))
+        made = sbi_assembly_grow_rings(assembly, matrix);
+    if (made)
+        made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
+    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for an assembly of %d cells", change->cell_end);
+}
+
+/* ---- following -------------------------------------------------------------------------------------------- */
+
+/* Keeps rotations and memories of the parents before any slot is used again. */
+static void sbi_assembly_read_parents(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int parent = change->made_parents ? change->made_parents[k] : -1;
+        live->inherited[2 * (size_t)k] = parent < 0 ? sb_quat_identity() : assembly->rotations[parent];
+        live->inherited[2 * (size_t)k + 1] = parent < 0 ? sb_quat_identity() : sbi_batch_get_quat(assembly, parent);
+        if (stride && parent >= 0)
+            memcpy(live->memories + (size_t)k * stride, assembly->history + (size_t)parent * stride,
+                   stride * sizeof(sb_real));
+        else if (stride)
+            memset(live->memories + (size_t)k * stride, 0, stride * sizeof(sb_real));
+    }
+}
+
+/* A cell's rotations (of the loops that take any material, and of the batches) and its memory; NULL: nothing. */
+static void sbi_assembly_set_history(sbi_assembly *assembly, int e, const sb_quat rotations[2], const sb_real *memory)
+{
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    assembly->rotations[e] = assembly->saved_rotations[e] = rotations[0];
+    sbi_batch_set_quat(assembly, e, rotations[1]);
+    if (!stride)
+        return;
+    if (memory)
+        memcpy(assembly->history + (size_t)e * stride, memory, stride * sizeof(sb_real));
+    else
+        memset(assembly->history + (size_t)e * stride, 0, stride * sizeof(sb_real));
+    memset(assembly->prestress + 6 * (size_t)e, 0, 6 * sizeof(sb_real));
+}
+
+static void sbi_assembly_blank(sbi_assembly *assembly, int e)
+{
+    sb_quat rotations[2];
+    rotations[0] = rotations[1] = sb_quat_identity();
+    sbi_assembly_set_history(assembly, e, rotations, NULL);
+    sbi_batch_set_cell(assembly, e);
+}
+
+static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
+{
+    const sb_domain *domain = assembly->domain;
+    const sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int e = old_end; e < domain->cell_count; e++) {
+        assembly->live->units[e / assembly->chunk_size] = -1;
+        sbi_assembly_blank(assembly, e);
+    }
+    for (int k = 0; k < change->removed_cell_count; k++) /* others are made below */
+        if (change->removed_cells[k] < domain->cell_count && sbi_domain_is_free(domain, change->removed_cells[k]))
+            sbi_assembly_blank(assembly, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int e = change->made_cells[k];
+        sbi_assembly_set_history(assembly, e, live->inherited + 2 * (size_t)k, live->memories + (size_t)k * stride);
+        sbi_batch_set_cell(assembly, e);
+    }
+    for (int k = 0; k < change->reshaped_cell_count; k++)
+        sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
+}
+
+static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
+{
+    if (live->marks[i])
+        return;
+    live->marks[i] = 1;
+    live->rows[live->row_count++] = i;
+}
+
+/* Takes a cell's corners out of the rings, but where one made in its slot has the same node. */
+static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *nodes)
+{
+    const sb_domain *domain = assembly->domain;
+    const int *now = e < domain->cell_count && !sbi_domain_is_free(domain, e) ? domain->cells + 4 * (size_t)e : NULL;
+    for (int a = 0; a < 4; a++) {
+        if (now && now[a] == nodes[a])
+            assembly->live->kept[e] |= (unsigned char)(1 << a);
+        else
+            sbi_ring_remove(assembly->live, nodes[a], 4 * e + a);
+        sbi_assembly_mark_row(assembly->live, nodes[a]);
+    }
+}
+
+static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *nodes)
+{
+    for (int a = 0; a < 4; a++) {
+        if (!(assembly->live->kept[e] >> a & 1))
+            sbi_ring_add(assembly->live, nodes[a], 4 * e + a);
+        sbi_assembly_mark_row(assembly->live, nodes[a]);
+    }
+    assembly->live->kept[e] = 0;
+}
+
+/* Rings of the nodes, and the list of rows whose maps change. */
+static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    live->row_count = 0;
+    for (int k = 0; k < change->removed_cell_count; k++)
+        sbi_assembly_leave_rings(assembly, change->removed_cells[k], change->removed_cell_nodes + 4 * (size_t)k);
+    for (int k = 0; k < change->made_cell_count; k++)
+        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
+    for (int k = 0; k < matrix->live->touched_count; k++)
+        sbi_assembly_mark_row(live, matrix->live->touched[k]);
+    for (int k = 0; k < live->row_count; k++) {
+        live->marks[live->rows[k]] = 0;
+        if (live->rows[k] < matrix->row_count)
+            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
+    }
+}
+
+/* Marks the chunks of changed cells. */
+static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
+{
+    for (int k = 0; k < count; k++)
+        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
+}
+
+/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
+static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
+    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
+    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (live->units[chunk] < 0) {
+            sbi_assembly_weigh_chunk(assembly, chunk);
+            live->chunk_node_count[chunk] = -1;
+        }
+    sbi_assembly_sum_units(assembly);
+    live->colours_are_old = 1;
+}
+
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    if (!live || !live->colours_are_old)
+        return;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (live->chunk_node_count[chunk] < 0)
+            sbi_assembly_list_nodes(assembly, chunk);
+    sbi_assembly_colour(assembly, live->node_colours);
+    live->colours_are_old = 0;
+}
+
+SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    const sb_domain *domain = assembly->domain;
+    int old_end = assembly->live->cell_end;
+    sbi_assembly_read_parents(assembly, change);
+    assembly->live->cell_end = domain->cell_count;
+    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
+    sbi_assembly_follow_cells(assembly, change, old_end);
+    sbi_assembly_follow_rings(assembly, matrix, change);
+    sbi_assembly_follow_chunks(assembly, change);
+    if (assembly->viscous)
+        sbi_assembly_begin_step(assembly, 0);
+}
+
+/* ==== src/softbody/fem/assembly.c ==== */
+/* assembly: loops over integration points. */
+
+#include <string.h>
+
+/* ---- set-up ---- */
 
 static void sbi_assembly_map_blocks(sbi_assembly *assembly, const sb_matrix *matrix)
 {
@@ -43414,6 +44209,24 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
     sbi_assembly_reset_rotations(assembly);
 }
 
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
+{
+    size_t q = (size_t)to->domain->points_per_cell;
+    memcpy(to->rotations + (size_t)cell * q, from->rotations + (size_t)old * q, q * sizeof *to->rotations);
+    sbi_batch_copy_cell(to, cell, from, old);
+    if (to->history && from->history && to->terms == from->terms) {
+        size_t stride = q * sbi_memory_stride(to);
+        memcpy(to->history + (size_t)cell * stride, from->history + (size_t)old * stride, stride * sizeof(sb_real));
+    }
+}
+
+SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator)
+{
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+    sbi_assembly_free_live(assembly);
+}
+
 /* ---- chunks on threads ---- */
 
 typedef enum sbi_assembly_work {
@@ -43452,7 +44265,7 @@ static int sbi_assembly_run(sbi_assembly_job *job)
     return -1;
 }
 
-/* ---- one cell: gather, deformation gradient ---- */
+/* ---- one cell ---- */
 
 /* What is special about a cell's points, a literal like their number: */
 enum {
@@ -43473,37 +44286,6 @@ SBI_FORCE_INLINE int sbi_cell_ordinary(const int q, const int scheme) { return q
 SBI_FORCE_INLINE const sb_material *sbi_cell_shares(const sbi_assembly *assembly, int e)
 {
     return assembly->shares + 2 * (size_t)assembly->cell_material[e];
-}
-
-SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
-{
-    for (int a = 0; a < n; a++) {
-        local[a][0] = u[cell[a]].x;
-        local[a][1] = u[cell[a]].y;
-        local[a][2] = u[cell[a]].z;
-    }
-}
-
-/* F = I + sum_a u_a g_a^T: displacements, not positions, so that rest is exact wherever the mesh lies. */
-SBI_FORCE_INLINE sb_mat3 sbi_cell_deformation(const sb_real (*u)[3], const sb_real *gradients, const int n)
-{
-    sb_mat3 f = sb_m3_identity();
-    for (int a = 0; a < n; a++)
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                f.m[i][j] += u[a][i] * gradients[3 * a + j];
-    return f;
-}
-
-/* Deformation gradients of all points of a cell. */
-SBI_FORCE_INLINE void sbi_cell_deformations(const sb_domain *domain, int e, const sb_vec3 *u, const int n, const int q,
-                                            sb_mat3 *f)
-{
-    const sb_real *gradients = domain->gradients + (size_t)e * (size_t)q * 3 * (size_t)n;
-    sb_real local[SB_MAX_ELEMENT_NODES][3];
-    sbi_cell_gather(domain->cells + (size_t)e * (size_t)n, u, n, local);
-    for (int p = 0; p < q; p++)
-        f[p] = sbi_cell_deformation((const sb_real(*)[3])local, gradients + p * 3 * n, n);
 }
 
 /* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
@@ -43968,76 +44750,7 @@ static void sbi_assembly_chunk(void *user, int index)
     assembly->chunk_bad_cell[chunk] = bad;
 }
 
-/* ---- memory of materials with Prony terms ---- */
-
-/* Number of reals that a point remembers. */
-SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
-
-static size_t sbi_memory_points(const sbi_assembly *assembly)
-{
-    return (size_t)assembly->domain->cell_count * (size_t)assembly->domain->points_per_cell;
-}
-
-SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
-                                              sb_error *error)
-{
-    size_t points = (size_t)sbi_assembly_cell_room(assembly->domain) * (size_t)assembly->domain->points_per_cell;
-    size_t old_stride = sbi_memory_stride(assembly), stride;
-    sb_real *history, *prestress = assembly->prestress;
-    if (terms <= assembly->terms)
-        return SB_OK;
-    stride = 6 * (1 + (size_t)terms);
-    history =
-        (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
-    if (!prestress)
-        prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
-    if (!history || !prestress) {
-        sbi_free(allocator, history);
-        if (!assembly->prestress)
-            sbi_free(allocator, prestress);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
-                        assembly->domain->cell_count);
-    }
-    for (size_t p = 0; assembly->history && p < sbi_memory_points(assembly); p++)
-        memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
-    sbi_free(allocator, assembly->history);
-    assembly->history = history;
-    assembly->prestress = prestress;
-    assembly->terms = terms;
-    return SB_OK;
-}
-
-/* Copies the memory to the second half of its block, or back. */
-static void sbi_memory_copy(sbi_assembly *assembly, int restore)
-{
-    size_t bytes = 0, count;
-    sb_real *history = sbi_assembly_memory(assembly, &bytes);
-    count = bytes / sizeof(sb_real);
-    if (history)
-        memcpy(restore ? history : history + count, restore ? history + count : history, bytes);
-}
-
-SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 0); }
-SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 1); }
-
-SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly)
-{
-    if (assembly->viscous)
-        memset(assembly->prestress, 0, sbi_memory_points(assembly) * 6 * sizeof(sb_real));
-}
-
-SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator)
-{
-    sbi_free(allocator, assembly->history);
-    sbi_free(allocator, assembly->prestress);
-    sbi_assembly_free_live(assembly);
-}
-
-SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
-{
-    *bytes = assembly->viscous ? sbi_memory_points(assembly) * sbi_memory_stride(assembly) * sizeof(sb_real) : 0;
-    return assembly->viscous ? assembly->history : NULL;
-}
+/* ---- entry points ---- */
 
 /* Shares of the materials as they are, and of what relaxes of them. */
 static void sbi_assembly_derive(sbi_assembly *assembly)
@@ -44053,160 +44766,6 @@ static void sbi_assembly_derive(sbi_assembly *assembly)
         }
     }
 }
-
-/* The shares of materials with Prony terms for a step of dt. */
-static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
-{
-    int split = assembly->domain->mean_point;
-    for (int i = 0; i < assembly->material_count; i++) {
-        const sb_material *material = assembly->materials + i;
-        sb_material relaxed;
-        if (material->prony_count == 0)
-            continue;
-        relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
-        for (int k = 0; k < 2; k++)
-            assembly->shares[2 * i + k] = sbi_material_share_of(&relaxed, !split ? SBI_SHARE_WHOLE
-                                                                          : k    ? SBI_SHARE_VOLUME
-                                                                                 : SBI_SHARE_SHEAR);
-    }
-}
-
-/* What J F^-1 P is to be multiplied with for the S0 that a point remembers: 1/J, but nothing where a model that may be
- * inside out is, and a continuous way between. S would grow without bound towards J = 0, where such a model has no
- * energy to keep it away, and the memory would hold the point there; this way S0 is bounded by |cof F| |P| / least, and
- * a point inside out forgets. Models with a barrier at J = 0 remember everything. */
-static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
-{
-    const sb_real least = (sb_real)0.05;
-    if (!(J > 0))
-        return 0;
-    return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
-}
-
-/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
-static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
-{
-    static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
-    sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
-    sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
-    int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
-    if (finite)
-        p = sb_m3_tmul(cofactor, p);
-    for (int k = 0; k < 6; k++) {
-        s0[k] = finite ? (sb_real)0.5 * weight * (p.m[row[k]][column[k]] + p.m[column[k]][row[k]]) : 0;
-        finite &= sb_is_finite(s0[k]);
-    }
-    for (int k = 0; k < 6 && !finite; k++)
-        s0[k] = 0;
-}
-
-typedef struct sbi_memory_job {
-    sbi_assembly *assembly;
-    const sb_vec3 *u; /* the end of a step of dt, or NULL */
-    sb_real dt;
-    int material; /* of the cells in question, or -1 */
-} sbi_memory_job;
-
-/* The memory of a cell moves on to the end of a step. */
-static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
-{
-    sbi_assembly *assembly = job->assembly;
-    const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell, index = assembly->cell_material[e];
-    size_t stride = sbi_memory_stride(assembly);
-    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
-    sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
-    for (int p = 0; p < q; p++) {
-        int is_mean = domain->mean_point && p == q - 1;
-        const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
-        const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
-        sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
-        sbi_memory_instant(relaxing, &f[p], fibre, s0);
-        sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
-        memcpy(point, s0, sizeof s0);
-    }
-}
-
-/* H of a cell's points for a step of dt. */
-static void sbi_memory_prestress_cell(sbi_assembly *assembly, int e, sb_real dt)
-{
-    size_t stride = sbi_memory_stride(assembly), q = (size_t)assembly->domain->points_per_cell;
-    for (size_t at = (size_t)e * q; at < (size_t)(e + 1) * q; at++) {
-        sb_real *point = assembly->history + at * stride;
-        sbi_prony_prestress(assembly->materials + assembly->cell_material[e], dt, point,
-                            (const sb_real(*)[6])(point + 6), assembly->prestress + 6 * at);
-    }
-}
-
-static void sbi_memory_chunk(void *user, int chunk)
-{
-    const sbi_memory_job *job = (const sbi_memory_job *)user;
-    sbi_assembly *assembly = job->assembly;
-    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
-        int index = assembly->cell_material[e];
-        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 ||
-            (job->material >= 0 && job->material != index))
-            continue;
-        if (job->u)
-            sbi_memory_advance_cell(job, e);
-        sbi_memory_prestress_cell(assembly, e, job->u ? 0 : job->dt);
-    }
-}
-
-static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, int material)
-{
-    sbi_memory_job job = {NULL, NULL, 0, 0};
-    if (!assembly->viscous)
-        return 0;
-    job.assembly = assembly;
-    job.u = u;
-    job.dt = dt;
-    job.material = material;
-    sbi_run(assembly->jobs, sbi_memory_chunk, &job, assembly->chunk_count);
-    sbi_memory_relax(assembly, u ? 0 : dt);
-    return 1;
-}
-
-SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt)
-{
-    return sbi_memory_run(assembly, NULL, dt, -1);
-}
-
-SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
-{
-    return sbi_memory_run(assembly, u, dt, -1);
-}
-
-SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u)
-{
-    sbi_memory_job job = {NULL, NULL, 0, 0};
-    if (!assembly->viscous || assembly->materials[assembly->cell_material[cell]].prony_count == 0)
-        return;
-    job.assembly = assembly;
-    job.u = u;
-    job.dt = (sb_real)INFINITY;
-    sbi_memory_advance_cell(&job, cell);
-    sbi_memory_prestress_cell(assembly, cell, 0);
-}
-
-SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
-{
-    size_t q = (size_t)to->domain->points_per_cell;
-    memcpy(to->rotations + (size_t)cell * q, from->rotations + (size_t)old * q, q * sizeof *to->rotations);
-    sbi_batch_copy_cell(to, cell, from, old);
-    if (to->history && from->history && to->terms == from->terms) {
-        size_t stride = q * sbi_memory_stride(to);
-        memcpy(to->history + (size_t)cell * stride, from->history + (size_t)old * stride, stride * sizeof(sb_real));
-    }
-}
-
-SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
-{
-    sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
-}
-
-/* ---- entry points ---- */
 
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material)
@@ -44309,516 +44868,6 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
-}
-
-/* ==== src/softbody/fem/assembly_live.c ==== */
-/* assembly_live: rings of cells, and maps of the rows that a change touched. */
-
-#include <limits.h>
-#include <string.h>
-
-/* ---- memory -------------------------------------------------------------------------------------------- */
-
-static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size, sbi_arena *arena)
-{
-    size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
-    live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
-    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
-    live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
-    live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
-    live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
-    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
-    live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
-    live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
-    live->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
-}
-
-/* Zeroed arrays of the capacities in `live`; 0: no memory. */
-static int sbi_assembly_live_take(sbi_assembly_live *live, int chunk_size)
-{
-    sbi_arena arena = {NULL, 0, 0};
-    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
-    live->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&live->allocator, arena.used, 1);
-    if (!live->memory)
-        return 0;
-    arena.base = (unsigned char *)live->memory;
-    arena.used = 0;
-    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
-    return 1;
-}
-
-SBI_API void sbi_assembly_free_live(sbi_assembly *assembly)
-{
-    sbi_assembly_live *live = assembly->live;
-    sb_allocator allocator;
-    if (!live)
-        return;
-    allocator = live->allocator;
-    sbi_free(&allocator, live->memory);
-    sbi_free(&allocator, live->arrays);
-    sbi_free(&allocator, live->inherited);
-    sbi_free(&allocator, live->memories);
-    sbi_free(&allocator, live);
-    assembly->live = NULL;
-}
-
-/* ---- rings ------------------------------------------------------------------------------------------------ */
-
-/* Puts a corner into the ring of its node. */
-static void sbi_ring_add(sbi_assembly_live *live, int node, int corner)
-{
-    int *at = live->corner_first + node;
-    while (*at >= 0 && *at < corner)
-        at = live->corner_next + *at;
-    live->corner_next[corner] = *at;
-    *at = corner;
-}
-
-static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
-{
-    int *at = live->corner_first + node;
-    while (*at != corner)
-        at = live->corner_next + *at;
-    *at = live->corner_next[corner];
-}
-
-/* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
-static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
-
-/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
-static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
-{
-    sbi_assembly_live *live = assembly->live;
-    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
-        live->place[matrix->columns[q]] = q;
-        live->last[matrix->columns[q]] = -1;
-        live->pair_first[q] = -1;
-    }
-    for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
-        int e = corner / 4, a = corner % 4;
-        const int *cell = assembly->domain->cells + 4 * (size_t)e;
-        for (int b = 0; b < 4; b++) {
-            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
-            if (b >= a)
-                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
-            if (j <= i)
-                continue;
-            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
-            *next = pair;
-            live->last[j] = sbi_live_pair_index(pair);
-            live->pair_next[live->last[j]] = -1;
-        }
-    }
-}
-
-/* ---- chunks ------------------------------------------------------------------------------------------------ */
-
-static int sbi_assembly_live_end(const sbi_assembly *assembly, int chunk)
-{
-    int begin = chunk * assembly->chunk_size;
-    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
-}
-
-static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
-{
-    sb_real sum = 0;
-    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_live_end(assembly, chunk); e++) {
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
-        sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
-    }
-    assembly->live->units[chunk] = sum;
-}
-
-static void sbi_assembly_sum_units(sbi_assembly *assembly)
-{
-    assembly->energy_unit = 0;
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        assembly->energy_unit += assembly->live->units[chunk];
-}
-
-SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
-{
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        sbi_assembly_weigh_chunk(assembly, chunk);
-    sbi_assembly_sum_units(assembly);
-}
-
-/* Lists the nodes of a chunk's cells. */
-static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
-{
-    const int *cells = assembly->domain->cells;
-    sbi_assembly_live *live = assembly->live;
-    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
-    for (int k = first; k < end; k++)
-        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
-            live->marks[cells[k]] = 1;
-            live->chunk_nodes[first + count++] = cells[k];
-        }
-    for (int k = first; k < first + count; k++)
-        live->marks[live->chunk_nodes[k]] = 0;
-    live->chunk_node_count[chunk] = count;
-}
-
-/* ---- making one ------------------------------------------------------------------------------------------- */
-
-SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_assembly_map_row(assembly, matrix, i);
-}
-
-static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    const sb_domain *domain = assembly->domain;
-    sbi_assembly_live *live = assembly->live;
-    for (int i = 0; i < live->node_capacity; i++)
-        live->corner_first[i] = -1;
-    for (int corner = 4 * domain->cell_count; corner-- > 0;) {
-        if (!sbi_domain_is_free(domain, corner / 4))
-            sbi_ring_add(live, domain->cells[corner], corner);
-    }
-    sbi_assembly_map_rows(assembly, matrix);
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        sbi_assembly_list_nodes(assembly, chunk);
-    sbi_assembly_colour(assembly, live->node_colours);
-}
-
-SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
-                                         sb_error *error)
-{
-    sbi_assembly_live *live = (sbi_assembly_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
-    if (live) {
-        if (allocator)
-            live->allocator = *allocator;
-        live->node_capacity = matrix->live->row_capacity;
-        live->cell_capacity = assembly->domain->cell_capacity;
-        live->block_capacity = matrix->live->block_capacity;
-        live->cell_end = assembly->domain->cell_count;
-    }
-    if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
-        sbi_free(allocator, live);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d cells", assembly->domain->cell_count);
-    }
-    assembly->live = live;
-    sbi_assembly_make_rings(assembly, matrix);
-    return SB_OK;
-}
-
-/* ---- growing ---------------------------------------------------------------------------------------------- */
-
-/* Copies what cells have from arrays that were outgrown. */
-static void sbi_assembly_copy_arrays(const sbi_assembly *from, sbi_assembly *to)
-{
-    size_t cells = (size_t)from->domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
-    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
-    size_t materials = (size_t)from->material_count * 2 * sizeof(sb_material);
-    memcpy(to->rotations, from->rotations, cells * sizeof(sb_quat));
-    memcpy(to->saved_rotations, from->saved_rotations, cells * sizeof(sb_quat));
-    memcpy(to->shares, from->shares, materials);
-    memcpy(to->relaxing, from->relaxing, materials);
-    memcpy(to->scatter, from->scatter, cells * 10 * sizeof(int));
-    memcpy(to->batch_gradients, from->batch_gradients, batches * 9 * lane);
-    memcpy(to->batch_moduli, from->batch_moduli, batches * 3 * lane);
-    memcpy(to->batch_quats, from->batch_quats, batches * 4 * lane);
-    memcpy(to->saved_batch_quats, from->saved_batch_quats, batches * 4 * lane);
-    memcpy(to->ratios, from->ratios, cells * sizeof(sb_real));
-}
-
-/* The assembly's own arrays for the cells that the domain has room for; 0: no memory. */
-static int sbi_assembly_grow_arrays(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    sbi_assembly grown = *assembly;
-    sbi_arena arena = {NULL, 0, 0};
-    int count = assembly->chunk_count;
-    void *memory;
-    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
-    memory = arena.overflow ? NULL : sbi_alloc_zeroed(&assembly->live->allocator, arena.used, 1);
-    if (!memory)
-        return 0;
-    arena.base = (unsigned char *)memory;
-    arena.used = 0;
-    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
-    sbi_assembly_copy_arrays(assembly, &grown);
-    memcpy(grown.colour_start, assembly->colour_start, (size_t)(assembly->colour_count + 1) * sizeof(int));
-    memcpy(grown.colour_chunks, assembly->colour_chunks, (size_t)count * sizeof(int));
-    memcpy(grown.chunk_energy, assembly->chunk_energy, (size_t)count * sizeof(sb_real));
-    memcpy(grown.chunk_bad_cell, assembly->chunk_bad_cell, (size_t)count * sizeof(int));
-    sbi_free(&assembly->live->allocator, assembly->live->arrays);
-    assembly->live->arrays = memory;
-    *assembly = grown;
-    return 1;
-}
-
-/* Viscous memory for as many cells; 0: no memory. */
-static int sbi_assembly_grow_memory(sbi_assembly *assembly)
-{
-    const sb_allocator *allocator = &assembly->live->allocator;
-    size_t stride = sbi_memory_stride(assembly), cells = (size_t)assembly->domain->cell_capacity;
-    size_t used = (size_t)assembly->domain->cell_count;
-    sb_real *history, *prestress;
-    if (!assembly->history)
-        return 1;
-    history = (sb_real *)sbi_alloc_zeroed(allocator, cells, 2 * stride * sizeof(sb_real));
-    prestress = (sb_real *)sbi_alloc_zeroed(allocator, cells, 6 * sizeof(sb_real));
-    if (!history || !prestress) {
-        sbi_free(allocator, history);
-        sbi_free(allocator, prestress);
-        return 0;
-    }
-    memcpy(history, assembly->history, used * stride * sizeof(sb_real));
-    memcpy(prestress, assembly->prestress, used * 6 * sizeof(sb_real));
-    sbi_free(allocator, assembly->history);
-    sbi_free(allocator, assembly->prestress);
-    assembly->history = history;
-    assembly->prestress = prestress;
-    return 1;
-}
-
-/* Rings for the capacities of domain and matrix; 0: no memory. */
-static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    sbi_assembly_live *live = assembly->live, grown = *live;
-    size_t cells = (size_t)assembly->domain->cell_count;
-    grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
-    grown.cell_capacity = assembly->domain->cell_capacity;
-    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
-    if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
-        return 0;
-    memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
-    for (int i = live->node_capacity; i < grown.node_capacity; i++)
-        grown.corner_first[i] = -1;
-    memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
-    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
-    memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
-    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
-    memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
-    memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
-    sbi_free(&live->allocator, live->memory);
-    *live = grown;
-    return 1;
-}
-
-SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
-{
-    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
-                                   assembly->live->node_capacity >= matrix->live->row_capacity);
-    return fits || sbi_assembly_grow_rings(assembly, matrix)
-               ? SB_OK
-               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
-}
-
-/* Places to keep what parents have; 0: no memory. */
-static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
-{
-    sbi_assembly_live *live = assembly->live;
-    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    sb_quat *inherited;
-    sb_real *memories;
-    if (count <= live->inherited_capacity && stride <= live->stride)
-        return 1;
-    count = sbi_max_int(count > INT_MAX / 2 ? count : 2 * count, live->inherited_capacity);
-    inherited = (sb_quat *)sbi_alloc(&live->allocator, (size_t)count, 2 * sizeof(sb_quat));
-    memories = (sb_real *)sbi_alloc(&live->allocator, (size_t)count, (stride + 1) * sizeof(sb_real));
-    if (!inherited || !memories) {
-        sbi_free(&live->allocator, inherited);
-        sbi_free(&live->allocator, memories);
-        return 0;
-    }
-    sbi_free(&live->allocator, live->inherited);
-    sbi_free(&live->allocator, live->memories);
-    live->inherited = inherited;
-    live->memories = memories;
-    live->inherited_capacity = count;
-    live->stride = stride;
-    return 1;
-}
-
-SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error)
-{
-    return sbi_assembly_reserve_inherited(assembly, cells)
-               ? SB_OK
-               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for changes of %d cells", cells);
-}
-
-SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
-                                       sb_error *error)
-{
-    sbi_assembly_live *live = assembly->live;
-    int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
-    if (more_cells)
-        made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
-    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
-                 live->block_capacity < matrix->live->block_capacity))
-        made = sbi_assembly_grow_rings(assembly, matrix);
-    if (made)
-        made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
-    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for an assembly of %d cells", change->cell_end);
-}
-
-/* ---- following -------------------------------------------------------------------------------------------- */
-
-/* Keeps rotations and memories of the parents before any slot is used again. */
-static void sbi_assembly_read_parents(sbi_assembly *assembly, const sbi_mesh_change *change)
-{
-    sbi_assembly_live *live = assembly->live;
-    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    for (int k = 0; k < change->made_cell_count; k++) {
-        int parent = change->made_parents ? change->made_parents[k] : -1;
-        live->inherited[2 * (size_t)k] = parent < 0 ? sb_quat_identity() : assembly->rotations[parent];
-        live->inherited[2 * (size_t)k + 1] = parent < 0 ? sb_quat_identity() : sbi_batch_get_quat(assembly, parent);
-        if (stride && parent >= 0)
-            memcpy(live->memories + (size_t)k * stride, assembly->history + (size_t)parent * stride,
-                   stride * sizeof(sb_real));
-        else if (stride)
-            memset(live->memories + (size_t)k * stride, 0, stride * sizeof(sb_real));
-    }
-}
-
-/* A cell's rotations (of the loops that take any material, and of the batches) and its memory; NULL: nothing. */
-static void sbi_assembly_set_history(sbi_assembly *assembly, int e, const sb_quat rotations[2], const sb_real *memory)
-{
-    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    assembly->rotations[e] = assembly->saved_rotations[e] = rotations[0];
-    sbi_batch_set_quat(assembly, e, rotations[1]);
-    if (!stride)
-        return;
-    if (memory)
-        memcpy(assembly->history + (size_t)e * stride, memory, stride * sizeof(sb_real));
-    else
-        memset(assembly->history + (size_t)e * stride, 0, stride * sizeof(sb_real));
-    memset(assembly->prestress + 6 * (size_t)e, 0, 6 * sizeof(sb_real));
-}
-
-static void sbi_assembly_blank(sbi_assembly *assembly, int e)
-{
-    sb_quat rotations[2];
-    rotations[0] = rotations[1] = sb_quat_identity();
-    sbi_assembly_set_history(assembly, e, rotations, NULL);
-    sbi_batch_set_cell(assembly, e);
-}
-
-static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
-{
-    const sb_domain *domain = assembly->domain;
-    const sbi_assembly_live *live = assembly->live;
-    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    for (int e = old_end; e < domain->cell_count; e++) {
-        assembly->live->units[e / assembly->chunk_size] = -1;
-        sbi_assembly_blank(assembly, e);
-    }
-    for (int k = 0; k < change->removed_cell_count; k++) /* others are made below */
-        if (change->removed_cells[k] < domain->cell_count && sbi_domain_is_free(domain, change->removed_cells[k]))
-            sbi_assembly_blank(assembly, change->removed_cells[k]);
-    for (int k = 0; k < change->made_cell_count; k++) {
-        int e = change->made_cells[k];
-        sbi_assembly_set_history(assembly, e, live->inherited + 2 * (size_t)k, live->memories + (size_t)k * stride);
-        sbi_batch_set_cell(assembly, e);
-    }
-    for (int k = 0; k < change->reshaped_cell_count; k++)
-        sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
-}
-
-static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
-{
-    if (live->marks[i])
-        return;
-    live->marks[i] = 1;
-    live->rows[live->row_count++] = i;
-}
-
-/* Takes a cell's corners out of the rings, but where one made in its slot has the same node. */
-static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *nodes)
-{
-    const sb_domain *domain = assembly->domain;
-    const int *now = e < domain->cell_count && !sbi_domain_is_free(domain, e) ? domain->cells + 4 * (size_t)e : NULL;
-    for (int a = 0; a < 4; a++) {
-        if (now && now[a] == nodes[a])
-            assembly->live->kept[e] |= (unsigned char)(1 << a);
-        else
-            sbi_ring_remove(assembly->live, nodes[a], 4 * e + a);
-        sbi_assembly_mark_row(assembly->live, nodes[a]);
-    }
-}
-
-static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *nodes)
-{
-    for (int a = 0; a < 4; a++) {
-        if (!(assembly->live->kept[e] >> a & 1))
-            sbi_ring_add(assembly->live, nodes[a], 4 * e + a);
-        sbi_assembly_mark_row(assembly->live, nodes[a]);
-    }
-    assembly->live->kept[e] = 0;
-}
-
-/* Rings of the nodes, and the list of rows whose maps change. */
-static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
-{
-    sbi_assembly_live *live = assembly->live;
-    live->row_count = 0;
-    for (int k = 0; k < change->removed_cell_count; k++)
-        sbi_assembly_leave_rings(assembly, change->removed_cells[k], change->removed_cell_nodes + 4 * (size_t)k);
-    for (int k = 0; k < change->made_cell_count; k++)
-        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
-    for (int k = 0; k < matrix->live->touched_count; k++)
-        sbi_assembly_mark_row(live, matrix->live->touched[k]);
-    for (int k = 0; k < live->row_count; k++) {
-        live->marks[live->rows[k]] = 0;
-        if (live->rows[k] < matrix->row_count)
-            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
-    }
-}
-
-/* Marks the chunks of changed cells. */
-static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
-{
-    for (int k = 0; k < count; k++)
-        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
-}
-
-/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
-static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
-{
-    sbi_assembly_live *live = assembly->live;
-    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
-    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
-    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (live->units[chunk] < 0) {
-            sbi_assembly_weigh_chunk(assembly, chunk);
-            live->chunk_node_count[chunk] = -1;
-        }
-    sbi_assembly_sum_units(assembly);
-    live->colours_are_old = 1;
-}
-
-SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
-{
-    sbi_assembly_live *live = assembly->live;
-    if (!live || !live->colours_are_old)
-        return;
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (live->chunk_node_count[chunk] < 0)
-            sbi_assembly_list_nodes(assembly, chunk);
-    sbi_assembly_colour(assembly, live->node_colours);
-    live->colours_are_old = 0;
-}
-
-SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
-{
-    const sb_domain *domain = assembly->domain;
-    int old_end = assembly->live->cell_end;
-    sbi_assembly_read_parents(assembly, change);
-    assembly->live->cell_end = domain->cell_count;
-    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
-    sbi_assembly_follow_cells(assembly, change, old_end);
-    sbi_assembly_follow_rings(assembly, matrix, change);
-    sbi_assembly_follow_chunks(assembly, change);
-    if (assembly->viscous)
-        sbi_assembly_begin_step(assembly, 0);
 }
 
 /* ==== src/softbody/body/elimination.h ==== */
@@ -46122,6 +46171,9 @@ SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error);
 SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from); /* all arrays by node */
 SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the other's */
 SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
+/* gives back the body and all that it has, once nobody listens to it and no change of its mesh is under way; NULL is
+ * fine; */
+SBI_API void sbi_body_release(sb_body *body);
 /* parts of the nodes and their boxes; holds the nodes of no element; */
 SBI_API void sbi_body_label_nodes(sb_body *body);
 /* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not
@@ -46285,7 +46337,9 @@ typedef struct sbi_live_mesh {
 SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
-SBI_API void sbi_live_destroy(sb_body *body);
+SBI_API void sbi_live_free(sb_body *body);
+/* Tells all who listen that the body ends, and ends the change under way. */
+SBI_API void sbi_live_end(sb_body *body);
 SBI_API void sbi_change_destroy(sb_body_change *change); /* NULL is fine */
 /* A change with lists for so many cells, for the first to begin. */
 SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error);
@@ -46305,7 +46359,7 @@ SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
 /* *next = a body like this one with another mesh, at rest, without supports, loads and constraints. SB_ERROR_MESH: a
  * cell inside out; SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh, sb_body **next, sb_error *error);
-/* Brings motion, supports, loads and constraints over to it. On failure it is good for sb_body_destroy only. */
+/* Brings motion, supports, loads and constraints over to it. On failure it is good for sbi_body_release only. */
 SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *change, const sbi_live_mesh *mesh,
                                  sb_body *next, sb_error *error);
 /* The same of loads and constraints. */
@@ -48473,479 +48527,6 @@ SB_API const char *sb_check_string(unsigned warning)
     }
 }
 
-/* ==== src/softbody/body/body.c ==== */
-/* body: made and taken away; settings, and who hears of changes. */
-
-#include <string.h>
-
-#define SBI_BODY_COOKIE 0x5b0d1u
-
-SB_API sb_body_def sb_default_body_def(void)
-{
-    sb_body_def def;
-    memset(&def, 0, sizeof def);
-    def.integration = SB_INTEGRATION_AUTO;
-    def.mass = SB_MASS_LUMPED;
-    def.integrator = SB_EULER;
-    def.preconditioner = SB_PRECOND_AUTO;
-    def.levels = NULL;
-    def.level_count = 0;
-    def.slack = 0;
-    def.tolerance = (sb_real)1e-3;
-    def.max_iterations = 500;
-    def.max_newton = SB_AUTO;
-    def.spectral_radius = (sb_real)0.5;
-    def.max_substeps = 10000;
-    def.newton_tolerance = (sb_real)1e-6;
-    def.cookie = SBI_BODY_COOKIE;
-    return def;
-}
-
-/* ---- creation: arguments ---- */
-
-SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
-{
-    if (!sb_v3_is_finite(def->gravity))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
-    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
-        !sb_is_finite(def->damping_stiffness))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
-                        (double)def->damping_mass, (double)def->damping_stiffness);
-    if (!(def->tolerance > 0) || !(def->tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
-    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
-                        (double)def->newton_tolerance);
-    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
-                        def->max_iterations, def->max_newton);
-    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
-    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
-                        (double)def->spectral_radius);
-    if (def->max_substeps < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
-    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
-    if (!(def->slack >= 0) || !(def->slack <= 1000))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.slack %g must be in [0, 1000]", (double)def->slack);
-    if (def->allocator.alloc && !def->allocator.release)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
-                        (double)def->damping_stiffness);
-    return SB_OK;
-}
-
-static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
-{
-    sb_result result;
-    if (def->cookie != SBI_BODY_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
-    if (!def->mesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
-    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
-    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
-    result = sbi_body_check_settings(def, error);
-    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
-        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
-    return result;
-}
-
-/* ---- creation: memory ---- */
-
-/* The vectors by node, which a live mesh carries over when it grows. */
-enum { SBI_BODY_VECTORS = 26 };
-static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
-{
-    sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
-                                        &body->position,
-                                        &body->displacement,
-                                        &body->velocity,
-                                        &body->target,
-                                        &body->dead_load,
-                                        &body->acceleration,
-                                        &body->internal,
-                                        &body->external,
-                                        &body->follower,
-                                        &body->equilibrated,
-                                        &body->residual,
-                                        &body->rhs,
-                                        &body->increment,
-                                        &body->reaction,
-                                        &body->velocity0,
-                                        &body->acceleration0,
-                                        &body->start,
-                                        &body->saved_velocity,
-                                        &body->saved_acceleration,
-                                        &body->saved_reaction,
-                                        &body->saved_external,
-                                        &body->saved_internal,
-                                        &body->converged,
-                                        &body->work,
-                                        &body->work2};
-    memcpy(vectors, list, sizeof list);
-}
-
-/* Lays out every array by node slot; walked once to measure and once to hand out. */
-static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
-{
-    size_t n = (size_t)body->node_capacity;
-    sb_vec3 **vectors[SBI_BODY_VECTORS];
-    sbi_body_list_vectors(body, vectors);
-    for (int i = 0; i < SBI_BODY_VECTORS; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
-    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-}
-
-/* The same for what depends on cells, parts and the matrix. */
-static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
-{
-    size_t parts = (size_t)sbi_live_part_room(body);
-    body->part_scale =
-        (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity), sizeof(sb_real));
-    if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks =
-            (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
-    body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
-    body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
-    body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
-    body->component_faces = (int(*)[6])sbi_arena_take(arena, parts, sizeof body->component_faces[0]);
-    body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
-    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
-}
-
-/* One block of zeros for a layout, or NULL. */
-static void *sbi_body_take_layout(sb_body *body, void (*layout)(sb_body *body, sbi_arena *arena))
-{
-    sbi_arena arena = {NULL, 0, 0};
-    unsigned char *base;
-    layout(body, &arena);
-    base = arena.overflow || arena.used > (size_t)-1 - 64
-               ? NULL
-               : (unsigned char *)sbi_alloc_zeroed(&body->allocator, arena.used + 64, 1);
-    if (!base)
-        return NULL;
-    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
-    arena.used = 0;
-    layout(body, &arena);
-    return base;
-}
-
-SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error)
-{
-    body->memory = sbi_body_take_layout(body, sbi_body_layout_nodes);
-    return body->memory ? SB_OK
-                        : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->node_capacity);
-}
-
-SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error)
-{
-    body->topology_memory = sbi_body_take_layout(body, sbi_body_layout_topology);
-    return body->topology_memory
-               ? SB_OK
-               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements", body->domain.cell_count);
-}
-
-SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
-{
-    size_t n = (size_t)sbi_min_int(to->node_capacity, from->node_capacity);
-    sb_vec3 **out[SBI_BODY_VECTORS], **in[SBI_BODY_VECTORS];
-    sbi_body_list_vectors(to, out);
-    sbi_body_list_vectors(from, in);
-    for (int i = 0; i < SBI_BODY_VECTORS; i++)
-        memcpy(*out[i], *in[i], n * sizeof(sb_vec3));
-    memcpy(to->lumped_mass, from->lumped_mass, n * sizeof(sb_real));
-    memcpy(to->load_mass, from->load_mass, n * sizeof(sb_real));
-    memcpy(to->fixed, from->fixed, n);
-    memcpy(to->node_component, from->node_component, n * sizeof(int));
-}
-
-SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
-{
-    sb_vec3 **left[SBI_BODY_VECTORS], **right[SBI_BODY_VECTORS];
-    sb_body other = *a;
-    sbi_body_list_vectors(a, left);
-    sbi_body_list_vectors(b, right);
-    for (int i = 0; i < SBI_BODY_VECTORS; i++) {
-        sb_vec3 *vector = *left[i];
-        *left[i] = *right[i];
-        *right[i] = vector;
-    }
-    a->lumped_mass = b->lumped_mass, b->lumped_mass = other.lumped_mass;
-    a->load_mass = b->load_mass, b->load_mass = other.load_mass;
-    a->fixed = b->fixed, b->fixed = other.fixed;
-    a->node_component = b->node_component, b->node_component = other.node_component;
-    a->memory = b->memory, b->memory = other.memory;
-    a->node_capacity = b->node_capacity, b->node_capacity = other.node_capacity;
-    a->assembly.reference = a->reference;
-    b->assembly.reference = b->reference;
-}
-
-/* ---- creation: topology ---- */
-
-/* Parts of the mesh, elements of each node, and the matrix pattern. */
-static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
-{
-    const sb_domain *domain = &body->domain;
-    sb_result result =
-        sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count, error);
-    if (result == SB_OK)
-        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
-    if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
-                                  &body->allocator, &body->matrix, error);
-    return result;
-}
-
-/* One side of a box, at `side` times `face`: a node at side times x joins the nodes that lie in it. */
-static void sbi_body_enter_face(sb_real *face, int *nodes, sb_real x, sb_real side)
-{
-    if (side * x > side * *face) {
-        *face = x + 0; /* no -0: the order of the nodes is not to show */
-        *nodes = 0;
-    }
-    *nodes += x == *face;
-}
-
-SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x)
-{
-    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
-    int *nodes = body->component_faces[component];
-    sbi_body_enter_face(&low->x, nodes, x.x, -1);
-    sbi_body_enter_face(&low->y, nodes + 1, x.y, -1);
-    sbi_body_enter_face(&low->z, nodes + 2, x.z, -1);
-    sbi_body_enter_face(&high->x, nodes + 3, x.x, 1);
-    sbi_body_enter_face(&high->y, nodes + 4, x.y, 1);
-    sbi_body_enter_face(&high->z, nodes + 5, x.z, 1);
-}
-
-SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x)
-{
-    sb_vec3 low = body->component_low[component], high = body->component_high[component];
-    int *nodes = body->component_faces[component];
-    nodes[0] -= x.x == low.x;
-    nodes[1] -= x.y == low.y;
-    nodes[2] -= x.z == low.z;
-    nodes[3] -= x.x == high.x;
-    nodes[4] -= x.y == high.y;
-    nodes[5] -= x.z == high.z;
-}
-
-SBI_API int sbi_body_box_is_right(const sb_body *body, int component)
-{
-    const int *nodes = body->component_faces[component];
-    return nodes[0] > 0 && nodes[1] > 0 && nodes[2] > 0 && nodes[3] > 0 && nodes[4] > 0 && nodes[5] > 0;
-}
-
-SBI_API void sbi_body_make_boxes(sb_body *body)
-{
-    for (int c = 0; c < body->component_count; c++) {
-        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
-        memset(body->component_faces[c], 0, sizeof body->component_faces[c]);
-    }
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->node_component[i] >= 0)
-            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
-}
-
-static void sbi_body_label_by_elements(sb_body *body)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        body->node_component[i] =
-            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
-    }
-}
-
-SBI_API void sbi_body_label_nodes(sb_body *body)
-{
-    if (sbi_live_follows(body))
-        sbi_live_label_nodes(body);
-    else
-        sbi_body_label_by_elements(body);
-    for (int c = 0; c < body->component_count; c++)
-        body->tie_of[c] = -1;
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->node_component[i] < 0) /* it would make every system singular */
-            body->fixed[i] = SB_XYZ;
-    sbi_body_make_boxes(body);
-}
-
-/* ---- creation and its end ---- */
-
-SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
-{
-    uint64_t *node_colours =
-        (uint64_t *)sbi_alloc(&body->allocator, (size_t)body->domain.node_count, sizeof *node_colours);
-    if (!node_colours)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
-    body->assembly.jobs = &body->jobs;
-    body->assembly.reference = body->reference;
-    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
-    sbi_free(&body->allocator, node_colours);
-    return sbi_live_make_assembly(body, error);
-}
-
-static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    const sb_allocator *allocator = &body->allocator;
-    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
-                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
-                                                      &body->domain, error);
-    body->own_points = def->domain != NULL;
-    if (result == SB_OK)
-        result = sbi_body_make_materials(body, def, error);
-    if (result == SB_OK)
-        result = sbi_body_make_topology(body, def->mesh, error);
-    if (result == SB_OK)
-        result = sbi_live_create(body, def, error);
-    if (result == SB_OK)
-        result = sbi_body_take_nodes(body, error);
-    if (result == SB_OK)
-        result = sbi_body_take_topology(body, error);
-    if (result == SB_OK)
-        result = sbi_body_make_preconditioner(body, def, error);
-    if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->node_capacity, allocator, &body->pcg, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_assembly(body, error);
-    if (result != SB_OK)
-        return result;
-    body->pcg.row_count = body->domain.node_count;
-    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
-    sbi_body_label_nodes(body);
-    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
-    for (int i = 0; i < body->material_count && result == SB_OK; i++)
-        result = sbi_body_prepare_material(body, i, body->materials + i, error);
-    if (result == SB_OK)
-        result = sbi_live_prepare(body, error);
-    if (result != SB_OK)
-        return result;
-    sbi_body_materials_changed(body);
-    sb_body_reset(body);
-    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
-}
-
-SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
-{
-    sb_body *made;
-    sb_result result;
-    if (!def || !body)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
-    result = sbi_body_check_def(def, error);
-    if (result != SB_OK)
-        return result;
-    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
-    made->allocator = def->allocator;
-    made->jobs = def->jobs;
-    made->clock = def->clock;
-    made->mass_kind = def->mass;
-    made->integrator = def->integrator;
-    made->gravity = def->gravity;
-    made->damping_mass = def->damping_mass;
-    made->damping_stiffness = def->damping_stiffness;
-    made->tolerance = def->tolerance;
-    made->newton_tolerance = def->newton_tolerance;
-    made->max_iterations = def->max_iterations;
-    made->max_newton = def->max_newton;
-    made->spectral_radius = def->spectral_radius;
-    made->max_substeps = def->max_substeps;
-    result = sbi_body_build(made, def, error);
-    if (result != SB_OK) {
-        sb_body_destroy(made);
-        return result;
-    }
-    *body = made;
-    return SB_OK;
-}
-
-SB_API void sb_body_destroy(sb_body *body)
-{
-    sb_allocator allocator;
-    if (!body)
-        return;
-    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
-    allocator = body->allocator;
-    for (int i = 0; i < body->load_count; i++)
-        sbi_load_release(&allocator, body->loads + i);
-    sbi_free(&allocator, body->loads);
-    sbi_free(&allocator, body->tie_gram);
-    sbi_elimination_free(body->elimination);
-    sb_pcg_workspace_free(&body->pcg);
-    sb_preconditioner_free(body->precond);
-    sb_matrix_free(&body->matrix);
-    sb_index_table_free(&body->element_component);
-    sb_index_lists_free(&body->node_elements);
-    sbi_assembly_free_memory(&body->assembly, &allocator);
-    sb_domain_free(&body->domain);
-    sbi_free(&allocator, body->fibres);
-    sbi_free(&allocator, body->support_blocks);
-    sbi_free(&allocator, body->damping_blocks);
-    sbi_free(&allocator, body->extra_start);
-    sbi_free(&allocator, body->pattern_memory);
-    sbi_free(&allocator, body->cell_material);
-    sbi_free(&allocator, body->materials);
-    sbi_free(&allocator, body->material_regions);
-    sbi_free(&allocator, body->topology_memory);
-    sbi_free(&allocator, body->memory);
-    sbi_live_destroy(body);
-    sbi_state_parts_free(body);
-    sbi_free(&allocator, body);
-}
-
-/* ---- settings ---- */
-
-SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
-{
-    if (!body)
-        return SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(gravity))
-        return SB_ERROR_NOT_FINITE;
-    body->gravity = gravity;
-    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
-    return SB_OK;
-}
-
-SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
-{
-    const sb_real damping[2] = {alpha, beta};
-    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
-        return SB_ERROR_ARGUMENT;
-    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
-        return SB_ERROR_UNSUPPORTED;
-    body->damping_mass = alpha;
-    body->damping_stiffness = beta;
-    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
-    return SB_OK;
-}
-
-SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
-{
-    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
-        return SB_ERROR_ARGUMENT;
-    body->tolerance = tolerance;
-    body->max_iterations = max_iterations;
-    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
-    return SB_OK;
-}
-
 /* ==== src/softbody/body/load.c ==== */
 /* load: dead loads, follower pressure, springs, penalty mappings. */
 
@@ -50220,6 +49801,23 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     return result == SB_OK ? sbi_live_take_cells(body, error) : result;
 }
 
+SBI_API void sbi_live_free(sb_body *body)
+{
+    sbi_live *live = body->live;
+    if (!live)
+        return;
+    sbi_free(&body->allocator, live->lists);
+    sbi_free(&body->allocator, live->masses);
+    sbi_free(&body->allocator, live->node_marks);
+    sbi_free(&body->allocator, live->cell_marks);
+    sbi_slots_free(&live->nodes, &body->allocator);
+    sbi_slots_free(&live->cells, &body->allocator);
+    sbi_free(&body->allocator, live->shares);
+    sbi_free(&body->allocator, live->listeners);
+    sbi_free(&body->allocator, live);
+    body->live = NULL;
+}
+
 SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
 {
     sbi_live *live = body->live;
@@ -50298,6 +49896,495 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
                                  "node %d is supported and has no heir: release it before it is removed", node);
     }
+    return SB_OK;
+}
+
+/* ==== src/softbody/body/body_arrays.c ==== */
+/* body_arrays: a body's arrays, taken when it is made, carried over when its mesh changes, given back at its end. */
+
+#include <string.h>
+
+/* The vectors by node, which a live mesh carries over when it grows. */
+enum { SBI_BODY_VECTORS = 26 };
+static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
+{
+    sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
+                                        &body->position,
+                                        &body->displacement,
+                                        &body->velocity,
+                                        &body->target,
+                                        &body->dead_load,
+                                        &body->acceleration,
+                                        &body->internal,
+                                        &body->external,
+                                        &body->follower,
+                                        &body->equilibrated,
+                                        &body->residual,
+                                        &body->rhs,
+                                        &body->increment,
+                                        &body->reaction,
+                                        &body->velocity0,
+                                        &body->acceleration0,
+                                        &body->start,
+                                        &body->saved_velocity,
+                                        &body->saved_acceleration,
+                                        &body->saved_reaction,
+                                        &body->saved_external,
+                                        &body->saved_internal,
+                                        &body->converged,
+                                        &body->work,
+                                        &body->work2};
+    memcpy(vectors, list, sizeof list);
+}
+
+/* Lays out every array by node slot; walked once to measure and once to hand out. */
+static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
+{
+    size_t n = (size_t)body->node_capacity;
+    sb_vec3 **vectors[SBI_BODY_VECTORS];
+    sbi_body_list_vectors(body, vectors);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
+    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+}
+
+/* The same for what depends on cells, parts and the matrix. */
+static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
+{
+    size_t parts = (size_t)sbi_live_part_room(body);
+    body->part_scale =
+        (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity), sizeof(sb_real));
+    if (body->mass_kind != SB_MASS_LUMPED)
+        body->mass_blocks =
+            (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_faces = (int(*)[6])sbi_arena_take(arena, parts, sizeof body->component_faces[0]);
+    body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
+}
+
+/* One block of zeros for a layout, or NULL. */
+static void *sbi_body_take_layout(sb_body *body, void (*layout)(sb_body *body, sbi_arena *arena))
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *base;
+    layout(body, &arena);
+    base = arena.overflow || arena.used > (size_t)-1 - 64
+               ? NULL
+               : (unsigned char *)sbi_alloc_zeroed(&body->allocator, arena.used + 64, 1);
+    if (!base)
+        return NULL;
+    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
+    arena.used = 0;
+    layout(body, &arena);
+    return base;
+}
+
+SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error)
+{
+    body->memory = sbi_body_take_layout(body, sbi_body_layout_nodes);
+    return body->memory ? SB_OK
+                        : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->node_capacity);
+}
+
+SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error)
+{
+    body->topology_memory = sbi_body_take_layout(body, sbi_body_layout_topology);
+    return body->topology_memory
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements", body->domain.cell_count);
+}
+
+SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
+{
+    size_t n = (size_t)sbi_min_int(to->node_capacity, from->node_capacity);
+    sb_vec3 **out[SBI_BODY_VECTORS], **in[SBI_BODY_VECTORS];
+    sbi_body_list_vectors(to, out);
+    sbi_body_list_vectors(from, in);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++)
+        memcpy(*out[i], *in[i], n * sizeof(sb_vec3));
+    memcpy(to->lumped_mass, from->lumped_mass, n * sizeof(sb_real));
+    memcpy(to->load_mass, from->load_mass, n * sizeof(sb_real));
+    memcpy(to->fixed, from->fixed, n);
+    memcpy(to->node_component, from->node_component, n * sizeof(int));
+}
+
+SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
+{
+    sb_vec3 **left[SBI_BODY_VECTORS], **right[SBI_BODY_VECTORS];
+    sb_body other = *a;
+    sbi_body_list_vectors(a, left);
+    sbi_body_list_vectors(b, right);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++) {
+        sb_vec3 *vector = *left[i];
+        *left[i] = *right[i];
+        *right[i] = vector;
+    }
+    a->lumped_mass = b->lumped_mass, b->lumped_mass = other.lumped_mass;
+    a->load_mass = b->load_mass, b->load_mass = other.load_mass;
+    a->fixed = b->fixed, b->fixed = other.fixed;
+    a->node_component = b->node_component, b->node_component = other.node_component;
+    a->memory = b->memory, b->memory = other.memory;
+    a->node_capacity = b->node_capacity, b->node_capacity = other.node_capacity;
+    a->assembly.reference = a->reference;
+    b->assembly.reference = b->reference;
+}
+
+SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
+{
+    uint64_t *node_colours =
+        (uint64_t *)sbi_alloc(&body->allocator, (size_t)body->domain.node_count, sizeof *node_colours);
+    if (!node_colours)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
+    body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
+    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
+    sbi_free(&body->allocator, node_colours);
+    return sbi_live_make_assembly(body, error);
+}
+
+SBI_API void sbi_body_release(sb_body *body)
+{
+    sb_allocator allocator;
+    if (!body)
+        return;
+    allocator = body->allocator;
+    for (int i = 0; i < body->load_count; i++)
+        sbi_load_release(&allocator, body->loads + i);
+    sbi_free(&allocator, body->loads);
+    sbi_free(&allocator, body->tie_gram);
+    sbi_elimination_free(body->elimination);
+    sb_pcg_workspace_free(&body->pcg);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    sb_index_table_free(&body->element_component);
+    sb_index_lists_free(&body->node_elements);
+    sbi_assembly_free(&body->assembly, &allocator);
+    sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->support_blocks);
+    sbi_free(&allocator, body->damping_blocks);
+    sbi_free(&allocator, body->extra_start);
+    sbi_free(&allocator, body->pattern_memory);
+    sbi_free(&allocator, body->cell_material);
+    sbi_free(&allocator, body->materials);
+    sbi_free(&allocator, body->material_regions);
+    sbi_free(&allocator, body->topology_memory);
+    sbi_free(&allocator, body->memory);
+    sbi_live_free(body);
+    sbi_free(&allocator, body);
+}
+
+/* ==== src/softbody/body/body_parts.c ==== */
+/* body_parts: the connected parts of a body and their boxes. */
+
+#include <string.h>
+
+/* One side of a box, at `side` times `face`: a node at side times x joins the nodes that lie in it. */
+static void sbi_body_enter_face(sb_real *face, int *nodes, sb_real x, sb_real side)
+{
+    if (side * x > side * *face) {
+        *face = x + 0; /* no -0: the order of the nodes is not to show */
+        *nodes = 0;
+    }
+    *nodes += x == *face;
+}
+
+SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
+    int *nodes = body->component_faces[component];
+    sbi_body_enter_face(&low->x, nodes, x.x, -1);
+    sbi_body_enter_face(&low->y, nodes + 1, x.y, -1);
+    sbi_body_enter_face(&low->z, nodes + 2, x.z, -1);
+    sbi_body_enter_face(&high->x, nodes + 3, x.x, 1);
+    sbi_body_enter_face(&high->y, nodes + 4, x.y, 1);
+    sbi_body_enter_face(&high->z, nodes + 5, x.z, 1);
+}
+
+SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 low = body->component_low[component], high = body->component_high[component];
+    int *nodes = body->component_faces[component];
+    nodes[0] -= x.x == low.x;
+    nodes[1] -= x.y == low.y;
+    nodes[2] -= x.z == low.z;
+    nodes[3] -= x.x == high.x;
+    nodes[4] -= x.y == high.y;
+    nodes[5] -= x.z == high.z;
+}
+
+SBI_API int sbi_body_box_is_right(const sb_body *body, int component)
+{
+    const int *nodes = body->component_faces[component];
+    return nodes[0] > 0 && nodes[1] > 0 && nodes[2] > 0 && nodes[3] > 0 && nodes[4] > 0 && nodes[5] > 0;
+}
+
+SBI_API void sbi_body_make_boxes(sb_body *body)
+{
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        memset(body->component_faces[c], 0, sizeof body->component_faces[c]);
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0)
+            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
+}
+
+static void sbi_body_label_by_elements(sb_body *body)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        body->node_component[i] =
+            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+    }
+}
+
+SBI_API void sbi_body_label_nodes(sb_body *body)
+{
+    if (sbi_live_follows(body))
+        sbi_live_label_nodes(body);
+    else
+        sbi_body_label_by_elements(body);
+    for (int c = 0; c < body->component_count; c++)
+        body->tie_of[c] = -1;
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] < 0) /* it would make every system singular */
+            body->fixed[i] = SB_XYZ;
+    sbi_body_make_boxes(body);
+}
+
+/* ==== src/softbody/body/body.c ==== */
+/* body: made and taken away; settings, and who hears of changes. */
+
+#include <string.h>
+
+#define SBI_BODY_COOKIE 0x5b0d1u
+
+SB_API sb_body_def sb_default_body_def(void)
+{
+    sb_body_def def;
+    memset(&def, 0, sizeof def);
+    def.integration = SB_INTEGRATION_AUTO;
+    def.mass = SB_MASS_LUMPED;
+    def.integrator = SB_EULER;
+    def.preconditioner = SB_PRECOND_AUTO;
+    def.levels = NULL;
+    def.level_count = 0;
+    def.slack = 0;
+    def.tolerance = (sb_real)1e-3;
+    def.max_iterations = 500;
+    def.max_newton = SB_AUTO;
+    def.spectral_radius = (sb_real)0.5;
+    def.max_substeps = 10000;
+    def.newton_tolerance = (sb_real)1e-6;
+    def.cookie = SBI_BODY_COOKIE;
+    return def;
+}
+
+/* ---- creation: arguments ---- */
+
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+{
+    if (!sb_v3_is_finite(def->gravity))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
+    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
+        !sb_is_finite(def->damping_stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
+                        (double)def->damping_mass, (double)def->damping_stiffness);
+    if (!(def->tolerance > 0) || !(def->tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
+    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
+                        (double)def->newton_tolerance);
+    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
+                        def->max_iterations, def->max_newton);
+    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
+                        (double)def->spectral_radius);
+    if (def->max_substeps < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
+    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
+    if (!(def->slack >= 0) || !(def->slack <= 1000))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.slack %g must be in [0, 1000]", (double)def->slack);
+    if (def->allocator.alloc && !def->allocator.release)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
+                        (double)def->damping_stiffness);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_BODY_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
+    if (!def->mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
+    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
+    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
+    result = sbi_body_check_settings(def, error);
+    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
+        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
+    return result;
+}
+
+/* ---- creation: topology ---- */
+
+/* Parts of the mesh, elements of each node, and the matrix pattern. */
+static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_result result =
+        sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count, error);
+    if (result == SB_OK)
+        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
+    if (result == SB_OK)
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
+                                  &body->allocator, &body->matrix, error);
+    return result;
+}
+
+/* ---- creation and its end ---- */
+
+static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
+                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
+                                                      &body->domain, error);
+    body->own_points = def->domain != NULL;
+    if (result == SB_OK)
+        result = sbi_body_make_materials(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_make_topology(body, def->mesh, error);
+    if (result == SB_OK)
+        result = sbi_live_create(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_take_nodes(body, error);
+    if (result == SB_OK)
+        result = sbi_body_take_topology(body, error);
+    if (result == SB_OK)
+        result = sbi_body_make_preconditioner(body, def, error);
+    if (result == SB_OK)
+        result = sb_pcg_workspace_create(body->node_capacity, allocator, &body->pcg, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_assembly(body, error);
+    if (result != SB_OK)
+        return result;
+    body->pcg.row_count = body->domain.node_count;
+    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_label_nodes(body);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    for (int i = 0; i < body->material_count && result == SB_OK; i++)
+        result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result == SB_OK)
+        result = sbi_live_prepare(body, error);
+    if (result != SB_OK)
+        return result;
+    sbi_body_materials_changed(body);
+    sb_body_reset(body);
+    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
+}
+
+SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
+{
+    sb_body *made;
+    sb_result result;
+    if (!def || !body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
+    result = sbi_body_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
+    made->allocator = def->allocator;
+    made->jobs = def->jobs;
+    made->clock = def->clock;
+    made->mass_kind = def->mass;
+    made->integrator = def->integrator;
+    made->gravity = def->gravity;
+    made->damping_mass = def->damping_mass;
+    made->damping_stiffness = def->damping_stiffness;
+    made->tolerance = def->tolerance;
+    made->newton_tolerance = def->newton_tolerance;
+    made->max_iterations = def->max_iterations;
+    made->max_newton = def->max_newton;
+    made->spectral_radius = def->spectral_radius;
+    made->max_substeps = def->max_substeps;
+    result = sbi_body_build(made, def, error);
+    if (result != SB_OK) {
+        sb_body_destroy(made);
+        return result;
+    }
+    *body = made;
+    return SB_OK;
+}
+
+SB_API void sb_body_destroy(sb_body *body)
+{
+    if (!body)
+        return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
+    sbi_live_end(body);
+    sbi_state_parts_free(body);
+    sbi_body_release(body);
+}
+
+/* ---- settings ---- */
+
+SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
+{
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(gravity))
+        return SB_ERROR_NOT_FINITE;
+    body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
+{
+    const sb_real damping[2] = {alpha, beta};
+    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
+        return SB_ERROR_ARGUMENT;
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
+        return SB_ERROR_UNSUPPORTED;
+    body->damping_mass = alpha;
+    body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
+{
+    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
+        return SB_ERROR_ARGUMENT;
+    body->tolerance = tolerance;
+    body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
     return SB_OK;
 }
 
@@ -50866,7 +50953,7 @@ SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error)
     return result;
 }
 
-SBI_API void sbi_live_destroy(sb_body *body)
+SBI_API void sbi_live_end(sb_body *body)
 {
     sbi_live *live = body->live;
     if (!live)
@@ -50878,16 +50965,7 @@ SBI_API void sbi_live_destroy(sb_body *body)
     }
     sb_body_change_cancel(live->open);
     sbi_change_destroy(live->spare);
-    sbi_free(&body->allocator, live->lists);
-    sbi_free(&body->allocator, live->masses);
-    sbi_free(&body->allocator, live->node_marks);
-    sbi_free(&body->allocator, live->cell_marks);
-    sbi_slots_free(&live->nodes, &body->allocator);
-    sbi_slots_free(&live->cells, &body->allocator);
-    sbi_free(&body->allocator, live->shares);
-    sbi_free(&body->allocator, live->listeners);
-    sbi_free(&body->allocator, live);
-    body->live = NULL;
+    live->spare = NULL;
 }
 
 /* ---- readings ---- */
@@ -52166,7 +52244,7 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
         sbi_live_replace(body, next);
         next = NULL;
     }
-    sb_body_destroy(next);
+    sbi_body_release(next);
     sbi_live_mesh_free(body, &mesh);
     return result;
 }
@@ -52470,7 +52548,7 @@ SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh,
     if (result == SB_OK)
         result = sbi_live_make_rest(body, mesh, made, error);
     if (result != SB_OK) {
-        sb_body_destroy(made);
+        sbi_body_release(made);
         return result;
     }
     *next = made;
@@ -52957,7 +53035,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->pattern_version = old.pattern_version + 1;
     sbi_live_rebase(body);
     sbi_live_rebase(next);
-    sb_body_destroy(next);
+    sbi_body_release(next);
 }
 
 /* ==== src/softbody/body/live_rows.c ==== */
@@ -53594,9 +53672,15 @@ typedef struct sbi_embed_volume {
 /* Elements of a leaf of the tree; deepest path through it. */
 enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
+typedef enum sbi_embed_skin {
+    SBI_EMBED_NO_SKIN = 0, /* closest elements only: boundary_face is -1 throughout and for the caller to fill, and what
+                            * else is of the boundary is empty */
+    SBI_EMBED_SKIN = 1
+} sbi_embed_skin;
+
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
-                                          sb_error *error);
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, sbi_embed_skin skin, const sb_allocator *allocator,
+                                          sbi_embed_volume *volume, sb_error *error);
 SBI_API void sbi_embed_volume_free(sbi_embed_volume *volume);
 
 /* Sorts count points along Morton's curve through their bounding box: order[count] receives their indices. scratch:
@@ -53900,14 +53984,14 @@ static void sbi_embed_fill_elements(sbi_embed_volume *volume, sbi_embed_box *box
     sbi_embed_fill_tree(volume, boxes);
 }
 
-static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sb_error *error)
+static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sbi_embed_skin skin, sb_error *error)
 {
     const sb_allocator *allocator = &volume->allocator;
-    sb_result result = sb_mesh_boundary(volume->mesh, 0, allocator, &volume->boundary, error);
+    sb_result result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
     size_t entries = (size_t)volume->mesh->element_count * (size_t)volume->faces;
-    if (result == SB_OK)
-        result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
-    if (result == SB_OK)
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
+        result = sb_mesh_boundary(volume->mesh, 0, allocator, &volume->boundary, error);
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
         result = sb_mesh_neighbours(&volume->boundary.surface, allocator, &volume->face_neighbours, error);
     if (result != SB_OK)
         return result;
@@ -53921,10 +54005,11 @@ static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sb_error *
     return SB_OK;
 }
 
-static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *error)
+static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sbi_embed_skin skin, sb_error *error)
 {
     const sb_allocator *allocator = &volume->allocator;
-    size_t elements = (size_t)volume->mesh->element_count, nodes = (size_t)volume->mesh->node_count, leaves = 1;
+    size_t elements = (size_t)volume->mesh->element_count, leaves = 1;
+    size_t nodes = skin == SBI_EMBED_SKIN ? (size_t)volume->mesh->node_count : 0;
     size_t entries = (size_t)volume->boundary.surface.element_count * (size_t)volume->face.nodes;
     sbi_embed_box *boxes = (sbi_embed_box *)sbi_alloc(allocator, elements, sizeof(sbi_embed_box));
     sb_vec3 *centres = (sb_vec3 *)sbi_alloc(allocator, elements, sizeof(sb_vec3));
@@ -53943,7 +54028,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     if (boxes && centres && scratch && volume->boxes && volume->order && volume->bulge && volume->weights &&
         volume->normals && (volume->is_box || volume->planes)) {
         sbi_embed_fill_elements(volume, boxes, centres, scratch);
-        sbi_embed_fill_normals(volume);
+        if (skin == SBI_EMBED_SKIN)
+            sbi_embed_fill_normals(volume);
     } else {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory to search %d elements", volume->mesh->element_count);
     }
@@ -53953,8 +54039,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     return result;
 }
 
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
-                                          sb_error *error)
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, sbi_embed_skin skin, const sb_allocator *allocator,
+                                          sbi_embed_volume *volume, sb_error *error)
 {
     sb_result result;
     sb_vec3 low, high;
@@ -53969,11 +54055,11 @@ SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocato
     sb_mesh_bounds(mesh, &low, &high);
     volume->scale = sb_max(sb_max(sb_max(sb_abs(low.x), sb_abs(high.x)), sb_max(sb_abs(low.y), sb_abs(high.y))),
                            sb_max(sb_abs(low.z), sb_abs(high.z)));
-    result = sbi_embed_prepare_topology(volume, error);
-    if (result == SB_OK) {
+    result = sbi_embed_prepare_topology(volume, skin, error);
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
         sbi_embed_face_make(volume->boundary.surface.element_type, &volume->face);
-        result = sbi_embed_prepare_geometry(volume, error);
-    }
+    if (result == SB_OK)
+        result = sbi_embed_prepare_geometry(volume, skin, error);
     if (result != SB_OK)
         sbi_embed_volume_free(volume);
     return result;
@@ -54720,8 +54806,8 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
  * sizes divide the work among threads and depend on nothing but the problem. */
 enum {
     SBI_EMBED_LANES = 8,
-    SBI_EMBED_GROUP = 256,       /* most points of a group */
-    SBI_EMBED_TASK_SLOTS = 1024, /* points of a task */
+    SBI_EMBED_GROUP = 256,      /* most points of a group */
+    SBI_EMBED_TASK_GROUPS = 32, /* groups of a task */
     SBI_EMBED_TASK_FACES = 128,
     SBI_EMBED_TASK_NODES = 512,
     SBI_EMBED_TASK_RINGS = 2048,
@@ -54743,12 +54829,64 @@ typedef struct sbi_embed_lists {
     int *items;
 } sbi_embed_lists;
 
-/* Points held in the same way by the same cell (an element, or a face for OFFSET and FRAME). */
+/* Points held in the same way by the same cell (an element, or a face for OFFSET and FRAME). Their slots lie in blocks
+ * of SBI_EMBED_LANES; what the last one has too many repeats the last point. */
 typedef struct sbi_embed_group {
     sb_embedding_hold hold;
-    int first, count;           /* slots; first is a multiple of SBI_EMBED_LANES */
-    int node_first, node_count; /* in sb_embedding.nodes */
+    int cell;
+    int count; /* 0: free */
+    int first_block;
+    int node_count;
+    int next; /* of the same element, or -1 */
 } sbi_embed_group;
+
+/* What adds to nodes: a row of entries for each group, or for each face. Rows are used again when they are free. */
+typedef struct sbi_embed_rows {
+    int width, end, used, room; /* rows from `end` on are fresh; room counts all */
+    int free_first;             /* chained by `next` of their first entries; -1 ends */
+    uint64_t *order;            /* [room] the entries of a node follow each other in this order of their rows */
+    int *nodes;                 /* [room][width]; the first is -1 in a free row */
+    int *touched;               /* [room][width] index of the node among the touched ones */
+    int *next;                  /* [room][width] next entry of the same node, or -1 */
+    sb_vec3 *forces;            /* [room][width] scratch */
+} sbi_embed_rows;
+
+enum { SBI_EMBED_OF_GROUPS = 0, SBI_EMBED_OF_FACES = 1, SBI_EMBED_KINDS = 2 };
+
+/* A node that has entries. */
+typedef struct sbi_embed_touched {
+    int node;                                          /* -1: free, and first[0] is the next free one */
+    int normal_users;                                  /* entries of OFFSET groups: they need its smooth normal */
+    int first[SBI_EMBED_KINDS], last[SBI_EMBED_KINDS]; /* its entries of groups and of faces, or -1 */
+} sbi_embed_touched;
+
+/* What updates read and write. Groups, blocks, faces and touched nodes lie in slots that are used again, so that a
+ * change of the mesh costs what it changes. Which slot holds what depends on the past; results do not: sums run along
+ * the lists of entries. */
+typedef struct sbi_embed_arrays {
+    int block_end, block_used, block_room, block_free; /* free ones are chained by block_next; -1 ends */
+    int *block_next;                                   /* [block_room] next block of the same group */
+    int *slot_point;                                   /* [block_room][SBI_EMBED_LANES] */
+    sb_real *parameters[3];                            /* likewise: xi; OFFSET (r, s, d); FRAME (r, s) */
+    sb_real *offsets[3];                               /* EXTRAPOLATED: step; FRAME: in the frame; NULL: never any */
+    sb_real *carried[3];                               /* def.normals as cofactor coordinates, J^T N / det J; or NULL */
+
+    sbi_embed_rows rows[SBI_EMBED_KINDS];
+    sbi_embed_group *groups; /* of the rows of groups */
+    int *element_groups;     /* [element_room] first group of an element, or -1 */
+    int element_room;
+    sb_vec3 *pulls;        /* [entry of groups] scratch: derivative with respect to the smooth normal */
+    sb_real *face_weights; /* [entry of faces] angles (rad) */
+    sb_vec3 *face_normals; /* [entry of faces] scratch: times the weights */
+
+    int touched_end, touched_used, touched_room, touched_free;
+    sbi_embed_touched *touched; /* [touched_room] */
+    sb_vec3 *normals;           /* [touched_room] scratch: unit */
+    sb_real *lengths;           /* [touched_room] scratch: of the sums that they are the directions of */
+    sb_vec3 *normal_pulls;      /* [touched_room] scratch */
+    int *touched_of;            /* [node_room] -1: it has no entries */
+    int node_room;
+} sbi_embed_arrays;
 
 /* A point's place, as updates take it. */
 typedef struct sbi_embed_place {
@@ -54773,35 +54911,9 @@ struct sb_embedding {
     sb_vec3 *rest_normals; /* [point_count] def.normals, or NULL */
     int *order;            /* [point_count] along Morton's curve */
     unsigned char *inside; /* [point_count] 1: it was inside at creation */
-    struct sbi_embed_follower
-        *follower; /* of a body whose mesh changes: the arrays from here on and elements are in it; or NULL */
-
-    int group_count, task_count, slot_count;
-    sbi_embed_group *groups;
-    int *tasks;             /* [task_count + 1] first group of each */
-    int *slot_point;        /* [slot_count]; padding repeats the last point of its group */
-    sb_real *parameters[3]; /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
-    sb_real *offsets[3];    /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
-    sb_real *carried[3];    /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
-
-    /* Node entries: those of the groups, then those of the faces whose normals they need. */
-    int group_entries, entry_count, face_count, normal_count, touched_count;
-    int *nodes;                    /* [entry_count] */
-    int *normal_of;                /* [entry_count] the smooth normal there, or -1 */
-    sb_real *weights;              /* [face_count][face nodes] */
-    sbi_embed_lists normal_faces;  /* smooth normal -> entries of its faces, counted from the first of them */
-    sbi_embed_lists normal_groups; /* smooth normal -> entries of groups */
-    sbi_embed_lists touched;       /* touched node -> entries */
-    int *touched_nodes;            /* [touched_count] */
-    sbi_embed_lists rings;         /* point -> its neighbours in order around it; ~index starts a new run */
-
-    /* scratch of updates */
-    sb_vec3 *face_normals; /* [face_count][face nodes] */
-    sb_vec3 *normals;      /* [normal_count] unit */
-    sb_real *lengths;      /* [normal_count] of the sums that they are the directions of */
-    sb_vec3 *entry_forces; /* [entry_count] */
-    sb_vec3 *entry_pulls;  /* [group_entries] derivative with respect to the smooth normal */
-    sb_vec3 *normal_pulls; /* [normal_count] */
+    sbi_embed_lists rings; /* point -> its neighbours in order around it; ~index starts a new run */
+    sbi_embed_arrays arrays;
+    struct sbi_embed_follower *follower; /* of a body whose mesh changes: elements are in it; or NULL */
 };
 
 typedef struct sbi_embed_lanes {
@@ -54927,25 +55039,53 @@ SBI_API void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists)
 /* Places one point; *hint is an element nearby, and then the point's own. normal: NULL for none. */
 SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
                                    const sb_vec3 *normal, int *hint, sbi_embed_place *place, sb_embedded_point *info);
+/* How many points are held in this way. */
+SBI_API int *sbi_embed_report_count(sb_embedding_report *report, sb_embedding_hold hold);
 SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_place *place, int index);
 
 /* What the arrays of an update are made of: places, and the mesh that they are in. */
 typedef struct sbi_embed_parts {
-    const sbi_embed_place *places; /* [count] */
-    const int *order;              /* [count] points along Morton's curve */
-    int count, with_normals;
-    int node_count, element_count, width, faces, outer_count; /* outer_count: boundary faces, or more */
-    const int *elements;                                      /* [element_count][width] */
+    const sbi_embed_place *places; /* of all points */
+    int with_normals, with_offsets;
+    int node_count, element_count, width, faces;
+    const int *elements;    /* [element_count][width] */
     const int *outer;       /* [element_count][faces] row of weights of boundary faces, or -1 */
     const sb_real *weights; /* angles at their nodes (rad) */
     const sbi_embed_face *face;
     int local[6][SB_MAX_FACE_NODES]; /* nodes of each face of an element */
 } sbi_embed_parts;
 SBI_API void sbi_embed_fill_local(sb_element_type type, int local[6][SB_MAX_FACE_NODES]);
-/* Fills the arrays of e, which are zeros before, in memory from e->allocator; the same for the same places and mesh. 0:
- * no memory. */
-SBI_API int sbi_embed_make_arrays(sb_embedding *e, const sbi_embed_parts *parts);
-SBI_API void sbi_embed_free_arrays(sb_embedding *e);
+
+/* Groups, blocks, faces and nodes that come on top of those in use. */
+typedef struct sbi_embed_more {
+    int groups, blocks, faces, touched;
+} sbi_embed_more;
+
+/* Replaces an array of `used` items by one with room for more; 0: no memory, and it stays. */
+SBI_API int sbi_embed_grow_array(const sb_allocator *allocator, void **array, size_t used, size_t room, size_t item);
+/* Half as much again, so that what grows does not ask each time. */
+SB_INLINE int sbi_embed_roomy(int needed) { return needed > INT_MAX / 2 ? needed : needed + needed / 2; }
+/* Fills arrays, which are zeros before, with all points: order[count]. 0: no memory. */
+SBI_API int sbi_embed_arrays_fill(const sb_allocator *allocator, sbi_embed_arrays *arrays, const sbi_embed_parts *parts,
+                                  const int *order, int count);
+/* Room for more. 0: no memory, and nothing has changed that can be seen. */
+SBI_API int sbi_embed_arrays_reserve(const sb_allocator *allocator, sbi_embed_arrays *arrays,
+                                     const sbi_embed_parts *parts, const sbi_embed_more *more);
+SBI_API void sbi_embed_arrays_free(const sb_allocator *allocator, sbi_embed_arrays *arrays);
+
+/* Nodes of a place's element or face; returns how many. */
+SBI_API int sbi_embed_cell_nodes(const sbi_embed_parts *parts, sb_embedding_hold hold, int cell,
+                                 int nodes[SB_MAX_ELEMENT_NODES]);
+/* Lists the points of a group; returns how many. */
+SBI_API int sbi_embed_list_points(const sbi_embed_arrays *arrays, const sbi_embed_group *group, int *points);
+/* Makes groups of points, which lie next to those of the same hold and cell; whoever is there has all its points. */
+SBI_API void sbi_embed_add_groups(sbi_embed_arrays *arrays, const sbi_embed_parts *parts, const int *points, int count);
+/* Removes the group that *link names, and lets *link name the next of its element. */
+SBI_API void sbi_embed_drop_group(sbi_embed_arrays *arrays, int *link);
+/* Removes the faces of which a node is one. */
+SBI_API void sbi_embed_drop_faces(sbi_embed_arrays *arrays, int node);
+/* Adds a face (element * faces + local face) where it is an outer one and smooth normals need it. */
+SBI_API void sbi_embed_add_face(sbi_embed_arrays *arrays, const sbi_embed_parts *parts, int face);
 
 SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
                                    sbi_embed_cell *cell);
@@ -54973,8 +55113,9 @@ SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
  * only; those around these, two deep, with complete normals in the middle; and all. Points that stay have the same bits
  * as before.
  *
- * Then the arrays that updates read are made again from the places, in the other one of two blocks of memory, which
- * takes the place of the first when the change has happened. They depend on the places and the mesh alone. */
+ * When the change has happened, the groups of these points and the faces around the nodes that changed are taken out of
+ * the arrays that updates read and made anew: what it costs goes with the change, not with mesh and points. What
+ * updates give depends on the places and the mesh alone. */
 #ifndef SBI_EMBED_FOLLOW_H
 #define SBI_EMBED_FOLLOW_H
 
@@ -55025,17 +55166,18 @@ typedef struct sbi_embed_follower {
 
     unsigned char *node_marks, *cell_marks; /* zeros between calls */
     int *changed_nodes, changed_count;      /* [node_room] nodes of the cells that change */
-    int *part_cells, part_count;            /* [cell_room] cells that are searched, ascending */
+    int *part_cells, part_count;            /* [2][cell_room] cells that are searched, ascending, and scratch */
     int *part_nodes, part_node_count;       /* [node_room] */
     int *number;                            /* [node_room] of a node in the mesh that is searched */
 
     sbi_embed_place *places; /* [point_count] */
+    int *rank;               /* [point_count] place in the embedding's order */
+    int *sorted;             /* [2][point_count] points of a change, and scratch */
     sbi_embed_swap *swaps;
     int swap_count, swap_room;
+    sb_embedding_report report; /* after the change */
 
-    sbi_embed_pool arrays[2], scratch;
-    int current;       /* the block of arrays that is read */
-    sb_embedding made; /* arrays in the other one */
+    sbi_embed_pool scratch;
 
     const sb_mesh_change *change; /* between reserve and what ends it */
     sb_vec3 *old_nodes;           /* [old_room] of the slots that made nodes take */
@@ -55076,6 +55218,8 @@ SBI_API int sbi_embed_live_fill(const sb_embedding *e, sbi_embed_follower *f, co
  * are set: nodes of cells that change, and these cells. */
 SBI_API void sbi_embed_live_apply(sbi_embed_follower *f, const sbi_embed_face *face, int back);
 SBI_API void sbi_embed_live_clear_marks(sbi_embed_follower *f);
+/* Marks nodes as if they were of a cell that changes. */
+SBI_API void sbi_embed_live_mark(sbi_embed_follower *f, const int *nodes, int count);
 
 #endif /* SBI_EMBED_LIVE_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
@@ -55111,21 +55255,22 @@ static void sbi_embed_place_outside(const sbi_embed_volume *volume, sb_embedding
                                     const sbi_embed_hit *hit, sbi_embed_place *place, sb_embedded_point *info)
 {
     sbi_embed_foot foot;
-    if (kind == SB_EMBED_SMOOTH && sbi_embed_find_foot(volume, point, hit, &foot)) {
+    place->hold = SB_EMBEDDED_EXTRAPOLATED;
+    if (kind == SB_EMBED_PLAIN)
+        return;
+    if (sbi_embed_find_foot(volume, point, hit, &foot)) {
         place->hold = SB_EMBEDDED_OFFSET;
         sbi_embed_place_foot(volume, &foot, place, info);
         return;
     }
     foot = sbi_embed_hit_foot(volume, hit);
-    if (kind == SB_EMBED_SMOOTH && foot.face >= 0) {
+    if (foot.face >= 0) {
         sb_vec3 tangent[2], offset = sb_v3_sub(point, sbi_embed_foot_tangents(volume, &foot, tangent));
         offset = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), offset);
         place->hold = SB_EMBEDDED_FRAME;
         sbi_embed_place_foot(volume, &foot, place, info);
         place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
-        return;
     }
-    place->hold = SB_EMBEDDED_EXTRAPOLATED;
 }
 
 /* Coordinates of a rest normal N that make the carried one: J^T N / det J with the columns J of the map at rest, for
@@ -55177,13 +55322,20 @@ SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_
         place->cell = volume->boundary.elements[place->cell] * volume->faces + volume->boundary.faces[place->cell];
 }
 
+SBI_API int *sbi_embed_report_count(sb_embedding_report *report, sb_embedding_hold hold)
+{
+    if (hold == SB_EMBEDDED_INSIDE)
+        return &report->inside;
+    if (hold == SB_EMBEDDED_OFFSET)
+        return &report->offset;
+    return hold == SB_EMBEDDED_FRAME ? &report->frame : &report->extrapolated;
+}
+
 SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_place *place, int index)
 {
-    report->inside += place->hold == SB_EMBEDDED_INSIDE;
-    report->offset += place->hold == SB_EMBEDDED_OFFSET;
-    report->frame += place->hold == SB_EMBEDDED_FRAME;
-    report->extrapolated += place->hold == SB_EMBEDDED_EXTRAPOLATED;
-    if (place->gap > report->max_distance) {
+    ++*sbi_embed_report_count(report, place->hold);
+    if (place->gap > report->max_distance ||
+        (place->gap > 0 && place->gap >= report->max_distance && index < report->farthest_point)) {
         report->max_distance = place->gap;
         report->farthest_point = index;
     }
@@ -55192,7 +55344,8 @@ SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_p
 
 /* ==== src/softbody/geometry/embed_arrays.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* embed_arrays: what updates read: points that share a cell in groups, smooth normals, nodes and who adds to them. */
+/* embed_arrays: what updates read: points that share a cell in groups, faces that smooth normals need, and for each
+ * node what adds to it. */
 
 SBI_API void *sbi_embed_take(const sb_embedding *e, int *ok, size_t count, size_t size)
 {
@@ -55228,57 +55381,263 @@ SBI_API void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists)
     sbi_free(&e->allocator, lists->items);
     memset(lists, 0, sizeof *lists);
 }
-/* An update's arrays under way. */
-typedef struct sbi_embed_filling {
-    sb_embedding *e;
-    const sbi_embed_parts *parts;
-    int *sorted; /* [parts->count] points by hold, then cell, then as in parts->order */
-} sbi_embed_filling;
 
-/* Fills sorted; items[parts->count] is scratch. */
-static int sbi_embed_sort_places(const sbi_embed_filling *build, int *items)
+/* ---- memory ---- */
+
+SBI_API int sbi_embed_grow_array(const sb_allocator *allocator, void **array, size_t used, size_t room, size_t item)
 {
-    const sbi_embed_parts *parts = build->parts;
-    int hold_starts[5] = {0, 0, 0, 0, 0}, ok = 1;
-    size_t rows = (size_t)parts->element_count * (size_t)parts->faces;
-    int *starts = (int *)sbi_embed_take(build->e, &ok, rows + 1, sizeof(int));
-    if (!ok)
+    void *grown = sbi_alloc(allocator, room, item);
+    if (!grown)
         return 0;
-    memset(starts, 0, (rows + 1) * sizeof(int));
-    for (int i = 0; i < parts->count; i++) {
-        starts[parts->places[i].cell + 1]++;
-        hold_starts[(int)parts->places[i].hold + 1]++;
-    }
-    for (size_t r = 0; r < rows; r++)
-        starts[r + 1] += starts[r];
-    for (int h = 0; h < 4; h++)
-        hold_starts[h + 1] += hold_starts[h];
-    for (int i = 0; i < parts->count; i++)
-        items[starts[parts->places[parts->order[i]].cell]++] = parts->order[i];
-    for (int i = 0; i < parts->count; i++)
-        build->sorted[hold_starts[(int)parts->places[items[i]].hold]++] = items[i];
-    sbi_free(&build->e->allocator, starts);
+    if (used)
+        memcpy(grown, *array, used * item);
+    sbi_free(allocator, *array);
+    *array = grown;
     return 1;
 }
 
-/* One more group from place i of the order on; returns where the next one starts. */
-static int sbi_embed_next_group(const sbi_embed_filling *build, int i, sbi_embed_group *group)
+/* Room for so many in all, exactly at first: most meshes never change. 0: there are too many. */
+static int sbi_embed_new_room(int used, int more, int room, int most, int *wanted)
 {
-    const sbi_embed_place *first = &build->parts->places[build->sorted[i]];
-    int end = i + 1;
-    while (end < build->parts->count && end - i < SBI_EMBED_GROUP &&
-           build->parts->places[build->sorted[end]].hold == first->hold &&
-           build->parts->places[build->sorted[end]].cell == first->cell)
-        end++;
-    group->hold = first->hold;
-    group->count = end - i;
-    group->node_count = sbi_embed_is_on_face(first->hold) ? build->e->face.nodes : build->parts->width;
-    return end;
+    if (more > most - used)
+        return 0;
+    *wanted = room == 0 ? used + more : sbi_min_int(sbi_embed_roomy(used + more), most);
+    return 1;
 }
 
-/* Nodes of a place's element or face; returns how many. */
-static int sbi_embed_cell_nodes(const sbi_embed_parts *parts, sb_embedding_hold hold, int cell,
-                                int nodes[SB_MAX_ELEMENT_NODES])
+static int sbi_embed_reserve_rows(const sb_allocator *allocator, sbi_embed_rows *rows, int more)
+{
+    int room;
+    size_t used = (size_t)rows->end, width = (size_t)rows->width, wanted;
+    if (more <= rows->room - rows->used)
+        return 1;
+    if (!sbi_embed_new_room(rows->used, more, rows->room, INT_MAX / rows->width, &room))
+        return 0;
+    wanted = (size_t)room;
+    if (!sbi_embed_grow_array(allocator, (void **)&rows->order, used, wanted, sizeof(uint64_t)) ||
+        !sbi_embed_grow_array(allocator, (void **)&rows->nodes, used * width, wanted * width, sizeof(int)) ||
+        !sbi_embed_grow_array(allocator, (void **)&rows->touched, used * width, wanted * width, sizeof(int)) ||
+        !sbi_embed_grow_array(allocator, (void **)&rows->next, used * width, wanted * width, sizeof(int)) ||
+        !sbi_embed_grow_array(allocator, (void **)&rows->forces, 0, wanted * width, sizeof(sb_vec3)))
+        return 0;
+    rows->room = room;
+    return 1;
+}
+
+static int sbi_embed_reserve_groups(const sb_allocator *allocator, sbi_embed_arrays *a, int more)
+{
+    sbi_embed_rows *rows = &a->rows[SBI_EMBED_OF_GROUPS];
+    int before = rows->room;
+    size_t used = (size_t)rows->end, room;
+    if (!sbi_embed_reserve_rows(allocator, rows, more))
+        return 0;
+    room = (size_t)rows->room;
+    if (rows->room == before ||
+        (sbi_embed_grow_array(allocator, (void **)&a->groups, used, room, sizeof(sbi_embed_group)) &&
+         sbi_embed_grow_array(allocator, (void **)&a->pulls, 0, room * (size_t)rows->width, sizeof(sb_vec3))))
+        return 1;
+    rows->room = before; /* what is larger than it says stays so */
+    return 0;
+}
+
+static int sbi_embed_reserve_faces(const sb_allocator *allocator, sbi_embed_arrays *a, int more)
+{
+    sbi_embed_rows *rows = &a->rows[SBI_EMBED_OF_FACES];
+    int before = rows->room;
+    size_t used = (size_t)rows->end * (size_t)rows->width, room;
+    if (!sbi_embed_reserve_rows(allocator, rows, more))
+        return 0;
+    room = (size_t)rows->room * (size_t)rows->width;
+    if (rows->room == before ||
+        (sbi_embed_grow_array(allocator, (void **)&a->face_weights, used, room, sizeof(sb_real)) &&
+         sbi_embed_grow_array(allocator, (void **)&a->face_normals, 0, room, sizeof(sb_vec3))))
+        return 1;
+    rows->room = before;
+    return 0;
+}
+
+static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arrays *a, const sbi_embed_parts *parts,
+                                    int more)
+{
+    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1;
+    size_t used = (size_t)a->block_end * SBI_EMBED_LANES, slots;
+    if (grows && !sbi_embed_new_room(a->block_used, more, a->block_room, INT_MAX / SBI_EMBED_LANES, &room))
+        return 0;
+    slots = (size_t)room * SBI_EMBED_LANES;
+    if (grows)
+        ok =
+            sbi_embed_grow_array(allocator, (void **)&a->block_next, (size_t)a->block_end, (size_t)room, sizeof(int)) &&
+            sbi_embed_grow_array(allocator, (void **)&a->slot_point, used, slots, sizeof(int));
+    for (int k = 0; k < 3; k++) {
+        if (grows)
+            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->parameters[k], used, slots, sizeof(sb_real));
+        if (parts->with_normals && grows)
+            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->carried[k], used, slots, sizeof(sb_real));
+        if (a->offsets[k] ? grows : parts->with_offsets) /* points that do without never read theirs */
+            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], a->offsets[k] ? used : 0, slots,
+                                            sizeof(sb_real));
+    }
+    if (ok)
+        a->block_room = room;
+    return ok;
+}
+
+static int sbi_embed_reserve_touched(const sb_allocator *allocator, sbi_embed_arrays *a, int more)
+{
+    int room;
+    size_t used = (size_t)a->touched_end, wanted;
+    if (more <= a->touched_room - a->touched_used)
+        return 1;
+    if (!sbi_embed_new_room(a->touched_used, more, a->touched_room, INT_MAX, &room))
+        return 0;
+    wanted = (size_t)room;
+    if (!sbi_embed_grow_array(allocator, (void **)&a->touched, used, wanted, sizeof(sbi_embed_touched)) ||
+        !sbi_embed_grow_array(allocator, (void **)&a->normals, 0, wanted, sizeof(sb_vec3)) ||
+        !sbi_embed_grow_array(allocator, (void **)&a->lengths, 0, wanted, sizeof(sb_real)) ||
+        !sbi_embed_grow_array(allocator, (void **)&a->normal_pulls, 0, wanted, sizeof(sb_vec3)))
+        return 0;
+    a->touched_room = room;
+    return 1;
+}
+
+/* Numbers that are -1 until something is there. */
+static int sbi_embed_reserve_index(const sb_allocator *allocator, int **index, int *room, int needed)
+{
+    size_t used = (size_t)*room;
+    int wanted = *room == 0 ? needed : sbi_embed_roomy(needed);
+    if (needed <= *room)
+        return 1;
+    if (!sbi_embed_grow_array(allocator, (void **)index, used, (size_t)wanted, sizeof(int)))
+        return 0;
+    memset(*index + used, 0xff, ((size_t)wanted - used) * sizeof(int));
+    *room = wanted;
+    return 1;
+}
+
+SBI_API int sbi_embed_arrays_reserve(const sb_allocator *allocator, sbi_embed_arrays *a, const sbi_embed_parts *parts,
+                                     const sbi_embed_more *more)
+{
+    return sbi_embed_reserve_groups(allocator, a, more->groups) &&
+           sbi_embed_reserve_blocks(allocator, a, parts, more->blocks) &&
+           sbi_embed_reserve_faces(allocator, a, more->faces) &&
+           sbi_embed_reserve_touched(allocator, a, more->touched) &&
+           sbi_embed_reserve_index(allocator, &a->element_groups, &a->element_room, parts->element_count) &&
+           sbi_embed_reserve_index(allocator, &a->touched_of, &a->node_room, parts->node_count);
+}
+
+static void sbi_embed_rows_free(const sb_allocator *allocator, sbi_embed_rows *rows)
+{
+    sbi_free(allocator, rows->order);
+    sbi_free(allocator, rows->nodes);
+    sbi_free(allocator, rows->touched);
+    sbi_free(allocator, rows->next);
+    sbi_free(allocator, rows->forces);
+}
+
+SBI_API void sbi_embed_arrays_free(const sb_allocator *allocator, sbi_embed_arrays *a)
+{
+    for (int k = 0; k < 3; k++) {
+        sbi_free(allocator, a->parameters[k]);
+        sbi_free(allocator, a->offsets[k]);
+        sbi_free(allocator, a->carried[k]);
+    }
+    for (int kind = 0; kind < SBI_EMBED_KINDS; kind++)
+        sbi_embed_rows_free(allocator, &a->rows[kind]);
+    sbi_free(allocator, a->block_next);
+    sbi_free(allocator, a->slot_point);
+    sbi_free(allocator, a->groups);
+    sbi_free(allocator, a->element_groups);
+    sbi_free(allocator, a->pulls);
+    sbi_free(allocator, a->face_weights);
+    sbi_free(allocator, a->face_normals);
+    sbi_free(allocator, a->touched);
+    sbi_free(allocator, a->normals);
+    sbi_free(allocator, a->lengths);
+    sbi_free(allocator, a->normal_pulls);
+    sbi_free(allocator, a->touched_of);
+    memset(a, 0, sizeof *a);
+}
+
+/* ---- entries of nodes ---- */
+
+static sbi_embed_touched *sbi_embed_touch(sbi_embed_arrays *a, int node, int *index)
+{
+    sbi_embed_touched *t;
+    *index = a->touched_of[node];
+    if (*index >= 0)
+        return &a->touched[*index];
+    *index = a->touched_free >= 0 ? a->touched_free : a->touched_end++;
+    t = &a->touched[*index];
+    if (*index == a->touched_free)
+        a->touched_free = t->first[0];
+    a->touched_used++;
+    a->touched_of[node] = *index;
+    memset(t, 0, sizeof *t);
+    t->node = node;
+    for (int kind = 0; kind < SBI_EMBED_KINDS; kind++)
+        t->first[kind] = t->last[kind] = -1;
+    return t;
+}
+
+/* Puts an entry into the list of its node. */
+static void sbi_embed_link(sbi_embed_arrays *a, int kind, int entry, int node)
+{
+    sbi_embed_rows *rows = &a->rows[kind];
+    sbi_embed_touched *t = sbi_embed_touch(a, node, &rows->touched[entry]);
+    uint64_t order = rows->order[entry / rows->width];
+    int last = t->last[kind], *at = &t->first[kind];
+    rows->nodes[entry] = node;
+    if (last >= 0 && rows->order[last / rows->width] < order)
+        at = &rows->next[last];
+    while (*at >= 0 && rows->order[*at / rows->width] < order)
+        at = &rows->next[*at];
+    rows->next[entry] = *at;
+    *at = entry;
+    if (rows->next[entry] < 0)
+        t->last[kind] = entry;
+}
+
+static void sbi_embed_unlink(sbi_embed_arrays *a, int kind, int entry)
+{
+    sbi_embed_rows *rows = &a->rows[kind];
+    int index = rows->touched[entry], before = -1;
+    sbi_embed_touched *t = &a->touched[index];
+    for (int at = t->first[kind]; at != entry; at = rows->next[at])
+        before = at;
+    *(before < 0 ? &t->first[kind] : &rows->next[before]) = rows->next[entry];
+    if (t->last[kind] == entry)
+        t->last[kind] = before;
+    if (t->first[SBI_EMBED_OF_GROUPS] >= 0 || t->first[SBI_EMBED_OF_FACES] >= 0)
+        return;
+    a->touched_of[t->node] = -1;
+    t->node = -1;
+    t->first[0] = a->touched_free;
+    a->touched_free = index;
+    a->touched_used--;
+}
+
+static int sbi_embed_take_row(sbi_embed_rows *rows, uint64_t order)
+{
+    int row = rows->free_first >= 0 ? rows->free_first : rows->end++;
+    if (row == rows->free_first)
+        rows->free_first = rows->next[row * rows->width];
+    rows->used++;
+    rows->order[row] = order;
+    return row;
+}
+
+static void sbi_embed_give_row(sbi_embed_rows *rows, int row)
+{
+    rows->nodes[row * rows->width] = -1;
+    rows->next[row * rows->width] = rows->free_first;
+    rows->free_first = row;
+    rows->used--;
+}
+
+/* ---- groups ---- */
+
+SBI_API int sbi_embed_cell_nodes(const sbi_embed_parts *parts, sb_embedding_hold hold, int cell,
+                                 int nodes[SB_MAX_ELEMENT_NODES])
 {
     int on_face = sbi_embed_is_on_face(hold), element = on_face ? cell / parts->faces : cell;
     int count = on_face ? parts->face->nodes : parts->width;
@@ -55289,204 +55648,149 @@ static int sbi_embed_cell_nodes(const sbi_embed_parts *parts, sb_embedding_hold 
     return count;
 }
 
-/* Counts groups, slots and node entries; 0 when they do not fit an int. */
-static int sbi_embed_count_groups(const sbi_embed_filling *build)
+SBI_API int sbi_embed_list_points(const sbi_embed_arrays *a, const sbi_embed_group *group, int *points)
 {
-    sb_embedding *e = build->e;
-    long long slots = 0, entries = 0;
-    for (int i = 0; i < build->parts->count;) {
-        sbi_embed_group group;
-        i = sbi_embed_next_group(build, i, &group);
-        e->group_count++;
-        slots += (long long)sbi_embed_tasks(group.count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-        entries += group.node_count;
-    }
-    if (slots > INT_MAX || entries > INT_MAX / 2)
-        return 0;
-    e->slot_count = (int)slots;
-    e->group_entries = (int)entries;
-    e->task_count = sbi_embed_tasks(e->slot_count, SBI_EMBED_TASK_SLOTS);
-    return 1;
+    int listed = 0;
+    for (int block = group->first_block; block >= 0; block = a->block_next[block])
+        for (int l = 0; l < SBI_EMBED_LANES && listed < group->count; l++)
+            points[listed++] = a->slot_point[block * SBI_EMBED_LANES + l];
+    return listed;
 }
 
-/* Slots of a group, with their numbers. from: its first place in the order. */
-static void sbi_embed_fill_slots(const sbi_embed_filling *build, const sbi_embed_group *group, int from)
+static void sbi_embed_fill_slot(sbi_embed_arrays *a, int slot, int point, const sbi_embed_place *place)
 {
-    sb_embedding *e = build->e;
-    int padded = sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-    for (int s = 0; s < padded; s++) {
-        int point = build->sorted[from + sbi_min_int(s, group->count - 1)], slot = group->first + s;
-        e->slot_point[slot] = point;
-        for (int k = 0; k < 3; k++) {
-            e->parameters[k][slot] = build->parts->places[point].parameters[k];
-            if (e->offsets[0])
-                e->offsets[k][slot] = build->parts->places[point].offset[k];
-            if (e->carried[0])
-                e->carried[k][slot] = build->parts->places[point].carried[k];
-        }
-    }
-}
-
-static int sbi_embed_allocate_groups(const sbi_embed_filling *build)
-{
-    sb_embedding *e = build->e;
-    size_t slots = (size_t)e->slot_count;
-    int ok = 1, with_offsets = e->report.frame + e->report.extrapolated > 0;
-    e->groups = (sbi_embed_group *)sbi_embed_take(e, &ok, (size_t)e->group_count, sizeof(sbi_embed_group));
-    e->tasks = (int *)sbi_embed_take(e, &ok, (size_t)e->task_count + 1, sizeof(int));
-    e->slot_point = (int *)sbi_embed_take(e, &ok, slots, sizeof(int));
+    a->slot_point[slot] = point;
     for (int k = 0; k < 3; k++) {
-        e->parameters[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-        if (with_offsets)
-            e->offsets[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-        if (build->parts->with_normals)
-            e->carried[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-    }
-    return ok;
-}
-
-/* groups, slots and tasks, from the order by hold and cell. */
-static int sbi_embed_make_groups(const sbi_embed_filling *build)
-{
-    sb_embedding *e = build->e;
-    int slot = 0, entry = 0, task = 0;
-    if (!sbi_embed_count_groups(build) || !sbi_embed_allocate_groups(build))
-        return 0;
-    for (int g = 0, i = 0; g < e->group_count; g++) {
-        sbi_embed_group *group = &e->groups[g];
-        int from = i;
-        i = sbi_embed_next_group(build, i, group);
-        group->first = slot;
-        group->node_first = entry;
-        if (slot >= task * SBI_EMBED_TASK_SLOTS && task < e->task_count)
-            e->tasks[task++] = g;
-        sbi_embed_fill_slots(build, group, from);
-        slot += sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-        entry += group->node_count;
-    }
-    e->task_count = task;
-    e->tasks[task] = e->group_count;
-    return 1;
-}
-
-/* ---- smooth normals and node entries ---- */
-
-/* Numbers the nodes that need smooth normals (ids: -1 or the number, by mesh node) and lists the boundary faces around
- * them in faces, as element * faces + local face. */
-static void sbi_embed_pick_normals(const sbi_embed_filling *build, int *ids, int *faces)
-{
-    const sbi_embed_parts *parts = build->parts;
-    sb_embedding *e = build->e;
-    int nodes[SB_MAX_ELEMENT_NODES], rows = parts->element_count * parts->faces;
-    memset(ids, 0xff, (size_t)parts->node_count * sizeof(int));
-    for (int i = 0; i < parts->count; i++) {
-        if (parts->places[i].hold != SB_EMBEDDED_OFFSET)
-            continue;
-        sbi_embed_cell_nodes(parts, SB_EMBEDDED_OFFSET, parts->places[i].cell, nodes);
-        for (int a = 0; a < parts->face->nodes; a++)
-            if (ids[nodes[a]] < 0)
-                ids[nodes[a]] = e->normal_count++;
-    }
-    for (int f = 0; f < rows && e->normal_count > 0; f++) {
-        int wanted = 0;
-        if (parts->outer[f] < 0)
-            continue;
-        sbi_embed_cell_nodes(parts, SB_EMBEDDED_OFFSET, f, nodes);
-        for (int a = 0; a < parts->face->nodes; a++)
-            wanted |= ids[nodes[a]] >= 0;
-        if (wanted)
-            faces[e->face_count++] = f;
+        a->parameters[k][slot] = place->parameters[k];
+        if (a->offsets[0])
+            a->offsets[k][slot] = place->offset[k];
+        if (a->carried[0])
+            a->carried[k][slot] = place->carried[k];
     }
 }
 
-/* Fills nodes and normal_of of all entries, and the weights of the faces. */
-static void sbi_embed_fill_entries(const sbi_embed_filling *build, const int *ids, const int *faces)
+static void sbi_embed_fill_blocks(sbi_embed_arrays *a, const sbi_embed_parts *parts, const int *points,
+                                  sbi_embed_group *group)
 {
-    const sbi_embed_parts *parts = build->parts;
-    sb_embedding *e = build->e;
-    int nodes[SB_MAX_ELEMENT_NODES];
+    int *link = &group->first_block;
+    for (int first = 0; first < group->count; first += SBI_EMBED_LANES) {
+        int block = a->block_free >= 0 ? a->block_free : a->block_end++;
+        if (block == a->block_free)
+            a->block_free = a->block_next[block];
+        a->block_used++;
+        for (int l = 0; l < SBI_EMBED_LANES; l++) {
+            int point = points[sbi_min_int(first + l, group->count - 1)];
+            sbi_embed_fill_slot(a, block * SBI_EMBED_LANES + l, point, &parts->places[point]);
+        }
+        *link = block;
+        link = &a->block_next[block];
+    }
+    *link = -1;
+}
+
+/* How many points from the first on have its hold and cell. */
+static int sbi_embed_count_alike(const sbi_embed_parts *parts, const int *points, int count)
+{
+    const sbi_embed_place *first = &parts->places[points[0]];
+    int alike = 1;
+    while (alike < count && parts->places[points[alike]].hold == first->hold &&
+           parts->places[points[alike]].cell == first->cell)
+        alike++;
+    return alike;
+}
+
+/* chunk: the how many-th group of its hold and cell. */
+static void sbi_embed_add_group(sbi_embed_arrays *a, const sbi_embed_parts *parts, const int *points, int count,
+                                int chunk)
+{
+    const sbi_embed_place *place = &parts->places[points[0]];
+    sbi_embed_rows *rows = &a->rows[SBI_EMBED_OF_GROUPS];
+    uint64_t order = (uint64_t)place->hold << 56 | (uint64_t)place->cell << 24 | (uint64_t)chunk;
+    int row = sbi_embed_take_row(rows, order), nodes[SB_MAX_ELEMENT_NODES];
+    int *link = &a->element_groups[sbi_embed_is_on_face(place->hold) ? place->cell / parts->faces : place->cell];
+    sbi_embed_group *group = &a->groups[row];
+    group->hold = place->hold;
+    group->cell = place->cell;
+    group->count = count;
+    group->next = *link;
+    *link = row;
+    sbi_embed_fill_blocks(a, parts, points, group);
+    group->node_count = sbi_embed_cell_nodes(parts, place->hold, place->cell, nodes);
+    for (int i = 0; i < group->node_count; i++) {
+        int entry = row * rows->width + i;
+        sbi_embed_link(a, SBI_EMBED_OF_GROUPS, entry, nodes[i]);
+        a->touched[rows->touched[entry]].normal_users += place->hold == SB_EMBEDDED_OFFSET;
+    }
+}
+
+SBI_API void sbi_embed_add_groups(sbi_embed_arrays *a, const sbi_embed_parts *parts, const int *points, int count)
+{
+    for (int i = 0; i < count;) {
+        int end = i + sbi_embed_count_alike(parts, points + i, count - i);
+        for (int chunk = 0; i < end; chunk++) {
+            int size = sbi_min_int(end - i, SBI_EMBED_GROUP);
+            sbi_embed_add_group(a, parts, points + i, size, chunk);
+            i += size;
+        }
+    }
+}
+
+SBI_API void sbi_embed_drop_group(sbi_embed_arrays *a, int *link)
+{
+    sbi_embed_rows *rows = &a->rows[SBI_EMBED_OF_GROUPS];
+    int row = *link;
+    sbi_embed_group *group = &a->groups[row];
+    for (int i = 0; i < group->node_count; i++) {
+        int entry = row * rows->width + i;
+        a->touched[rows->touched[entry]].normal_users -= group->hold == SB_EMBEDDED_OFFSET;
+        sbi_embed_unlink(a, SBI_EMBED_OF_GROUPS, entry);
+    }
+    for (int block = group->first_block, next; block >= 0; block = next) {
+        next = a->block_next[block];
+        a->block_next[block] = a->block_free;
+        a->block_free = block;
+        a->block_used--;
+    }
+    *link = group->next;
+    group->count = 0;
+    sbi_embed_give_row(rows, row);
+}
+
+/* ---- faces ---- */
+
+SBI_API void sbi_embed_add_face(sbi_embed_arrays *a, const sbi_embed_parts *parts, int face)
+{
+    sbi_embed_rows *rows = &a->rows[SBI_EMBED_OF_FACES];
+    int nodes[SB_MAX_ELEMENT_NODES], row, wanted = 0;
     size_t width = (size_t)parts->face->nodes;
-    for (int g = 0; g < e->group_count; g++) {
-        const sbi_embed_group *group = &e->groups[g];
-        sbi_embed_cell_nodes(parts, group->hold, parts->places[e->slot_point[group->first]].cell, nodes);
-        for (int a = 0; a < group->node_count; a++) {
-            e->nodes[group->node_first + a] = nodes[a];
-            e->normal_of[group->node_first + a] = group->hold == SB_EMBEDDED_OFFSET ? ids[nodes[a]] : -1;
-        }
-    }
-    for (int f = 0; f < e->face_count; f++) {
-        size_t first = (size_t)f * width, entry = (size_t)e->group_entries + first;
-        sbi_embed_cell_nodes(parts, SB_EMBEDDED_OFFSET, faces[f], nodes);
-        memcpy(e->weights + first, parts->weights + (size_t)parts->outer[faces[f]] * width, sizeof(sb_real) * width);
-        for (size_t a = 0; a < width; a++) {
-            e->nodes[entry + a] = nodes[a];
-            e->normal_of[entry + a] = ids[nodes[a]];
-        }
+    if (parts->outer[face] < 0)
+        return;
+    sbi_embed_cell_nodes(parts, SB_EMBEDDED_OFFSET, face, nodes);
+    for (int i = 0; i < rows->width && !wanted; i++)
+        wanted = a->touched_of[nodes[i]] >= 0 && a->touched[a->touched_of[nodes[i]]].normal_users > 0;
+    if (!wanted)
+        return;
+    row = sbi_embed_take_row(rows, (uint64_t)face);
+    memcpy(a->face_weights + (size_t)row * width, parts->weights + (size_t)parts->outer[face] * width,
+           width * sizeof(sb_real));
+    for (int i = 0; i < rows->width; i++)
+        sbi_embed_link(a, SBI_EMBED_OF_FACES, row * rows->width + i, nodes[i]);
+}
+
+SBI_API void sbi_embed_drop_faces(sbi_embed_arrays *a, int node)
+{
+    sbi_embed_rows *rows = &a->rows[SBI_EMBED_OF_FACES];
+    while (node < a->node_room && a->touched_of[node] >= 0) {
+        int entry = a->touched[a->touched_of[node]].first[SBI_EMBED_OF_FACES], row = entry / rows->width;
+        if (entry < 0)
+            return;
+        for (int i = 0; i < rows->width; i++)
+            sbi_embed_unlink(a, SBI_EMBED_OF_FACES, row * rows->width + i);
+        sbi_embed_give_row(rows, row);
     }
 }
 
-/* touched and touched_nodes; rows[entry_count] is scratch. */
-static int sbi_embed_make_touched(sb_embedding *e, int node_count, int *rows)
-{
-    int ok = 1, *row_of = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
-    if (!ok)
-        return 0;
-    memset(row_of, 0xff, (size_t)node_count * sizeof(int));
-    for (int i = 0; i < e->entry_count; i++) {
-        if (row_of[e->nodes[i]] < 0)
-            row_of[e->nodes[i]] = e->touched_count++;
-        rows[i] = row_of[e->nodes[i]];
-    }
-    e->touched_nodes = (int *)sbi_embed_take(e, &ok, (size_t)e->touched_count, sizeof(int));
-    for (int i = 0; ok && i < e->entry_count; i++)
-        e->touched_nodes[rows[i]] = e->nodes[i];
-    sbi_free(&e->allocator, row_of);
-    return ok && sbi_embed_lists_make(e, rows, e->entry_count, e->touched_count, &e->touched);
-}
-
-static int sbi_embed_allocate_entries(sb_embedding *e)
-{
-    size_t entries = (size_t)e->entry_count, faces = (size_t)e->face_count, width = (size_t)e->face.nodes;
-    int ok = 1;
-    e->nodes = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
-    e->normal_of = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
-    e->weights = (sb_real *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_real));
-    e->face_normals = (sb_vec3 *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_vec3));
-    e->normals = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
-    e->lengths = (sb_real *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_real));
-    e->normal_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
-    e->entry_forces = (sb_vec3 *)sbi_embed_take(e, &ok, entries, sizeof(sb_vec3));
-    e->entry_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->group_entries, sizeof(sb_vec3));
-    return ok;
-}
-
-static int sbi_embed_make_entries(const sbi_embed_filling *build)
-{
-    sb_embedding *e = build->e;
-    int ok = 1, node_count = build->parts->node_count, *rows = NULL;
-    int *ids = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
-    int *faces = (int *)sbi_embed_take(e, &ok, (size_t)build->parts->outer_count, sizeof(int));
-    if (ok) {
-        long long entries;
-        sbi_embed_pick_normals(build, ids, faces);
-        entries = (long long)e->group_entries + (long long)e->face_count * e->face.nodes;
-        ok = entries <= INT_MAX;
-        e->entry_count = ok ? (int)entries : 0;
-    }
-    ok = ok && sbi_embed_allocate_entries(e);
-    rows = (int *)sbi_embed_take(e, &ok, (size_t)e->entry_count, sizeof(int));
-    if (ok) {
-        sbi_embed_fill_entries(build, ids, faces);
-        ok = sbi_embed_make_touched(e, node_count, rows) &&
-             sbi_embed_lists_make(e, e->normal_of + e->group_entries, e->entry_count - e->group_entries,
-                                  e->normal_count, &e->normal_faces) &&
-             sbi_embed_lists_make(e, e->normal_of, e->group_entries, e->normal_count, &e->normal_groups);
-    }
-    sbi_free(&e->allocator, rows);
-    sbi_free(&e->allocator, faces);
-    sbi_free(&e->allocator, ids);
-    return ok;
-}
+/* ---- all points ---- */
 
 SBI_API void sbi_embed_fill_local(sb_element_type type, int local[6][SB_MAX_FACE_NODES])
 {
@@ -55494,44 +55798,96 @@ SBI_API void sbi_embed_fill_local(sb_element_type type, int local[6][SB_MAX_FACE
         sb_element_face(type, f, local[f], NULL);
 }
 
-SBI_API int sbi_embed_make_arrays(sb_embedding *e, const sbi_embed_parts *parts)
+/* Sorts points by hold, then cell, then as in order; items[count] is scratch. */
+static int sbi_embed_sort_places(const sb_allocator *allocator, const sbi_embed_parts *parts, const int *order,
+                                 int count, int *items, int *sorted)
 {
-    sbi_embed_filling build;
-    int ok = 1, *items;
-    build.e = e;
-    build.parts = parts;
-    build.sorted = (int *)sbi_embed_take(e, &ok, (size_t)parts->count, sizeof(int));
-    items = (int *)sbi_embed_take(e, &ok, (size_t)parts->count, sizeof(int));
-    ok = ok && sbi_embed_sort_places(&build, items) && sbi_embed_make_groups(&build) && sbi_embed_make_entries(&build);
-    sbi_free(&e->allocator, items);
-    sbi_free(&e->allocator, build.sorted);
-    return ok;
+    int hold_starts[5] = {0, 0, 0, 0, 0};
+    size_t rows = (size_t)parts->element_count * (size_t)parts->faces;
+    int *starts = (int *)sbi_alloc_zeroed(allocator, rows + 1, sizeof(int));
+    if (!starts)
+        return 0;
+    for (int i = 0; i < count; i++) {
+        starts[parts->places[i].cell + 1]++;
+        hold_starts[(int)parts->places[i].hold + 1]++;
+    }
+    for (size_t r = 0; r < rows; r++)
+        starts[r + 1] += starts[r];
+    for (int h = 0; h < 4; h++)
+        hold_starts[h + 1] += hold_starts[h];
+    for (int i = 0; i < count; i++)
+        items[starts[parts->places[order[i]].cell]++] = order[i];
+    for (int i = 0; i < count; i++)
+        sorted[hold_starts[(int)parts->places[items[i]].hold]++] = items[i];
+    sbi_free(allocator, starts);
+    return 1;
 }
 
-SBI_API void sbi_embed_free_arrays(sb_embedding *e)
+enum { SBI_EMBED_IS_TOUCHED = 1, SBI_EMBED_HAS_NORMAL = 2 };
+
+static void sbi_embed_mark_nodes(const int *nodes, int count, int mark, unsigned char *marks, int *touched)
 {
-    const sb_allocator allocator = e->allocator;
-    for (int k = 0; k < 3; k++) {
-        sbi_free(&allocator, e->parameters[k]);
-        sbi_free(&allocator, e->offsets[k]);
-        sbi_free(&allocator, e->carried[k]);
+    for (int i = 0; i < count; i++) {
+        *touched += !marks[nodes[i]];
+        marks[nodes[i]] |= (unsigned char)mark;
     }
-    sbi_embed_lists_free(e, &e->normal_faces);
-    sbi_embed_lists_free(e, &e->normal_groups);
-    sbi_embed_lists_free(e, &e->touched);
-    sbi_free(&allocator, e->groups);
-    sbi_free(&allocator, e->tasks);
-    sbi_free(&allocator, e->slot_point);
-    sbi_free(&allocator, e->nodes);
-    sbi_free(&allocator, e->normal_of);
-    sbi_free(&allocator, e->weights);
-    sbi_free(&allocator, e->touched_nodes);
-    sbi_free(&allocator, e->face_normals);
-    sbi_free(&allocator, e->normals);
-    sbi_free(&allocator, e->lengths);
-    sbi_free(&allocator, e->entry_forces);
-    sbi_free(&allocator, e->entry_pulls);
-    sbi_free(&allocator, e->normal_pulls);
+}
+
+/* What the sorted points need. 0: too many, or no memory. */
+static int sbi_embed_count_all(const sb_allocator *allocator, const sbi_embed_parts *parts, const int *sorted,
+                               int count, sbi_embed_more *more)
+{
+    unsigned char *marks = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)parts->node_count, 1);
+    int nodes[SB_MAX_ELEMENT_NODES], rows = parts->element_count * parts->faces;
+    memset(more, 0, sizeof *more);
+    if (!marks)
+        return 0;
+    for (int i = 0, alike; i < count; i += alike) {
+        const sbi_embed_place *place = &parts->places[sorted[i]];
+        int corners = sbi_embed_cell_nodes(parts, place->hold, place->cell, nodes);
+        int mark =
+            place->hold == SB_EMBEDDED_OFFSET ? SBI_EMBED_IS_TOUCHED | SBI_EMBED_HAS_NORMAL : SBI_EMBED_IS_TOUCHED;
+        alike = sbi_embed_count_alike(parts, sorted + i, count - i);
+        more->groups += sbi_embed_tasks(alike, SBI_EMBED_GROUP);
+        more->blocks += sbi_embed_tasks(alike, SBI_EMBED_LANES); /* a group is whole blocks */
+        sbi_embed_mark_nodes(nodes, corners, mark, marks, &more->touched);
+    }
+    for (int f = 0; f < rows; f++) {
+        int wanted = 0;
+        if (parts->outer[f] < 0)
+            continue;
+        sbi_embed_cell_nodes(parts, SB_EMBEDDED_OFFSET, f, nodes);
+        for (int i = 0; i < parts->face->nodes; i++)
+            wanted |= marks[nodes[i]] & SBI_EMBED_HAS_NORMAL;
+        more->faces += wanted != 0;
+        if (wanted)
+            sbi_embed_mark_nodes(nodes, parts->face->nodes, SBI_EMBED_IS_TOUCHED, marks, &more->touched);
+    }
+    sbi_free(allocator, marks);
+    return 1;
+}
+
+SBI_API int sbi_embed_arrays_fill(const sb_allocator *allocator, sbi_embed_arrays *a, const sbi_embed_parts *parts,
+                                  const int *order, int count)
+{
+    int *sorted = (int *)sbi_alloc(allocator, (size_t)count, sizeof(int));
+    int *items = (int *)sbi_alloc(allocator, (size_t)count, sizeof(int));
+    sbi_embed_more more;
+    int ok = sorted && items && sbi_embed_sort_places(allocator, parts, order, count, items, sorted) &&
+             sbi_embed_count_all(allocator, parts, sorted, count, &more);
+    a->rows[SBI_EMBED_OF_GROUPS].width = parts->width;
+    a->rows[SBI_EMBED_OF_FACES].width = parts->face->nodes;
+    a->rows[SBI_EMBED_OF_GROUPS].free_first = a->rows[SBI_EMBED_OF_FACES].free_first = -1;
+    a->block_free = a->touched_free = -1;
+    ok = ok && sbi_embed_arrays_reserve(allocator, a, parts, &more);
+    if (ok) {
+        sbi_embed_add_groups(a, parts, sorted, count);
+        for (int f = 0; f < parts->element_count * parts->faces && more.faces > 0; f++)
+            sbi_embed_add_face(a, parts, f);
+    }
+    sbi_free(allocator, items);
+    sbi_free(allocator, sorted);
+    return ok;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -55541,33 +55897,17 @@ SBI_API void sbi_embed_free_arrays(sb_embedding *e)
 
 /* ---- memory ---- */
 
-/* More room for an array; 0: no memory. */
-static int sbi_embed_live_grow(const sb_embedding *e, void **array, size_t used, size_t room, size_t item)
-{
-    void *grown = sbi_alloc(&e->allocator, room, item);
-    if (!grown)
-        return 0;
-    if (used)
-        memcpy(grown, *array, used * item);
-    sbi_free(&e->allocator, *array);
-    *array = grown;
-    return 1;
-}
-
-/* Half as much again, so that a mesh that grows does not ask each time. */
-static int sbi_embed_live_roomy(int needed) { return needed > INT_MAX / 2 ? needed : needed + needed / 2; }
-
 static int sbi_embed_live_node_room(const sb_embedding *e, sbi_embed_follower *f, int needed)
 {
-    size_t used = (size_t)f->node_room, room = (size_t)sbi_embed_live_roomy(needed);
+    size_t used = (size_t)f->node_room, room = (size_t)sbi_embed_roomy(needed);
     if (needed <= f->node_room)
         return 1;
-    if (!sbi_embed_live_grow(e, (void **)&f->nodes, used, room, sizeof(sb_vec3)) ||
-        !sbi_embed_live_grow(e, (void **)&f->first, used, room, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->node_marks, used, room, 1) ||
-        !sbi_embed_live_grow(e, (void **)&f->changed_nodes, used, room, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->part_nodes, used, room, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->number, used, room, sizeof(int)))
+    if (!sbi_embed_grow_array(&e->allocator, (void **)&f->nodes, used, room, sizeof(sb_vec3)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->first, used, room, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->node_marks, used, room, 1) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->changed_nodes, used, room, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->part_nodes, used, room, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->number, used, room, sizeof(int)))
         return 0;
     memset(f->nodes + used, 0, (room - used) * sizeof(sb_vec3));
     memset(f->first + used, 0xff, (room - used) * sizeof(int));
@@ -55584,12 +55924,12 @@ static int sbi_embed_live_cell_room(const sb_embedding *e, sbi_embed_follower *f
         return 1;
     if (needed > INT_MAX / f->width)
         return 0;
-    room = (size_t)sbi_min_int(sbi_embed_live_roomy(needed), INT_MAX / f->width);
-    if (!sbi_embed_live_grow(e, (void **)&f->cells, used * width, room * width, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->next, used * width, room * width, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->outer, used * faces, room * faces, sizeof(int)) ||
-        !sbi_embed_live_grow(e, (void **)&f->cell_marks, used, room, 1) ||
-        !sbi_embed_live_grow(e, (void **)&f->part_cells, used, room, sizeof(int)))
+    room = (size_t)sbi_min_int(sbi_embed_roomy(needed), INT_MAX / f->width);
+    if (!sbi_embed_grow_array(&e->allocator, (void **)&f->cells, used * width, room * width, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->next, used * width, room * width, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->outer, used * faces, room * faces, sizeof(int)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->cell_marks, used, room, 1) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->part_cells, 0, 2 * room, sizeof(int)))
         return 0;
     memset(f->cells + used * width, 0xff, (room - used) * width * sizeof(int));
     memset(f->outer + used * faces, 0xff, (room - used) * faces * sizeof(int));
@@ -55600,13 +55940,13 @@ static int sbi_embed_live_cell_room(const sb_embedding *e, sbi_embed_follower *f
 
 SBI_API int sbi_embed_live_room(const sb_embedding *e, sbi_embed_follower *f, int nodes, int cells, int rows)
 {
-    size_t used = (size_t)f->row_room, room = (size_t)sbi_embed_live_roomy(rows), width = (size_t)f->face_nodes;
+    size_t used = (size_t)f->row_room, room = (size_t)sbi_embed_roomy(rows), width = (size_t)f->face_nodes;
     if (!sbi_embed_live_node_room(e, f, nodes) || !sbi_embed_live_cell_room(e, f, cells))
         return 0;
     if (rows <= f->row_room)
         return 1;
-    if (!sbi_embed_live_grow(e, (void **)&f->weights, used * width, room * width, sizeof(sb_real)) ||
-        !sbi_embed_live_grow(e, (void **)&f->free_rows, used, room, sizeof(int)))
+    if (!sbi_embed_grow_array(&e->allocator, (void **)&f->weights, used * width, room * width, sizeof(sb_real)) ||
+        !sbi_embed_grow_array(&e->allocator, (void **)&f->free_rows, used, room, sizeof(int)))
         return 0;
     f->row_room = (int)room;
     return 1;
@@ -55730,9 +56070,9 @@ SBI_API int sbi_embed_live_fill(const sb_embedding *e, sbi_embed_follower *f, co
 
 /* ---- changes ---- */
 
-static void sbi_embed_live_mark(sbi_embed_follower *f, const int *nodes)
+SBI_API void sbi_embed_live_mark(sbi_embed_follower *f, const int *nodes, int count)
 {
-    for (int a = 0; a < f->width; a++)
+    for (int a = 0; a < count; a++)
         if (!f->node_marks[nodes[a]]) {
             f->node_marks[nodes[a]] = 1;
             f->changed_nodes[f->changed_count++] = nodes[a];
@@ -55745,15 +56085,15 @@ static void sbi_embed_live_mark_change(sbi_embed_follower *f)
     size_t n = (size_t)f->width;
     for (int i = 0; i < c->removed_cell_count; i++) {
         f->cell_marks[c->removed_cells[i]] = 1;
-        sbi_embed_live_mark(f, c->removed_cell_nodes + (size_t)i * n);
+        sbi_embed_live_mark(f, c->removed_cell_nodes + (size_t)i * n, f->width);
     }
     for (int i = 0; i < c->made_cell_count; i++) {
         f->cell_marks[c->made_cells[i]] = 1;
-        sbi_embed_live_mark(f, c->made_cell_nodes + (size_t)i * n);
+        sbi_embed_live_mark(f, c->made_cell_nodes + (size_t)i * n, f->width);
     }
     for (int i = 0; i < c->reshaped_cell_count; i++) {
         f->cell_marks[c->reshaped_cells[i]] = 1;
-        sbi_embed_live_mark(f, f->cells + (size_t)c->reshaped_cells[i] * n);
+        sbi_embed_live_mark(f, f->cells + (size_t)c->reshaped_cells[i] * n, f->width);
     }
 }
 
@@ -55903,24 +56243,42 @@ typedef enum sbi_embed_part {
     SBI_EMBED_ALL = 2
 } sbi_embed_part;
 
-enum { SBI_EMBED_CHANGES = 1, SBI_EMBED_SEARCHED = 2 }; /* marks of cells */
-enum { SBI_EMBED_NEAR = 2 };                            /* of nodes; 1: of a cell that changes */
+enum { SBI_EMBED_CHANGES = 1, SBI_EMBED_LISTED = 2 }; /* marks of cells */
+enum { SBI_EMBED_NEAR = 2 };                          /* of nodes; 1: of a cell that changes */
 
-static void sbi_embed_mark_around(sbi_embed_follower *f, int node)
+static int sbi_embed_ascends(const void *unused, int a, int b)
 {
-    for (int at = f->first[node]; at >= 0; at = f->next[at])
-        f->cell_marks[at / f->width] |= SBI_EMBED_SEARCHED;
+    (void)unused;
+    return a < b;
 }
 
-static void sbi_embed_mark_part(sbi_embed_follower *f, sbi_embed_part part)
+/* Lists a cell once; 0: it is listed. */
+static int sbi_embed_list_cell(sbi_embed_follower *f, int cell)
+{
+    if (f->cell_marks[cell] & SBI_EMBED_LISTED)
+        return 0;
+    f->cell_marks[cell] |= SBI_EMBED_LISTED;
+    f->part_cells[f->part_count++] = cell;
+    return 1;
+}
+
+static void sbi_embed_list_around(sbi_embed_follower *f, int node)
+{
+    for (int at = f->first[node]; at >= 0; at = f->next[at])
+        sbi_embed_list_cell(f, at / f->width);
+}
+
+/* Lists the cells of a part, ascending. */
+static void sbi_embed_list_part(sbi_embed_follower *f, sbi_embed_part part)
 {
     const sb_mesh_change *c = f->change;
     for (int i = 0; part == SBI_EMBED_ALL && i < f->cell_end; i++)
-        f->cell_marks[i] |= SBI_EMBED_SEARCHED;
+        if (f->cells[i * f->width] >= 0)
+            sbi_embed_list_cell(f, i);
     for (int i = 0; part == SBI_EMBED_CHANGED && i < c->made_cell_count; i++)
-        f->cell_marks[c->made_cells[i]] |= SBI_EMBED_SEARCHED;
+        sbi_embed_list_cell(f, c->made_cells[i]);
     for (int i = 0; part == SBI_EMBED_CHANGED && i < c->reshaped_cell_count; i++)
-        f->cell_marks[c->reshaped_cells[i]] |= SBI_EMBED_SEARCHED;
+        sbi_embed_list_cell(f, c->reshaped_cells[i]);
     for (int i = 0; part == SBI_EMBED_AROUND && i < f->changed_count; i++)
         for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
             for (int a = 0; a < f->width; a++) {
@@ -55928,27 +56286,20 @@ static void sbi_embed_mark_part(sbi_embed_follower *f, sbi_embed_part part)
                 if (!(f->node_marks[node] & SBI_EMBED_NEAR)) {
                     f->node_marks[node] |= SBI_EMBED_NEAR;
                     f->part_nodes[f->part_node_count++] = node;
-                    sbi_embed_mark_around(f, node);
+                    sbi_embed_list_around(f, node);
                 }
             }
     for (int i = 0; i < f->part_node_count; i++)
         f->node_marks[f->part_nodes[i]] &= (unsigned char)~SBI_EMBED_NEAR;
     f->part_node_count = 0;
-}
-
-/* Lists the marked cells. */
-static void sbi_embed_list_part(sbi_embed_follower *f)
-{
-    f->part_count = 0;
-    for (int i = 0; i < f->cell_end; i++)
-        if (f->cell_marks[i] & SBI_EMBED_SEARCHED && f->cells[i * f->width] >= 0)
-            f->part_cells[f->part_count++] = i;
+    if (part != SBI_EMBED_ALL)
+        sbi_merge_sort(f->part_cells, f->part_cells + f->cell_room, f->part_count, sbi_embed_ascends, NULL);
 }
 
 static void sbi_embed_clear_part(sbi_embed_follower *f)
 {
-    for (int i = 0; i < f->cell_end; i++)
-        f->cell_marks[i] &= (unsigned char)~SBI_EMBED_SEARCHED;
+    for (int i = 0; i < f->part_count; i++)
+        f->cell_marks[f->part_cells[i]] &= (unsigned char)~SBI_EMBED_LISTED;
     f->part_count = 0;
 }
 
@@ -55981,21 +56332,23 @@ static int sbi_embed_make_part(const sb_embedding *e, sbi_embed_follower *f, con
     return mesh->nodes != NULL;
 }
 
-/* Faces where the part ends but the mesh goes on hold no points. */
-static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_volume *volume)
+/* Faces where the part ends but the mesh goes on hold no points. Without a skin it matters only which faces are outer
+ * ones. */
+static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_skin skin, sbi_embed_volume *volume)
 {
-    for (int b = 0; b < volume->boundary.surface.element_count; b++) {
-        int cell = volume->boundary.elements[b], local = volume->boundary.faces[b];
-        if (f->outer[f->part_cells[cell] * f->faces + local] < 0)
-            volume->boundary_face[cell * f->faces + local] = -1;
-    }
+    for (int i = 0; i < f->part_count; i++)
+        for (int k = 0; k < f->faces; k++) {
+            int outer = f->outer[f->part_cells[i] * f->faces + k];
+            if (skin == SBI_EMBED_NO_SKIN || outer < 0)
+                volume->boundary_face[i * f->faces + k] = outer;
+        }
 }
 
 /* 1 when all cells of a node are searched: its normal is that of the whole mesh. */
 static int sbi_embed_is_whole(const sbi_embed_follower *f, int node)
 {
     for (int at = f->first[node]; at >= 0; at = f->next[at])
-        if (!(f->cell_marks[at / f->width] & SBI_EMBED_SEARCHED))
+        if (!(f->cell_marks[at / f->width] & SBI_EMBED_LISTED))
             return 0;
     return 1;
 }
@@ -56018,6 +56371,7 @@ static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, c
 static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                  const sbi_embed_volume *volume)
 {
+    sb_embedding_kind kind = part == SBI_EMBED_CHANGED ? SB_EMBED_PLAIN : e->kind; /* only inside counts there */
     int left = 0, hint = volume->order[0];
     for (int i = 0; i < f->swap_count; i++) {
         sbi_embed_swap *swap = &f->swaps[i];
@@ -56026,7 +56380,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
             hint = volume->order[0];
         if (swap->done)
             continue;
-        sbi_embed_place_point(volume, e->kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
+        sbi_embed_place_point(volume, kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
         swap->info.element = f->part_cells[swap->info.element];
         if (sbi_embed_is_on_face(swap->place.hold))
             swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
@@ -56042,14 +56396,15 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
 static sb_result sbi_embed_search_part(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                        const sb_allocator *allocator, int *left, sb_error *error)
 {
+    sbi_embed_skin skin = part == SBI_EMBED_CHANGED ? SBI_EMBED_NO_SKIN : SBI_EMBED_SKIN;
     sbi_embed_volume volume;
     sb_mesh mesh;
     sb_result result = SB_ERROR_MEMORY;
     if (sbi_embed_make_part(e, f, allocator, &mesh))
-        result = sbi_embed_volume_create(&mesh, allocator, &volume, error);
+        result = sbi_embed_volume_create(&mesh, skin, allocator, &volume, error);
     if (result == SB_OK) {
         volume.scale = e->scale;
-        sbi_embed_hide_cuts(f, &volume);
+        sbi_embed_hide_cuts(f, skin, &volume);
         *left = sbi_embed_place_swaps(e, f, part, &volume);
         sbi_embed_volume_free(&volume);
     }
@@ -56063,8 +56418,7 @@ static sb_result sbi_embed_search(const sb_embedding *e, sbi_embed_follower *f, 
     sb_result result = SB_OK;
     int left = f->swap_count;
     for (int part = (int)from; part <= (int)SBI_EMBED_ALL && left > 0 && result == SB_OK; part++) {
-        sbi_embed_mark_part(f, (sbi_embed_part)part);
-        sbi_embed_list_part(f);
+        sbi_embed_list_part(f, (sbi_embed_part)part);
         for (int again = f->part_count > 0; again;) {
             sb_allocator allocator = sbi_embed_pool_begin(&f->scratch);
             int whole = part == (int)SBI_EMBED_ALL; /* needed once in a while: its memory is given back */
@@ -56077,33 +56431,42 @@ static sb_result sbi_embed_search(const sb_embedding *e, sbi_embed_follower *f, 
     return result;
 }
 
-/* ---- which points, and their arrays ---- */
+/* ---- which points ---- */
 
-/* 1 when the mesh around a place changes; marks are those of the change. */
-static int sbi_embed_is_changed(const sbi_embed_follower *f, const sbi_embed_place *place)
+/* Lists the points of a cell, or those outside that it holds. */
+static void sbi_embed_list_held(const sb_embedding *e, sbi_embed_follower *f, int cell, int outside, int *count)
 {
-    int cell = sbi_embed_is_on_face(place->hold) ? place->cell / f->faces : place->cell;
-    if (f->cell_marks[cell])
-        return 1;
-    for (int a = 0; a < f->width && place->hold != SB_EMBEDDED_INSIDE; a++)
-        if (f->node_marks[f->cells[cell * f->width + a]])
-            return 1;
-    return 0;
+    const sbi_embed_arrays *a = &e->arrays;
+    if (cell >= a->element_room || !sbi_embed_list_cell(f, cell))
+        return;
+    for (int g = a->element_groups[cell]; g >= 0; g = a->groups[g].next)
+        if (!outside || a->groups[g].hold != SB_EMBEDDED_INSIDE)
+            *count += sbi_embed_list_points(a, &a->groups[g], f->sorted + *count);
 }
 
+/* Points of cells that change, and those outside that a cell with a node of theirs holds. */
 static int sbi_embed_list_changed(const sb_embedding *e, sbi_embed_follower *f)
 {
+    const sb_mesh_change *c = f->change;
     int count = 0;
-    for (int p = 0; p < e->report.point_count; p++)
-        count += sbi_embed_is_changed(f, &f->places[p]);
+    for (int i = 0; i < c->removed_cell_count; i++)
+        sbi_embed_list_held(e, f, c->removed_cells[i], 0, &count);
+    for (int i = 0; i < c->made_cell_count; i++)
+        sbi_embed_list_held(e, f, c->made_cells[i], 0, &count);
+    for (int i = 0; i < c->reshaped_cell_count; i++)
+        sbi_embed_list_held(e, f, c->reshaped_cells[i], 0, &count);
+    for (int i = 0; i < f->changed_count; i++)
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
+            sbi_embed_list_held(e, f, at / f->width, 1, &count);
+    sbi_embed_clear_part(f);
     if (!sbi_embed_reserve_swaps(e, f, count))
         return 0;
-    f->swap_count = 0;
-    for (int p = 0; p < e->report.point_count && f->swap_count < count; p++)
-        if (sbi_embed_is_changed(f, &f->places[p])) {
-            f->swaps[f->swap_count].done = 0;
-            f->swaps[f->swap_count++].point = p;
-        }
+    sbi_merge_sort(f->sorted, f->sorted + e->report.point_count, count, sbi_embed_ascends, NULL);
+    f->swap_count = count;
+    for (int i = 0; i < count; i++) {
+        f->swaps[i].done = 0;
+        f->swaps[i].point = f->sorted[i];
+    }
     return 1;
 }
 
@@ -56130,60 +56493,151 @@ static void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_followe
     }
 }
 
-/* The arrays of updates, in the block that is not read. */
-static sb_result sbi_embed_make_next(const sb_embedding *e, sbi_embed_follower *f, sb_error *error)
+/* The report after the places have been swapped. */
+static void sbi_embed_next_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
 {
-    sbi_embed_pool *pool = &f->arrays[1 - f->current];
-    sbi_embed_parts parts;
-    memset(&parts, 0, sizeof parts);
-    parts.places = f->places;
-    parts.order = e->order;
-    parts.count = e->report.point_count;
-    parts.with_normals = e->rest_normals != NULL;
-    parts.node_count = f->node_end;
-    parts.element_count = f->cell_end;
-    parts.width = f->width;
-    parts.faces = f->faces;
-    parts.outer_count = f->row_fresh - f->free_count;
-    parts.elements = f->cells;
-    parts.outer = f->outer;
-    parts.weights = f->weights;
-    parts.face = &e->face;
-    memcpy(parts.local, f->local, sizeof parts.local);
-    do {
-        memset(&f->made, 0, sizeof f->made);
-        f->made.allocator = sbi_embed_pool_begin(pool);
-        f->made.type = e->type;
-        f->made.kind = e->kind;
-        f->made.face = e->face;
-        sbi_embed_fill_report(e, f, &f->made.report);
-        if (sbi_embed_make_arrays(&f->made, &parts))
-            return SB_OK;
-    } while (sbi_embed_pool_grow(e, pool));
-    return sbi_embed_follow_no_memory(e, error);
+    *report = e->report;
+    report->node_count = f->node_end;
+    for (int i = 0; i < f->swap_count; i++) {
+        const sbi_embed_swap *before = &f->swaps[i];
+        const sbi_embed_place *place = &f->places[before->point];
+        if (before->point == e->report.farthest_point) { /* another one may be the farthest now */
+            sbi_embed_fill_report(e, f, report);
+            return;
+        }
+        --*sbi_embed_report_count(report, before->place.hold);
+        sbi_embed_report_add(report, place, before->point);
+        report->lost -= e->inside[before->point] && before->place.hold != SB_EMBEDDED_INSIDE;
+        report->lost += e->inside[before->point] && place->hold != SB_EMBEDDED_INSIDE;
+    }
 }
 
-/* The arrays made become those that are read. */
-static void sbi_embed_adopt(sb_embedding *e, sbi_embed_follower *f)
+/* ---- the arrays of updates ---- */
+
+static void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts)
 {
-    sb_embedding made = f->made;
-    if (!e->follower) { /* those of the creation */
-        sbi_embed_free_arrays(e);
-        sbi_free(&e->allocator, e->elements);
+    memset(parts, 0, sizeof *parts);
+    parts->places = f->places;
+    parts->with_normals = e->rest_normals != NULL;
+    parts->with_offsets = f->report.frame + f->report.extrapolated > 0;
+    parts->node_count = f->node_end;
+    parts->element_count = f->cell_end;
+    parts->width = f->width;
+    parts->faces = f->faces;
+    parts->elements = f->cells;
+    parts->outer = f->outer;
+    parts->weights = f->weights;
+    parts->face = &e->face;
+    memcpy(parts->local, f->local, sizeof parts->local);
+}
+
+/* First group of the element of a place. */
+static int *sbi_embed_groups_at(const sb_embedding *e, const sbi_embed_follower *f, const sbi_embed_place *place)
+{
+    return &e->arrays.element_groups[sbi_embed_is_on_face(place->hold) ? place->cell / f->faces : place->cell];
+}
+
+/* The nodes whose smooth normals a place needs count as changed. */
+static void sbi_embed_mark_place(sbi_embed_follower *f, const sbi_embed_parts *parts, const sbi_embed_place *place)
+{
+    int nodes[SB_MAX_ELEMENT_NODES];
+    if (place->hold == SB_EMBEDDED_OFFSET)
+        sbi_embed_live_mark(f, nodes, sbi_embed_cell_nodes(parts, place->hold, place->cell, nodes));
+}
+
+/* The same of a place before the change, whose groups know its nodes. */
+static void sbi_embed_mark_old_place(const sb_embedding *e, sbi_embed_follower *f, const sbi_embed_place *place)
+{
+    const sbi_embed_arrays *a = &e->arrays;
+    const sbi_embed_rows *rows = &a->rows[SBI_EMBED_OF_GROUPS];
+    for (int g = *sbi_embed_groups_at(e, f, place); g >= 0 && place->hold == SB_EMBEDDED_OFFSET; g = a->groups[g].next)
+        if (a->groups[g].hold == place->hold && a->groups[g].cell == place->cell)
+            sbi_embed_live_mark(f, rows->nodes + (size_t)g * (size_t)rows->width, a->groups[g].node_count);
+}
+
+/* Adds the outer faces around nodes that changed, each once; returns how many there are. arrays NULL: only counts. */
+static int sbi_embed_add_faces(const sbi_embed_follower *f, const sbi_embed_parts *parts, sbi_embed_arrays *arrays)
+{
+    int count = 0;
+    for (int i = 0; i < f->changed_count; i++)
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
+            int cell = at / f->width, corner = at % f->width;
+            const int *nodes = f->cells + cell * f->width;
+            for (int k = 0; k < f->faces; k++) {
+                const int *local = f->local[k];
+                int face = cell * f->faces + k, a = 0;
+                if (f->outer[face] < 0)
+                    continue;
+                while (a < f->face_nodes && !f->node_marks[nodes[local[a]]])
+                    a++;
+                if (a == f->face_nodes || local[a] != corner)
+                    continue;
+                count++;
+                if (arrays)
+                    sbi_embed_add_face(arrays, parts, face);
+            }
+        }
+    return count;
+}
+
+/* Room for the arrays after the change. */
+static int sbi_embed_reserve_arrays(sb_embedding *e, sbi_embed_follower *f)
+{
+    sbi_embed_arrays *a = &e->arrays;
+    sbi_embed_parts parts;
+    sbi_embed_more more;
+    int64_t touched;
+    sbi_embed_fill_parts(e, f, &parts);
+    for (int i = 0; i < f->swap_count; i++) {
+        sbi_embed_mark_old_place(e, f, &f->swaps[i].place);
+        sbi_embed_mark_place(f, &parts, &f->places[f->swaps[i].point]);
     }
-    made.allocator = e->allocator;
-    made.points = e->points;
-    made.elements = f->cells;
-    made.scale = e->scale;
-    made.rest = e->rest;
-    made.rest_normals = e->rest_normals;
-    made.order = e->order;
-    made.inside = e->inside;
-    made.rings = e->rings;
-    made.follower = f;
-    *e = made;
-    f->current = 1 - f->current;
-    f->swap_count = 0;
+    more.groups = more.blocks = f->swap_count; /* a point more makes one more at most */
+    more.faces = sbi_embed_add_faces(f, &parts, NULL);
+    touched = (int64_t)f->swap_count * f->width + (int64_t)more.faces * f->face_nodes;
+    more.touched = (int)(touched < f->node_end ? touched : f->node_end);
+    return sbi_embed_arrays_reserve(&e->allocator, a, &parts, &more);
+}
+
+/* Takes the groups of a hold and cell out, and lists their points. */
+static void sbi_embed_take_out(sb_embedding *e, sbi_embed_follower *f, const sbi_embed_place *place, int *count)
+{
+    sbi_embed_arrays *a = &e->arrays;
+    for (int *link = sbi_embed_groups_at(e, f, place); *link >= 0;) {
+        sbi_embed_group *group = &a->groups[*link];
+        if (group->hold == place->hold && group->cell == place->cell) {
+            *count += sbi_embed_list_points(a, group, f->sorted + *count);
+            sbi_embed_drop_group(a, link);
+        } else {
+            link = &group->next;
+        }
+    }
+}
+
+static int sbi_embed_place_before(const void *context, int p, int q)
+{
+    const sbi_embed_follower *f = (const sbi_embed_follower *)context;
+    const sbi_embed_place *a = &f->places[p], *b = &f->places[q];
+    if (a->hold != b->hold)
+        return a->hold < b->hold;
+    return a->cell != b->cell ? a->cell < b->cell : f->rank[p] < f->rank[q];
+}
+
+/* Makes anew what the swapped points and the changed nodes are part of. */
+static void sbi_embed_change_arrays(sb_embedding *e, sbi_embed_follower *f)
+{
+    sbi_embed_parts parts;
+    int count = 0;
+    sbi_embed_fill_parts(e, f, &parts);
+    for (int i = 0; i < f->swap_count; i++)
+        sbi_embed_take_out(e, f, &f->swaps[i].place, &count);
+    for (int i = 0; i < f->swap_count; i++)
+        sbi_embed_take_out(e, f, &f->places[f->swaps[i].point], &count);
+    for (int i = 0; i < f->changed_count; i++)
+        sbi_embed_drop_faces(&e->arrays, f->changed_nodes[i]);
+    sbi_merge_sort(f->sorted, f->sorted + e->report.point_count, count, sbi_embed_place_before, f);
+    sbi_embed_add_groups(&e->arrays, &parts, f->sorted, count);
+    sbi_embed_add_faces(f, &parts, &e->arrays);
 }
 
 /* ---- a whole mesh ---- */
@@ -56207,9 +56661,9 @@ static void sbi_embed_follower_free(const sb_embedding *e, sbi_embed_follower *f
     sbi_free(allocator, f->part_nodes);
     sbi_free(allocator, f->number);
     sbi_free(allocator, f->places);
+    sbi_free(allocator, f->rank);
+    sbi_free(allocator, f->sorted);
     sbi_free(allocator, f->swaps);
-    sbi_free(allocator, f->arrays[0].base);
-    sbi_free(allocator, f->arrays[1].base);
     sbi_free(allocator, f->scratch.base);
     sbi_free(allocator, f->old_nodes);
     sbi_free(allocator, f);
@@ -56226,6 +56680,7 @@ SBI_API void sbi_embed_follower_destroy(sb_embedding *e)
 static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
 {
     sbi_embed_follower *f = (sbi_embed_follower *)sbi_alloc_zeroed(&e->allocator, 1, sizeof *f);
+    size_t points = (size_t)e->report.point_count;
     if (!f)
         return NULL;
     f->width = sb_element_node_count(e->type);
@@ -56233,8 +56688,12 @@ static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
     f->face_nodes = e->face.nodes;
     f->face_corners = e->face.corners;
     sbi_embed_fill_local(e->type, f->local);
-    f->places = (sbi_embed_place *)sbi_alloc_zeroed(&e->allocator, (size_t)e->report.point_count, sizeof *f->places);
-    if (f->places)
+    f->places = (sbi_embed_place *)sbi_alloc_zeroed(&e->allocator, points, sizeof *f->places);
+    f->rank = (int *)sbi_alloc(&e->allocator, points, sizeof(int));
+    f->sorted = (int *)sbi_alloc(&e->allocator, points, 2 * sizeof(int));
+    for (size_t i = 0; f->rank && i < points; i++)
+        f->rank[e->order[i]] = (int)i;
+    if (f->places && f->rank && f->sorted)
         return f;
     sbi_embed_follower_free(e, f);
     return NULL;
@@ -56242,8 +56701,9 @@ static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
 
 /* Places all points in a mesh and makes the arrays. */
 static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, const sbi_embed_slots *mesh,
-                                     sb_error *error)
+                                     sbi_embed_arrays *arrays, sb_error *error)
 {
+    sbi_embed_parts parts;
     sb_result result;
     if (!sbi_embed_live_room(e, f, mesh->node_end, mesh->cell_end, 0) || !sbi_embed_live_fill(e, f, mesh) ||
         !sbi_embed_reserve_swaps(e, f, e->report.point_count))
@@ -56257,25 +56717,38 @@ static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, con
     if (result != SB_OK)
         return result;
     sbi_embed_swap_places(e, f);
-    result = sbi_embed_make_next(e, f, error);
-    if (result != SB_OK)
-        sbi_embed_swap_places(e, f);
-    return result;
+    sbi_embed_fill_report(e, f, &f->report);
+    sbi_embed_fill_parts(e, f, &parts);
+    if (sbi_embed_arrays_fill(&e->allocator, arrays, &parts, e->order, e->report.point_count))
+        return SB_OK;
+    sbi_embed_swap_places(e, f);
+    return sbi_embed_follow_no_memory(e, error);
 }
 
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error)
 {
     sbi_embed_follower *old = e->follower, *f = sbi_embed_follower_make(e);
-    sb_result result = f ? sbi_embed_take_mesh(e, f, mesh, error) : sbi_embed_follow_no_memory(e, error);
+    sbi_embed_arrays arrays;
+    sb_result result;
+    memset(&arrays, 0, sizeof arrays);
+    result = f ? sbi_embed_take_mesh(e, f, mesh, &arrays, error) : sbi_embed_follow_no_memory(e, error);
     if (result != SB_OK) {
+        sbi_embed_arrays_free(&e->allocator, &arrays);
         sbi_embed_follower_free(e, f);
         if (old && old->owner.body)
             old->stale = 1;
         return result;
     }
-    sbi_embed_adopt(e, f);
+    sbi_embed_arrays_free(&e->allocator, &e->arrays);
+    e->arrays = arrays;
+    e->report = f->report;
     if (old)
         f->owner = old->owner;
+    else
+        sbi_free(&e->allocator, e->elements);
+    e->elements = f->cells;
+    e->follower = f;
+    f->swap_count = 0;
     sbi_embed_follower_free(e, old);
     return SB_OK;
 }
@@ -56316,12 +56789,12 @@ SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_chan
     sbi_embed_live_apply(f, &e->face, 0);
     result = sbi_embed_list_changed(e, f) ? sbi_embed_search(e, f, SBI_EMBED_CHANGED, error)
                                           : sbi_embed_follow_no_memory(e, error);
-    sbi_embed_live_clear_marks(f);
     if (result != SB_OK)
         f->swap_count = 0;
     sbi_embed_swap_places(e, f);
-    if (result == SB_OK && f->swap_count)
-        result = sbi_embed_make_next(e, f, error);
+    sbi_embed_next_report(e, f, &f->report);
+    if (result == SB_OK && f->swap_count && !sbi_embed_reserve_arrays(e, f))
+        result = sbi_embed_follow_no_memory(e, error);
     if (result != SB_OK)
         sbi_embed_follower_give_up(e);
     return result;
@@ -56331,8 +56804,10 @@ SBI_API void sbi_embed_follower_follow(sb_embedding *e)
 {
     sbi_embed_follower *f = e->follower;
     if (f->swap_count)
-        sbi_embed_adopt(e, f);
-    e->report.node_count = f->node_end;
+        sbi_embed_change_arrays(e, f);
+    e->report = f->report;
+    f->swap_count = 0;
+    sbi_embed_live_clear_marks(f);
 }
 
 SBI_API void sbi_embed_follower_give_up(sb_embedding *e)
@@ -56447,13 +56922,16 @@ static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[
 SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
                                    sbi_embed_cell *cell)
 {
-    const int *nodes = e->nodes + group->node_first, *ids = e->normal_of + group->node_first;
+    const sbi_embed_arrays *arrays = &e->arrays;
+    const sbi_embed_rows *rows = &arrays->rows[SBI_EMBED_OF_GROUPS];
+    size_t entry = (size_t)(group - arrays->groups) * (size_t)rows->width;
+    const int *nodes = rows->nodes + entry, *touched = rows->touched + entry;
     cell->type = sbi_embed_is_on_face(group->hold) ? e->face.type : e->type;
     cell->count = group->node_count;
     for (int a = 0; a < group->node_count; a++) {
         cell->x[a] = x[nodes[a]];
         if (group->hold == SB_EMBEDDED_OFFSET)
-            cell->normal[a] = e->normals[ids[a]];
+            cell->normal[a] = arrays->normals[touched[a]];
     }
 }
 
@@ -56462,14 +56940,14 @@ SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold,
 {
     const sb_real *xi[3];
     for (int k = 0; k < 3; k++)
-        xi[k] = e->parameters[k] + slot;
+        xi[k] = e->arrays.parameters[k] + slot;
     sbi_embed_shape_lanes(type, xi, slopes || hold >= SB_EMBEDDED_FRAME, lanes);
     if (hold != SB_EMBEDDED_EXTRAPOLATED)
         return;
     for (int a = 0; a < count; a++)
         for (int k = 0; k < 3; k++)
             SBI_EMBED_EACH_LANE(l)
-    lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
+    lanes->shape[a][l] += lanes->slope[a][k][l] * e->arrays.offsets[k][slot + l];
 }
 
 SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
@@ -56492,7 +56970,7 @@ static void sbi_embed_carry(const sb_embedding *e, int slot, const sbi_embed_vec
     {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = 0; k < 3; k++)
-            sum = sb_v3_madd(sum, e->carried[k][slot + l],
+            sum = sb_v3_madd(sum, e->arrays.carried[k][slot + l],
                              sb_v3_cross(sbi_embed_lane(&g[(k + 1) % 3], l), sbi_embed_lane(&g[(k + 2) % 3], l)));
         sbi_embed_set_lane(out, l, sum);
     }
@@ -56505,7 +56983,7 @@ static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *
 {
     sb_real inverse[SBI_EMBED_LANES];
     sbi_embed_vec3 g[3];
-    const sb_real *distance = e->parameters[2] + slot;
+    const sb_real *distance = e->arrays.parameters[2] + slot;
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &g[2]);
     sbi_embed_normalise(&g[2], inverse);
@@ -56531,6 +57009,7 @@ static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *
 static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
                                   int slot, sbi_embed_vec3 *at, sbi_embed_vec3 *normal)
 {
+    sb_real *const *offsets = e->arrays.offsets, *const *carried = e->arrays.carried;
     sbi_embed_vec3 tangent[3];
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
     sbi_embed_tangents(cell, lanes, tangent);
@@ -56538,11 +57017,10 @@ static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *c
     {
         int s = slot + l;
         sb_mat3 frame = sbi_embed_face_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l));
-        sb_vec3 offset = sb_v3(e->offsets[0][s], e->offsets[1][s], e->offsets[2][s]);
+        sb_vec3 offset = sb_v3(offsets[0][s], offsets[1][s], offsets[2][s]);
         sbi_embed_set_lane(at, l, sb_v3_add(sbi_embed_lane(at, l), sb_m3_apply(frame, offset)));
         if (normal)
-            sbi_embed_set_lane(normal, l,
-                               sb_m3_apply(frame, sb_v3(e->carried[0][s], e->carried[1][s], e->carried[2][s])));
+            sbi_embed_set_lane(normal, l, sb_m3_apply(frame, sb_v3(carried[0][s], carried[1][s], carried[2][s])));
     }
 }
 
@@ -56560,11 +57038,13 @@ static void sbi_embed_slots_volume(const sb_embedding *e, const sbi_embed_cell *
 static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed_group *group)
 {
     const sb_embedding *e = frame->embedding;
-    sb_vec3 *normals = e->carried[0] ? frame->normals : NULL;
+    const sbi_embed_arrays *arrays = &e->arrays;
+    sb_vec3 *normals = arrays->carried[0] ? frame->normals : NULL;
     sbi_embed_cell cell;
     sbi_embed_cell_gather(e, group, frame->x, &cell);
-    for (int slot = group->first; slot < group->first + group->count; slot += SBI_EMBED_LANES) {
-        const int *point = e->slot_point + slot;
+    for (int block = group->first_block; block >= 0; block = arrays->block_next[block]) {
+        int slot = block * SBI_EMBED_LANES;
+        const int *point = arrays->slot_point + slot;
         sbi_embed_lanes lanes;
         sbi_embed_vec3 at, normal, *wanted = normals ? &normal : NULL;
         sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, normals != NULL, &lanes);
@@ -56586,37 +57066,46 @@ static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed
 static void sbi_embed_task_faces(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    sb_embedding *e = frame->embedding;
-    int width = e->face.nodes, end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, e->face_count);
+    const sb_embedding *e = frame->embedding;
+    const sbi_embed_rows *rows = &e->arrays.rows[SBI_EMBED_OF_FACES];
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, rows->end);
     for (int f = task * SBI_EMBED_TASK_FACES; f < end; f++) {
-        size_t first = (size_t)f * (size_t)width;
-        const int *nodes = e->nodes + (size_t)e->group_entries + first;
+        size_t first = (size_t)f * (size_t)rows->width;
+        const int *nodes = rows->nodes + first;
         sb_vec3 x[SB_MAX_FACE_NODES];
-        for (int i = 0; i < width; i++)
+        if (nodes[0] < 0)
+            continue;
+        for (int i = 0; i < rows->width; i++)
             x[i] = frame->x[nodes[i]];
-        sbi_embed_face_normals(&e->face, x, e->weights + first, e->face_normals + first);
+        sbi_embed_face_normals(&e->face, x, e->arrays.face_weights + first, e->arrays.face_normals + first);
     }
 }
 
 static void sbi_embed_task_normals(void *user, int task)
 {
-    sb_embedding *e = ((const sbi_embed_frame *)user)->embedding;
-    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->normal_count);
+    const sbi_embed_arrays *arrays = &((const sbi_embed_frame *)user)->embedding->arrays;
+    const int *next = arrays->rows[SBI_EMBED_OF_FACES].next;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, arrays->touched_end);
     for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
+        const sbi_embed_touched *touched = &arrays->touched[i];
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = e->normal_faces.starts[i]; k < e->normal_faces.starts[i + 1]; k++)
-            sum = sb_v3_add(sum, e->face_normals[e->normal_faces.items[k]]);
-        e->normals[i] = sbi_embed_unit(sum);
-        e->lengths[i] = sb_v3_norm(sum);
+        if (touched->node < 0 || touched->normal_users == 0)
+            continue;
+        for (int entry = touched->first[SBI_EMBED_OF_FACES]; entry >= 0; entry = next[entry])
+            sum = sb_v3_add(sum, arrays->face_normals[entry]);
+        arrays->normals[i] = sbi_embed_unit(sum);
+        arrays->lengths[i] = sb_v3_norm(sum);
     }
 }
 
 static void sbi_embed_task_points(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    const sb_embedding *e = frame->embedding;
-    for (int g = e->tasks[task]; g < e->tasks[task + 1]; g++)
-        sbi_embed_group_points(frame, &e->groups[g]);
+    const sbi_embed_arrays *arrays = &frame->embedding->arrays;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_GROUPS, arrays->rows[SBI_EMBED_OF_GROUPS].end);
+    for (int g = task * SBI_EMBED_TASK_GROUPS; g < end; g++)
+        if (arrays->groups[g].count > 0)
+            sbi_embed_group_points(frame, &arrays->groups[g]);
 }
 
 /* Twice the area vector of the polygons around a point: sums of products of neighbours next to each other, seen from
@@ -56641,9 +57130,12 @@ static void sbi_embed_task_rings(void *user, int task)
 
 SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
 {
-    const sb_embedding *e = frame->embedding;
-    sbi_run(jobs, sbi_embed_task_faces, frame, sbi_embed_tasks(e->face_count, SBI_EMBED_TASK_FACES));
-    sbi_run(jobs, sbi_embed_task_normals, frame, sbi_embed_tasks(e->normal_count, SBI_EMBED_TASK_NODES));
+    const sbi_embed_arrays *arrays = &frame->embedding->arrays;
+    if (arrays->rows[SBI_EMBED_OF_FACES].used == 0)
+        return;
+    sbi_run(jobs, sbi_embed_task_faces, frame,
+            sbi_embed_tasks(arrays->rows[SBI_EMBED_OF_FACES].end, SBI_EMBED_TASK_FACES));
+    sbi_run(jobs, sbi_embed_task_normals, frame, sbi_embed_tasks(arrays->touched_end, SBI_EMBED_TASK_NODES));
 }
 
 SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
@@ -56660,8 +57152,9 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
     frame.points = points;
     frame.normals = normals;
     sbi_embed_make_normals(&frame, jobs);
-    sbi_run(jobs, sbi_embed_task_points, &frame, embedding->task_count);
-    if (normals && !embedding->carried[0])
+    sbi_run(jobs, sbi_embed_task_points, &frame,
+            sbi_embed_tasks(embedding->arrays.rows[SBI_EMBED_OF_GROUPS].end, SBI_EMBED_TASK_GROUPS));
+    if (normals && !embedding->arrays.carried[0])
         sbi_run(jobs, sbi_embed_task_rings, &frame, sbi_embed_tasks(embedding->rings.rows, SBI_EMBED_TASK_RINGS));
     return SB_OK;
 }
@@ -56692,7 +57185,7 @@ static void sbi_embed_pull_offset(const sb_embedding *e, const sbi_embed_cell *c
                                   int slot, const sbi_embed_vec3 *force, sbi_embed_sums *sums)
 {
     sb_real inverse[SBI_EMBED_LANES], along[SBI_EMBED_LANES];
-    const sb_real *distance = e->parameters[2] + slot;
+    const sb_real *distance = e->arrays.parameters[2] + slot;
     sbi_embed_vec3 n, pull = *force;
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &n);
     sbi_embed_normalise(&n, inverse);
@@ -56730,12 +57223,13 @@ static void sbi_embed_pull_frame(sb_vec3 a, sb_vec3 b, sb_vec3 coordinates, sb_v
 static void sbi_embed_pull_frames(const sb_embedding *e, const sbi_embed_cell *cell, const sbi_embed_lanes *lanes,
                                   int slot, const sbi_embed_vec3 *force, sbi_embed_sums *sums)
 {
+    sb_real *const *offsets = e->arrays.offsets;
     sbi_embed_vec3 tangent[3], pull[2];
     sbi_embed_tangents(cell, lanes, tangent);
     SBI_EMBED_EACH_LANE(l)
     {
         sb_vec3 on[2];
-        sb_vec3 offset = sb_v3(e->offsets[0][slot + l], e->offsets[1][slot + l], e->offsets[2][slot + l]);
+        sb_vec3 offset = sb_v3(offsets[0][slot + l], offsets[1][slot + l], offsets[2][slot + l]);
         sbi_embed_pull_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l), offset,
                              sbi_embed_lane(force, l), &on[0], &on[1]);
         sbi_embed_set_lane(&pull[0], l, on[0]);
@@ -56755,20 +57249,21 @@ static sb_vec3 sbi_embed_lane_sum(const sbi_embed_vec3 *v)
 
 static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed_group *group)
 {
-    sb_embedding *e = frame->embedding;
-    int is_offset = group->hold == SB_EMBEDDED_OFFSET;
+    const sb_embedding *e = frame->embedding;
+    const sbi_embed_arrays *arrays = &e->arrays;
+    size_t entry = (size_t)(group - arrays->groups) * (size_t)arrays->rows[SBI_EMBED_OF_GROUPS].width;
+    int is_offset = group->hold == SB_EMBEDDED_OFFSET, left = group->count;
     sbi_embed_cell cell;
     sbi_embed_sums sums;
     sbi_embed_cell_gather(e, group, frame->x, &cell);
     memset(sums.force, 0, sizeof sums.force[0] * (size_t)cell.count);
     memset(sums.pull, 0, sizeof sums.pull);
-    for (int slot = group->first; slot < group->first + group->count; slot += SBI_EMBED_LANES) {
+    for (int block = group->first_block; block >= 0; block = arrays->block_next[block], left -= SBI_EMBED_LANES) {
+        int slot = block * SBI_EMBED_LANES;
         sbi_embed_lanes lanes;
         sbi_embed_vec3 force;
         SBI_EMBED_EACH_LANE(l)
-        sbi_embed_set_lane(&force, l,
-                           slot + l < group->first + group->count ? frame->forces[e->slot_point[slot + l]]
-                                                                  : sb_v3(0, 0, 0));
+        sbi_embed_set_lane(&force, l, l < left ? frame->forces[arrays->slot_point[slot + l]] : sb_v3(0, 0, 0));
         sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, 0, &lanes);
         sbi_embed_spread_force(cell.count, lanes.shape[0], SBI_EMBED_LANES, &force, sums.force);
         if (is_offset)
@@ -56777,31 +57272,39 @@ static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed
             sbi_embed_pull_frames(e, &cell, &lanes, slot, &force, &sums);
     }
     for (int a = 0; a < cell.count; a++) {
-        e->entry_forces[group->node_first + a] = sbi_embed_lane_sum(&sums.force[a]);
+        arrays->rows[SBI_EMBED_OF_GROUPS].forces[entry + (size_t)a] = sbi_embed_lane_sum(&sums.force[a]);
         if (is_offset)
-            e->entry_pulls[group->node_first + a] = sbi_embed_lane_sum(&sums.pull[a]);
+            arrays->pulls[entry + (size_t)a] = sbi_embed_lane_sum(&sums.pull[a]);
     }
 }
 
 static void sbi_embed_task_forces(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    const sb_embedding *e = frame->embedding;
-    for (int g = e->tasks[task]; g < e->tasks[task + 1]; g++)
-        sbi_embed_group_forces(frame, &e->groups[g]);
+    const sbi_embed_arrays *arrays = &frame->embedding->arrays;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_GROUPS, arrays->rows[SBI_EMBED_OF_GROUPS].end);
+    for (int g = task * SBI_EMBED_TASK_GROUPS; g < end; g++)
+        if (arrays->groups[g].count > 0)
+            sbi_embed_group_forces(frame, &arrays->groups[g]);
 }
 
 /* From a unit nodal normal to the sum of face normals it is the direction of. */
 static void sbi_embed_task_normal_pulls(void *user, int task)
 {
-    sb_embedding *e = ((const sbi_embed_frame *)user)->embedding;
-    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->normal_count);
+    const sbi_embed_arrays *arrays = &((const sbi_embed_frame *)user)->embedding->arrays;
+    const sbi_embed_rows *rows = &arrays->rows[SBI_EMBED_OF_GROUPS];
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, arrays->touched_end);
     for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
-        sb_vec3 sum = sb_v3(0, 0, 0), n = e->normals[i];
-        for (int k = e->normal_groups.starts[i]; k < e->normal_groups.starts[i + 1]; k++)
-            sum = sb_v3_add(sum, e->entry_pulls[e->normal_groups.items[k]]);
+        const sbi_embed_touched *touched = &arrays->touched[i];
+        sb_vec3 sum = sb_v3(0, 0, 0), n;
+        if (touched->node < 0 || touched->normal_users == 0)
+            continue;
+        n = arrays->normals[i];
+        for (int entry = touched->first[SBI_EMBED_OF_GROUPS]; entry >= 0; entry = rows->next[entry])
+            if (arrays->groups[entry / rows->width].hold == SB_EMBEDDED_OFFSET)
+                sum = sb_v3_add(sum, arrays->pulls[entry]);
         sum = sb_v3_madd(sum, -sb_v3_dot(n, sum), n);
-        e->normal_pulls[i] = e->lengths[i] > 0 ? sb_v3_scale(1 / e->lengths[i], sum) : sb_v3(0, 0, 0);
+        arrays->normal_pulls[i] = arrays->lengths[i] > 0 ? sb_v3_scale(1 / arrays->lengths[i], sum) : sb_v3(0, 0, 0);
     }
 }
 
@@ -56809,16 +57312,18 @@ static void sbi_embed_task_normal_pulls(void *user, int task)
  * f_I = N_I,r b x q - N_I,s a x q. */
 static void sbi_embed_face_forces(const sbi_embed_frame *frame, int f)
 {
-    sb_embedding *e = frame->embedding;
-    int width = e->face.nodes;
-    size_t first = (size_t)f * (size_t)width, entry = (size_t)e->group_entries + first;
-    sb_vec3 *out = e->entry_forces + entry, x[SB_MAX_FACE_NODES];
+    const sb_embedding *e = frame->embedding;
+    const sbi_embed_arrays *arrays = &e->arrays;
+    const sbi_embed_rows *rows = &arrays->rows[SBI_EMBED_OF_FACES];
+    int width = rows->width;
+    size_t first = (size_t)f * (size_t)width;
+    sb_vec3 *out = rows->forces + first, x[SB_MAX_FACE_NODES];
     for (int i = 0; i < width; i++) {
-        x[i] = frame->x[e->nodes[entry + (size_t)i]];
+        x[i] = frame->x[rows->nodes[first + (size_t)i]];
         out[i] = sb_v3(0, 0, 0);
     }
     for (int i = 0; i < width; i++) {
-        int id = e->normal_of[entry + (size_t)i];
+        int touched = rows->touched[first + (size_t)i];
         sb_vec3 a = sb_v3(0, 0, 0), b = a, n, q, on_a, on_b;
         sb_real area;
         for (int j = 0; j < width; j++) {
@@ -56827,10 +57332,10 @@ static void sbi_embed_face_forces(const sbi_embed_frame *frame, int f)
         }
         n = sb_v3_cross(a, b);
         area = sb_v3_norm(n);
-        if (id < 0 || !(area > 0))
+        if (arrays->touched[touched].normal_users == 0 || !(area > 0))
             continue;
         n = sb_v3_scale(1 / area, n);
-        q = sb_v3_scale(e->weights[first + (size_t)i] / area, e->normal_pulls[id]);
+        q = sb_v3_scale(arrays->face_weights[first + (size_t)i] / area, arrays->normal_pulls[touched]);
         q = sb_v3_madd(q, -sb_v3_dot(n, q), n);
         on_a = sb_v3_cross(b, q);
         on_b = sb_v3_cross(q, a);
@@ -56842,28 +57347,36 @@ static void sbi_embed_face_forces(const sbi_embed_frame *frame, int f)
 static void sbi_embed_task_face_forces(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, frame->embedding->face_count);
+    const sbi_embed_rows *rows = &frame->embedding->arrays.rows[SBI_EMBED_OF_FACES];
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_FACES, rows->end);
     for (int f = task * SBI_EMBED_TASK_FACES; f < end; f++)
-        sbi_embed_face_forces(frame, f);
+        if (rows->nodes[(size_t)f * (size_t)rows->width] >= 0)
+            sbi_embed_face_forces(frame, f);
 }
 
 static void sbi_embed_task_touched(void *user, int task)
 {
     const sbi_embed_frame *frame = (const sbi_embed_frame *)user;
-    const sb_embedding *e = frame->embedding;
-    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, e->touched_count);
+    const sbi_embed_arrays *arrays = &frame->embedding->arrays;
+    int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_NODES, arrays->touched_end);
     for (int i = task * SBI_EMBED_TASK_NODES; i < end; i++) {
+        const sbi_embed_touched *touched = &arrays->touched[i];
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = e->touched.starts[i]; k < e->touched.starts[i + 1]; k++)
-            sum = sb_v3_add(sum, e->entry_forces[e->touched.items[k]]);
-        frame->node_forces[e->touched_nodes[i]] = sb_v3_add(frame->node_forces[e->touched_nodes[i]], sum);
+        if (touched->node < 0)
+            continue;
+        for (int kind = 0; kind < SBI_EMBED_KINDS; kind++)
+            for (int entry = touched->first[kind]; entry >= 0; entry = arrays->rows[kind].next[entry])
+                sum = sb_v3_add(sum, arrays->rows[kind].forces[entry]);
+        frame->node_forces[touched->node] = sb_v3_add(frame->node_forces[touched->node], sum);
     }
 }
 
 SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *node_positions,
                                      const sb_vec3 *point_forces, sb_vec3 *node_forces, const sb_jobs *jobs)
 {
+    const sbi_embed_arrays *arrays;
     sbi_embed_frame frame;
+    int nodes, faces;
     if (!embedding || !node_positions || !point_forces || !node_forces)
         return SB_ERROR_ARGUMENT;
     if (sbi_embed_is_stale(embedding))
@@ -56874,10 +57387,15 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
     frame.forces = point_forces;
     frame.node_forces = node_forces;
     sbi_embed_make_normals(&frame, jobs);
-    sbi_run(jobs, sbi_embed_task_forces, &frame, embedding->task_count);
-    sbi_run(jobs, sbi_embed_task_normal_pulls, &frame, sbi_embed_tasks(embedding->normal_count, SBI_EMBED_TASK_NODES));
-    sbi_run(jobs, sbi_embed_task_face_forces, &frame, sbi_embed_tasks(embedding->face_count, SBI_EMBED_TASK_FACES));
-    sbi_run(jobs, sbi_embed_task_touched, &frame, sbi_embed_tasks(embedding->touched_count, SBI_EMBED_TASK_NODES));
+    arrays = &embedding->arrays; /* of its own after a state was loaded */
+    nodes = sbi_embed_tasks(arrays->touched_end, SBI_EMBED_TASK_NODES);
+    faces = sbi_embed_tasks(arrays->rows[SBI_EMBED_OF_FACES].end, SBI_EMBED_TASK_FACES);
+    sbi_run(jobs, sbi_embed_task_forces, &frame,
+            sbi_embed_tasks(arrays->rows[SBI_EMBED_OF_GROUPS].end, SBI_EMBED_TASK_GROUPS));
+    if (faces > 0)
+        sbi_run(jobs, sbi_embed_task_normal_pulls, &frame, nodes);
+    sbi_run(jobs, sbi_embed_task_face_forces, &frame, faces);
+    sbi_run(jobs, sbi_embed_task_touched, &frame, nodes);
     return SB_OK;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
@@ -56948,12 +57466,11 @@ SB_API void sb_embedding_destroy(sb_embedding *embedding)
     if (!embedding)
         return;
     allocator = embedding->allocator;
-    if (embedding->follower) {
+    if (embedding->follower)
         sbi_embed_follower_destroy(embedding);
-    } else {
-        sbi_embed_free_arrays(embedding);
+    else
         sbi_free(&allocator, embedding->elements);
-    }
+    sbi_embed_arrays_free(&allocator, &embedding->arrays);
     sbi_embed_lists_free(embedding, &embedding->rings);
     sbi_free(&allocator, embedding->points);
     sbi_free(&allocator, embedding->rest);
@@ -57155,20 +57672,19 @@ static sb_result sbi_embed_build_all(sbi_embed_build *build, sb_error *error)
         sbi_embed_parts parts;
         memset(&parts, 0, sizeof parts);
         parts.places = build->places;
-        parts.order = e->order;
-        parts.count = build->count;
         parts.with_normals = build->def->normals != NULL;
+        parts.with_offsets = e->report.frame + e->report.extrapolated > 0;
         parts.node_count = build->def->mesh->node_count;
         parts.element_count = build->def->mesh->element_count;
         parts.width = build->volume.width;
         parts.faces = build->volume.faces;
-        parts.outer_count = build->volume.boundary.surface.element_count;
         parts.elements = e->elements;
         parts.outer = build->volume.boundary_face;
         parts.weights = build->volume.weights;
         parts.face = &e->face;
         sbi_embed_fill_local(e->type, parts.local);
-        ok = sbi_embed_make_arrays(e, &parts) && sbi_embed_make_rings(build);
+        ok = sbi_embed_arrays_fill(&e->allocator, &e->arrays, &parts, e->order, build->count) &&
+             sbi_embed_make_rings(build);
     }
     if (result == SB_OK && !ok)
         result = sbi_embed_no_memory(error, build->count);
@@ -57185,7 +57701,7 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
     result = sbi_embed_check_def(def, &build, error);
     if (result != SB_OK)
         return result;
-    result = sbi_embed_volume_create(def->mesh, &def->allocator, &build.volume, error);
+    result = sbi_embed_volume_create(def->mesh, SBI_EMBED_SKIN, &def->allocator, &build.volume, error);
     if (result != SB_OK)
         return result;
     build.e = (sb_embedding *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *build.e);
