@@ -4522,9 +4522,10 @@ typedef struct sb_body_def {
     sb_real damping_stiffness;      /* Rayleigh beta (s), >= 0; default 0 */
     sb_precond_kind preconditioner; /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
                                      * sb_body_solver tells what it chose */
-    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
-                                       * NULL: made from the nodes' places and the materials of now (others that are set
-                                       * later change the time of a solve, and its last bits) */
+    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; not with
+                                       * slack. Default NULL: made from the nodes' places and the materials of now, also
+                                       * for another mesh later (materials that are set later change the time of a
+                                       * solve, and its last bits) */
     int level_count;
     sb_real tolerance;        /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                * choose theirs from newton_tolerance. Each connected part meets it by itself,
@@ -4538,7 +4539,7 @@ typedef struct sb_body_def {
                                * default 1e-6 */
     sb_real slack;            /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
                                * is in reserve, so that pointers to arrays by node stay valid while it lasts;
-                               * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
+                               * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain or def.levels */
     sb_allocator allocator;   /* default malloc */
     sb_jobs jobs;             /* default inline */
     sb_clock clock;           /* for sb_step_info's times; default NULL */
@@ -4761,12 +4762,12 @@ SB_API const char *sb_check_string(unsigned warning);
  * copy of the lists of slots, a sum over chunks of cells, and a pass over the nodes where parts come apart, meet or get
  * another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells in one
  * change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and cuts the
- * coarse space's pieces again; all depend on the mesh alone, so iterations, states and changes taken back are those of
- * a body made with that mesh. Everything is made anew instead, at the cost of creation (19 ms for 13,000 cells), where
- * arrays have to grow, elements are not tet4, there are constraints or mappings that couple beyond cells, the
- * preconditioner is SB_PRECOND_FSAI, CHOLESKY or MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on),
- * or a load is on what changes. The bits are the same either way. Consistent masses cost a pass over all cells, Prony
- * terms one over their memory.
+ * coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the body was
+ * made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything is made
+ * anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4,
+ * there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
+ * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
+ * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
  * half as much again, and they have to be asked for anew. */
@@ -5822,7 +5823,7 @@ typedef struct sbi_multigrid_setup {
     const sb_real *moduli;            /* [block_count] (Pa) as in sb_preconditioner_def, or NULL */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
-    const sbi_multigrid *like; /* take the user's levels, the regions and Poisson's ratio from here
+    const sbi_multigrid *like; /* take the user's levels, Poisson's ratio and, without moduli, the regions from here
                                 * instead, or NULL */
     sb_jobs jobs;
 } sbi_multigrid_setup;
@@ -5879,9 +5880,11 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
 SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* The multigrid that has the matrix of the last update in fewer bytes, to multiply by; NULL: there is none. */
 SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner);
-/* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
+/* Another of the same make (kind, jobs, the user's levels; pieces for its size) for another pattern. moduli: as in
+ * sb_preconditioner_def, of another mesh; NULL: those of `like`, whose nodes the pattern has. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
-                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+                                     const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
+                                     sb_error *error);
 /* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
  * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
@@ -34134,14 +34137,15 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
 }
 
-/* Takes the regions of `like`, or finds them where moduli are given. The user's levels stay as they are. */
+/* Finds the regions where moduli are given, or takes those of `like`. The user's levels stay as they are. */
 static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *pattern)
 {
-    int made = 1;
-    if (setup->like && setup->like->regions.row_count == pattern->row_count)
-        made = sbi_mg_copy_regions(&setup->like->regions, &m->owned.allocator, &m->regions);
-    else if (!setup->like && setup->moduli && setup->level_count == 0)
+    const sbi_multigrid *like = setup->like;
+    int own = setup->level_count > 0 || (like && like->level_count > 1 && like->levels[1].positions), made = 1;
+    if (setup->moduli && !own)
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->owned.allocator, &m->regions);
+    else if (like && like->regions.row_count == pattern->row_count)
+        made = sbi_mg_copy_regions(&like->regions, &m->owned.allocator, &m->regions);
     m->owned.bytes +=
         (size_t)m->regions.row_count * sizeof(int) + (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
     return made;
@@ -36393,11 +36397,13 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
 }
 
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
-                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+                                     const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
+                                     sb_error *error)
 {
     sb_preconditioner_def def = sb_default_preconditioner_def();
     def.kind = like->kind;
     def.positions = positions;
+    def.moduli = moduli;
     def.jobs = like->jobs;
     def.power = like->power;
     return sbi_precond_create(&def, pattern, like, allocator, out, error);
@@ -45404,7 +45410,7 @@ static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination
     if (result == SB_OK)
         result = sbi_elimination_make_positions(e, setup->matrix, error);
     if (result == SB_OK)
-        result = sbi_precond_remake(setup->precond, &e->matrix, setup->positions, &e->allocator, &e->precond, error);
+        result = sbi_precond_remake(setup->precond, &e->matrix, setup->positions, NULL, &e->allocator, &e->precond, error);
     return result;
 }
 
@@ -46027,6 +46033,8 @@ struct sb_body {
     int material_count;     /* one per region of the mesh */
     int *material_regions;  /* [material_count] ascending region numbers */
     sb_material *materials; /* [material_count] */
+    sb_real *made_young;    /* [material_count] Young's moduli at creation (Pa): multigrid's levels are made from them,
+                             * also those of another mesh, so that they do not depend on when that came */
     int *cell_material;     /* [cell_count] */
     sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
     sb_real force_unit;     /* stiffness times volume over size (N): times epsilon, rounding in the forces */
@@ -46187,9 +46195,12 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
 /* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
 SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error);
 SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
+/* One like that of the body before its mesh became another: what sbi_body_make_preconditioner gives a body made so. */
+SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
- * where there is one material. */
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
+ * where there is one material. young: [material_count] (Pa); NULL: those of the materials now. */
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,
+                                       sb_real **moduli, sb_error *error);
 /* directions at unit length; */
 SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count);
 /* memory, which only ever grows: */
@@ -46624,8 +46635,9 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
     }
     body->material_count = count;
     body->materials = (sb_material *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_material));
+    body->made_young = (sb_real *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_real));
     body->cell_material = (int *)sbi_alloc(&body->allocator, (size_t)def->mesh->element_count, sizeof(int));
-    if (!body->materials || !body->cell_material)
+    if (!body->materials || !body->made_young || !body->cell_material)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d materials", count);
     for (int e = 0; e < def->mesh->element_count; e++)
         body->cell_material[e] =
@@ -46649,6 +46661,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
         if (result != SB_OK)
             return result;
         body->materials[i] = *material;
+        body->made_young[i] = sb_material_young(material);
     }
     return SB_OK;
 }
@@ -47311,7 +47324,7 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     if (result == SB_OK)
         result = sbi_assembly_reserve_remap(&body->assembly, &pattern->matrix, error);
     if (result == SB_OK)
-        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
+        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, NULL, &body->allocator,
                                     &pattern->precond, error);
     if (result != SB_OK)
         sbi_body_free_pattern(body, pattern);
@@ -47402,25 +47415,28 @@ SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *prec
     return sbi_pcg_update_preconditioner(precond, matrix, body->position, guests, &body->pcg, error);
 }
 
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,
+                                       sb_real **moduli, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    sb_real *young;
+    sb_real *of_cell;
     sb_result result;
     *moduli = NULL;
     if (body->material_count < 2)
         return SB_OK;
-    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    of_cell = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
     *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
-    if (young && *moduli) {
-        for (int e = 0; e < domain->cell_count; e++)
-            young[e] = sbi_live_has_cell(body, e) ? sb_material_young(body->materials + body->cell_material[e]) : 0;
-        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+    if (of_cell && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++) {
+            int k = body->cell_material[e];
+            of_cell[e] = !sbi_live_has_cell(body, e) ? 0 : young ? young[k] : sb_material_young(body->materials + k);
+        }
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, of_cell,
                                           *moduli, error);
     } else {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
     }
-    sbi_free(&body->allocator, young);
+    sbi_free(&body->allocator, of_cell);
     if (result != SB_OK) {
         sbi_free(&body->allocator, *moduli);
         *moduli = NULL;
@@ -47441,10 +47457,23 @@ SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def 
     if (settings.kind == SB_PRECOND_AUTO)
         settings.kind = sb_solver_auto(&body->matrix);
     if (settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+        result = sbi_body_make_moduli(body, body->made_young, &body->matrix, &moduli, error);
     settings.moduli = moduli;
     if (result == SB_OK)
         result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
+}
+
+SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error)
+{
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
+    if (sb_preconditioner_get_info(like).kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, body->made_young, &body->matrix, &moduli, error);
+    if (result == SB_OK)
+        result = sbi_precond_remake(like, &body->matrix, body->reference, moduli, &body->allocator, &body->precond,
+                                    error);
     sbi_free(&body->allocator, moduli);
     return result;
 }
@@ -49777,6 +49806,9 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "def.slack does not go with def.domain: where points of new cells "
                         "would be is unknown");
+    if (def->level_count > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "def.slack does not go with def.levels: they fit the mesh of creation only");
     live = node_capacity < 0 || cell_capacity < 0 ? NULL : (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     body->live = live;
     if (!live || !sbi_slots_create(&live->nodes, node_capacity, nodes, allocator) ||
@@ -50072,6 +50104,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_free(&allocator, body->extra_start);
     sbi_free(&allocator, body->pattern_memory);
     sbi_free(&allocator, body->cell_material);
+    sbi_free(&allocator, body->made_young);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
     sbi_free(&allocator, body->topology_memory);
@@ -52400,11 +52433,12 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
     next->material_regions = (int *)sbi_alloc(allocator, materials, sizeof(int));
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
+    next->made_young = (sb_real *)sbi_alloc(allocator, materials, sizeof(sb_real));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
         next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
-        !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
+        !next->materials || !next->made_young || !next->cell_material || (mesh->fibres && !next->fibres) ||
         !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
@@ -52423,6 +52457,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     next->material_count = body->material_count;
     memcpy(next->material_regions, body->material_regions, materials * sizeof(int));
     memcpy(next->materials, body->materials, materials * sizeof(sb_material));
+    memcpy(next->made_young, body->made_young, materials * sizeof(sb_real));
     memcpy(next->cell_material, mesh->material, cells * sizeof(int));
     memcpy(live->shares, mesh->shares, cells * sizeof(sb_real));
     memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
@@ -52499,7 +52534,7 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     if (result != SB_OK)
         return result;
     sbi_body_label_nodes(next);
-    result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
+    result = sbi_body_remake_preconditioner(next, body->precond, error);
     if (result == SB_OK)
         result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
     next->pcg.row_count = domain->node_count;
@@ -61999,7 +62034,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     /* as the body itself, whatever constraints and loads have added to the matrix since it was made */
     settings.kind = sb_body_solver(b).kind == SB_PRECOND_MULTIGRID ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
     if (!b->elimination && settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(b, m->matrix, &moduli, m->error);
+        result = sbi_body_make_moduli(b, NULL, m->matrix, &moduli, m->error);
     settings.moduli = moduli;
     settings.poisson = sbi_body_poisson(b);
     if (result == SB_OK)

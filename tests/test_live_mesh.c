@@ -832,6 +832,7 @@ static void test_refused(void)
     int nodes[4], bad[4], node, free_cell;
     sb_error error;
     sb_body_def def = sb_default_body_def();
+    sb_multigrid_level level;
     sb_body *stiff;
     memcpy(nodes, s.mesh.elements, sizeof nodes);
     CHECK_OK(sb_body_change_begin(s.body, &change, &error));
@@ -905,6 +906,12 @@ static void test_refused(void)
     stiff = scene_body(&def);
     CHECK_RESULT(sb_body_change_begin(stiff, &change, &error), SB_ERROR_UNSUPPORTED);
     sb_body_destroy(stiff);
+    /* levels of one's own are of one mesh */
+    memset(&level, 0, sizeof level);
+    def.slack = 1;
+    def.levels = &level;
+    def.level_count = 1;
+    CHECK_RESULT(sb_body_create(&def, &stiff, &error), SB_ERROR_UNSUPPORTED);
     free_scene(&s);
 }
 
@@ -1011,6 +1018,86 @@ static void test_state(void)
     free(image);
     free_scene(&s);
     free_scene(&twin);
+}
+
+/* A box of two materials, one above or behind the other. */
+static sb_mesh layered_box(unsigned long long *seed)
+{
+    int nx = 4 + (int)(check_random(seed) * 4), ny = 3 + (int)(check_random(seed) * 3),
+        turned = check_random(seed) < 0.5;
+    double height = check_random_in(seed, 0.03, 0.07);
+    sb_mesh mesh = scene_box(SB_TET4, nx, ny, 4, sb_v3(REAL(0.14), REAL(0.1), REAL(0.1)), 0.15);
+    mesh.regions = (int *)malloc((size_t)mesh.element_count * sizeof(int));
+    for (int e = 0; e < mesh.element_count; e++) {
+        sb_vec3 x = mesh.nodes[mesh.elements[4 * e]];
+        mesh.regions[e] = (double)(turned ? x.x : x.z) > height ? 7 : 2;
+    }
+    return mesh;
+}
+
+static void step_alike(sb_body *a, sb_body *b, const char *what)
+{
+    for (int s = 0; s < 3; s++) {
+        sb_step_info info, other;
+        CHECK_OK(sb_body_step(a, REAL(0.01), &info));
+        CHECK_OK(sb_body_step(b, REAL(0.01), &other));
+        CHECK_INT(info.pcg_iterations, other.pcg_iterations);
+    }
+    if (!CHECK_INT(sb_body_node_count(a), sb_body_node_count(b)) ||
+        !CHECK(memcmp(sb_body_displacements(a), sb_body_displacements(b),
+                      (size_t)sb_body_node_count(a) * sizeof(sb_vec3)) == 0))
+        printf("%s\n", what);
+}
+
+/* Multigrid's levels go by the jumps between materials. They are those of the mesh at hand whatever came before it:
+ * another mesh, changes taken back, a state, other materials. */
+static void test_levels_of_materials(void)
+{
+    const sb_region_material stiff = {7, sb_material_corotated(1000000, REAL(0.3), 1000)};
+    const sb_material medium = sb_material_corotated(20000, REAL(0.3), 1000);
+    unsigned long long seed = 37;
+    for (int k = 0; k < 6; k++) {
+        sb_mesh mesh = layered_box(&seed);
+        sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
+        sb_body *bodies[3]; /* one that never changes, one that does, and one that is sent states */
+        void *first, *changed;
+        size_t sizes[2];
+        sb_error error;
+        op o, undone;
+        def.preconditioner = SB_PRECOND_MULTIGRID;
+        def.slack = k % 3 ? REAL(0.2) : REAL(0.001);
+        def.region_materials = &stiff;
+        def.region_material_count = 1;
+        for (int b = 0; b < 3; b++) {
+            bodies[b] = scene_body(&def);
+            scene_fix_plane(bodies[b], &mesh, 0, 0, SB_XYZ);
+            if (k % 2)
+                CHECK_OK(sb_body_set_region_material(bodies[b], 7, &medium, &error));
+        }
+        sizes[0] = sb_body_state_size(bodies[0]);
+        first = malloc(sizes[0]);
+        CHECK_OK(sb_body_state_save(bodies[0], first, sizes[0]));
+        CHECK_OK(change_at_random(bodies[1], &seed, OP_SPLIT_EDGE, &undone, &error));
+        CHECK_OK(undo(bodies[1], &undone, &error));
+        step_alike(bodies[0], bodies[1], "taken back");
+        for (int i = 0; i < 5; i++)
+            CHECK_OK(change_at_random(bodies[1], &seed, (op_kind)(i % OP_COPY_NODE), &o, &error));
+        sizes[1] = sb_body_state_size(bodies[1]);
+        changed = malloc(sizes[1]);
+        CHECK_OK(sb_body_state_save(bodies[1], changed, sizes[1]));
+        CHECK_OK(sb_body_state_load(bodies[2], changed, sizes[1], &error));
+        CHECK(sb_body_state_hash(bodies[1]) == sb_body_state_hash(bodies[2]));
+        step_alike(bodies[1], bodies[2], "a state of another mesh");
+        CHECK_OK(sb_body_state_load(bodies[0], first, sizes[0], &error));
+        CHECK_OK(sb_body_state_load(bodies[2], first, sizes[0], &error));
+        step_alike(bodies[0], bodies[2], "a state after another mesh");
+        CHECK(sb_body_state_hash(bodies[0]) == sb_body_state_hash(bodies[2]));
+        for (int b = 0; b < 3; b++)
+            sb_body_destroy(bodies[b]);
+        free(first);
+        free(changed);
+        sb_mesh_free(&mesh);
+    }
 }
 
 /* A recording with changes plays again to the last bit. */
@@ -1546,9 +1633,9 @@ CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"random meshes"
             {"supports follow", test_supports_follow}, {"listeners", test_listeners},
             {"bad changes are refused by name", test_refused}, {"every allocation fails", test_memory_failures},
             {"threads", test_threads}, {"saved and loaded between changes", test_state},
-            {"recorded and replayed", test_record}, {"beyond the slack", test_growth},
-            {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
-            {"free slots below one in use", test_slots_between},
+            {"levels of materials", test_levels_of_materials}, {"recorded and replayed", test_record},
+            {"beyond the slack", test_growth}, {"no allocations while slack lasts", test_no_allocations},
+            {"in place and anew", test_both_ways}, {"free slots below one in use", test_slots_between},
             {"every allocation of a plain body fails", test_memory_in_place},
             {"iterations after changes", test_iterations}, {"slides", test_slide},
             {"momentum of slides", test_slide_momentum}, {"a slide of one free node", test_slide_alone},

@@ -556,11 +556,13 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
 }
 
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
-                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+                                     const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
+                                     sb_error *error)
 {
     sb_preconditioner_def def = sb_default_preconditioner_def();
     def.kind = like->kind;
     def.positions = positions;
+    def.moduli = moduli;
     def.jobs = like->jobs;
     def.power = like->power;
     return sbi_precond_create(&def, pattern, like, allocator, out, error);

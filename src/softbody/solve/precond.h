@@ -183,9 +183,11 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
 SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* The multigrid that has the matrix of the last update in fewer bytes, to multiply by; NULL: there is none. */
 SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner);
-/* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
+/* Another of the same make (kind, jobs, the user's levels; pieces for its size) for another pattern. moduli: as in
+ * sb_preconditioner_def, of another mesh; NULL: those of `like`, whose nodes the pattern has. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
-                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+                                     const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
+                                     sb_error *error);
 /* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
  * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
