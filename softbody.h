@@ -55459,7 +55459,7 @@ static int sbi_embed_reserve_faces(const sb_allocator *allocator, sbi_embed_arra
 static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arrays *a, const sbi_embed_parts *parts,
                                     int more)
 {
-    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1;
+    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1, had_offsets = a->offsets[2] != NULL;
     size_t used = (size_t)a->block_end * SBI_EMBED_LANES, slots;
     if (grows && !sbi_embed_new_room(a->block_used, more, a->block_room, INT_MAX / SBI_EMBED_LANES, &room))
         return 0;
@@ -55473,9 +55473,13 @@ static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arr
             ok = ok && sbi_embed_grow_array(allocator, (void **)&a->parameters[k], used, slots, sizeof(sb_real));
         if (parts->with_normals && grows)
             ok = ok && sbi_embed_grow_array(allocator, (void **)&a->carried[k], used, slots, sizeof(sb_real));
-        if (a->offsets[k] ? grows : parts->with_offsets) /* points that do without never read theirs */
-            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], a->offsets[k] ? used : 0, slots,
+        if (had_offsets ? grows : parts->with_offsets) /* points that do without never read theirs */
+            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], had_offsets ? used : 0, slots,
                                             sizeof(sb_real));
+    }
+    for (int k = 0; k < 3 && !ok && !had_offsets; k++) { /* all or none: the first says whether they are there */
+        sbi_free(allocator, a->offsets[k]);
+        a->offsets[k] = NULL;
     }
     if (ok)
         a->block_room = room;
@@ -63743,11 +63747,15 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body)
     return walk.hash;
 }
 
+/* The mesh's version stands behind a snapshot: it tells without memory that the mesh is still the same. */
+enum { SBI_SNAPSHOT_TAIL = 4 };
+
 SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
     walk.plain = 1;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    walk.overflow |= !sbi_size_add(&walk.used, SBI_SNAPSHOT_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
 
@@ -63757,6 +63765,7 @@ SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
     walk.plain = 1;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_put_bytes(walk.out + walk.used, (uint64_t)sb_body_mesh_version(body), SBI_SNAPSHOT_TAIL);
 }
 
 /* Tells a recording what was loaded. */
@@ -63850,11 +63859,13 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
 SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    int same;
     walk.plain = 1;
     walk.in = (const unsigned char *)snapshot;
-    walk.size = size;
+    walk.size = size - SBI_SNAPSHOT_TAIL;
     walk.error = error;
-    return body->live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    same = sbi_get_bytes(walk.in + walk.size, SBI_SNAPSHOT_TAIL) == (uint32_t)sb_body_mesh_version(body);
+    return same ? sbi_state_pass_image(body, body, &walk, error) : sbi_state_pass_live(body, &walk, error);
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)

@@ -911,7 +911,7 @@ static void test_refused(void)
 /* Every allocation of a change fails in turn: the body is as it was, and goes on like one that never tried. */
 static void test_memory_failures(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     scene s = make_scene(&allocator, NULL), twin = make_scene(NULL, NULL);
     uint64_t hash = sb_body_state_hash(s.body);
@@ -1313,7 +1313,7 @@ static void test_slide_calls(void)
 /* A plain body changes without a single allocation while its slack lasts, and so do the steps between. */
 static void test_no_allocations(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
     const sb_precond_kind kinds[] = {SB_PRECOND_IC0, SB_PRECOND_SSOR, SB_PRECOND_BLOCK_JACOBI};
@@ -1403,7 +1403,7 @@ static void test_both_ways(void)
 /* Every allocation of plain bodies that grow fails in turn, too. */
 static void test_memory_in_place(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_mesh mesh = scene_box(SB_TET4, 2, 2, 2, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 0.1);
     sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);

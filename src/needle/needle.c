@@ -326,6 +326,8 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
     result = ndli_needle_check(def, error);
     if (result == SB_OK)
         result = ndli_site_make(def->body, &site, error);
+    if (result == SB_OK)
+        result = ndli_needle_finish_undo(site, error);
     if (result != SB_OK)
         return result;
     if (site->count == NDL_MAX_NEEDLES)
@@ -352,6 +354,8 @@ NDL_API void ndl_needle_destroy(ndl_needle *needle)
     if (!needle)
         return;
     site = needle->site;
+    (void)ndli_needle_finish_undo(site, NULL);
+    site->undo_waits = 0; /* what is kept is of all needles: from here on it fits no more */
     ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
     sbi_body_mute(site->body);
     ndli_remesh_let_go(site->remesh, needle->index);
