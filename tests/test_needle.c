@@ -332,6 +332,28 @@ static void test_limits(void)
     needle_scene_free(&s);
 }
 
+/* A needle that begins in the tissue is refused: with its tip there, through it, from a sleeve within it, or all of it
+ * within. Beside it is fine. */
+static void test_begins_outside(void)
+{
+    const double base[6] = {0.091, 0.091, 0.03, 0.03, 0.091, -0.02}, length[6] = {0.07, 0.1, 0.06, 0.015, 0.05, 0.02};
+    needle_scene s = needle_scene_default();
+    needle_scene_make(&s);
+    for (int i = 0; i < 6; i++) {
+        ndl_needle_def def = s.needle_def;
+        ndl_needle *more = NULL;
+        sb_result result;
+        def.body = s.body;
+        def.base = sb_v3(REAL(0.011), REAL(0.013), REAL(base[i]));
+        def.length = REAL(length[i]);
+        result = ndl_needle_create(&def, &more, &s.error);
+        CHECK_RESULT(result, i < 4 ? SB_ERROR_ARGUMENT : SB_OK);
+        CHECK(i >= 4 || strstr(s.error.message, "already"));
+        ndl_needle_destroy(more);
+    }
+    needle_scene_free(&s);
+}
+
 /* More nodes in the tissue than the needle may have: named, and the needle can go back. */
 static void test_capacity(void)
 {
@@ -1295,7 +1317,8 @@ CHECK_SUITE(needle, {"a bevel cuts a circle", test_circle}, {"half a turn makes 
             {"odd materials", test_odd_materials}, {"no friction", test_no_friction}, {"odd steps", test_odd_steps},
             {"substeps", test_substeps}, {"bad definitions", test_bad_definitions}, {"bad commands", test_bad_commands},
             {"too many needles", test_too_many_needles}, {"creation without memory", test_creation_without_memory},
-            {"steps without memory", test_steps_without_memory}, {"no memory for good", test_no_memory_for_good},
-            {"a step waits to be taken back", test_undo_waits}, {"steps take no memory", test_steps_take_no_memory},
+            {"begins outside", test_begins_outside}, {"steps without memory", test_steps_without_memory},
+            {"no memory for good", test_no_memory_for_good}, {"a step waits to be taken back", test_undo_waits},
+            {"steps take no memory", test_steps_take_no_memory},
             {"needles that come and go", test_needles_that_come_and_go}, {"long random use", test_long_random_use},
             {"random scenes", test_random_scenes});

@@ -238,8 +238,9 @@ static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *e
     const ndl_rod *rod = needle->rod;
     sb_vec3 tip = ndli_to(rod->x[rod->node_count - 1]);
     ndl_surface_hit hit;
-    for (int i = 1; i < rod->node_count; i++)
-        if (ndli_topology_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
+    for (int i = 1; i < rod->node_count; i++) /* inwards, or outwards from a sleeve within */
+        if (ndli_topology_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit) ||
+            ndli_topology_hit(mesh, ndli_to(rod->x[i]), ndli_to(rod->x[i - 1]), &hit))
             return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
     for (int t = 0; t < mesh->tet_end; t++)
         if (mesh->tets[4 * (size_t)t] >= 0)
