@@ -344,7 +344,8 @@
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
  * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse,
- * domain, direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * domain, direct, multigrid, precond, pcg, grid, body, live_mesh (meshes that change: sb_body_change_begin), load, embed,
+ * body_embed (points that follow a body whose mesh changes), constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -4827,8 +4828,8 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
  * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
- * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what
- * a listener says. */
+ * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile, or a needle is in the
+ * tissue, whose mesh is the needle's alone then), SB_ERROR_MEMORY, or what a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 
@@ -59440,8 +59441,9 @@ static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guest
             int node = guests->list[g]->nodes[k];
             if (b->elimination->slave[node])
                 return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
-                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters",
-                                     g, node);
+                                     "node %d follows others by a constraint: a needle (guest %d of the step) cannot "
+                                     "act on it",
+                                     node, g);
         }
     return SB_OK;
 }
