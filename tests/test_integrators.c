@@ -799,7 +799,7 @@ static void test_refusals(void)
 static void test_no_allocation(void)
 {
     for (int k = SB_EULER; k <= SB_CENTRAL_DIFFERENCE; k++) {
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         sb_mesh mesh = scene_box(SB_TET10, 2, 1, 1, sb_v3(REAL(0.2), REAL(0.1), REAL(0.1)), 0);
         sb_body_def def = sb_default_body_def();
         sb_real dt;

@@ -447,6 +447,90 @@ static void test_inverse(void)
     sb_mesh_free(&mesh);
 }
 
+/* Largest difference of two fields over the largest entry. */
+static double field_difference(const sb_vec3 *a, const sb_vec3 *b, int count)
+{
+    double worst = 0, largest = 0;
+    for (int i = 0; i < count; i++) {
+        worst = fmax(worst, (double)sb_v3_norm(sb_v3_sub(a[i], b[i])));
+        largest = fmax(largest, (double)sb_v3_norm(a[i]));
+    }
+    return worst / largest;
+}
+
+/* In the same shape both have the same cells, masses, energies and stiffness. */
+static void check_twins(sb_body *body, sb_body *twin)
+{
+    const double rounding = scene_tolerance(1e-12, 1e4);
+    int n = sb_body_node_count(twin);
+    sb_vec3 *x = (sb_vec3 *)calloc((size_t)n, 3 * sizeof *x);
+    sb_energy energy[2];
+    unsigned long long seed = 3;
+    CHECK_INT(sb_body_node_count(body), n);
+    CHECK_INT(sb_body_element_count(body), sb_body_element_count(twin));
+    CHECK_INT(sb_body_matrix_blocks(body), sb_body_matrix_blocks(twin));
+    CHECK(!memcmp(sb_body_rest_positions(body), sb_body_rest_positions(twin), (size_t)n * sizeof *x));
+    for (int e = 0; e < sb_body_element_count(twin); e++)
+        CHECK(!memcmp(nodes_of(body, e), nodes_of(twin, e), 4 * sizeof(int)));
+    CHECK_NEAR(sb_body_mass(body) / sb_body_mass(twin), 1, rounding);
+    CHECK_OK(sb_body_set_displacements(twin, sb_body_displacements(body)));
+    CHECK_OK(sb_body_set_velocities(twin, sb_body_velocities(body)));
+    CHECK_OK(sb_body_energy(body, &energy[0]));
+    CHECK_OK(sb_body_energy(twin, &energy[1]));
+    CHECK_NEAR(energy[0].elastic / energy[1].elastic, 1, rounding);
+    CHECK_NEAR(energy[0].kinetic / energy[1].kinetic, 1, rounding);
+    for (int i = 0; i < n; i++)
+        x[i] = sb_v3(REAL(check_random(&seed)), REAL(check_random(&seed)), REAL(check_random(&seed)));
+    CHECK_OK(sb_body_multiply_stiffness(body, x, x + n, NULL));
+    CHECK_OK(sb_body_multiply_stiffness(twin, x, x + 2 * n, NULL));
+    CHECK(field_difference(x + n, x + 2 * n, n) < scene_tolerance(1e-10, 1e4));
+    free(x);
+}
+
+/* Hundreds of changes of a moving organ, with steps between, and their inverse order: the mesh is what it was to the
+ * bit, mass, energy and stiffness are those of a body made anew to rounding. */
+static void test_long_inverse(void)
+{
+    int most = getenv("CHECK_SLOW") ? 5000 : check_quick() ? 60 : 300, depth = 0, grown;
+    op *ops = (op *)calloc((size_t)most, sizeof *ops);
+    unsigned long long seed = 77;
+    sb_mesh mesh;
+    sb_body_def def;
+    sb_body *body, *twin;
+    sb_error error;
+    CHECK_OK(sb_mesh_organ(SB_TET4, 5, NULL, &mesh, NULL));
+    def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
+    def.damping_stiffness = REAL(0.01);
+    body = scene_body(&def);
+    twin = scene_body(&def);
+    set_in_motion(body, 1);
+    for (int k = 0; depth < most && k < 2 * most; k++) {
+        op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_REMOVE_CELL);
+        sb_result result = change_at_random(body, &seed, kind, ops + depth, &error);
+        if (result == SB_OK)
+            depth += ops[depth].cells > 0;
+        else
+            CHECK(result == SB_ERROR_MESH);
+        if (k % 10 == 0)
+            CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+    }
+    CHECK_INT(depth, most);
+    grown = sb_body_element_count(body);
+    CHECK(grown > mesh.element_count + most);
+    while (depth-- > 0) {
+        if (!CHECK_OK(undo(body, ops + depth, &error)))
+            printf("%s\n", error.message);
+        if (depth % 10 == 0)
+            CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+    }
+    CHECK_OK(sb_body_live_check(body, &error));
+    check_twins(body, twin);
+    free(ops);
+    sb_body_destroy(body);
+    sb_body_destroy(twin);
+    sb_mesh_free(&mesh);
+}
+
 /* ---- every material and integrator ---- */
 
 static sb_material with_prony(sb_material m)
@@ -911,7 +995,7 @@ static void test_refused(void)
 /* Every allocation of a change fails in turn: the body is as it was, and goes on like one that never tried. */
 static void test_memory_failures(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     scene s = make_scene(&allocator, NULL), twin = make_scene(NULL, NULL);
     uint64_t hash = sb_body_state_hash(s.body);
@@ -1313,7 +1397,7 @@ static void test_slide_calls(void)
 /* A plain body changes without a single allocation while its slack lasts, and so do the steps between. */
 static void test_no_allocations(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
     const sb_precond_kind kinds[] = {SB_PRECOND_IC0, SB_PRECOND_SSOR, SB_PRECOND_BLOCK_JACOBI};
@@ -1403,7 +1487,7 @@ static void test_both_ways(void)
 /* Every allocation of plain bodies that grow fails in turn, too. */
 static void test_memory_in_place(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_mesh mesh = scene_box(SB_TET4, 2, 2, 2, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 0.1);
     sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
@@ -1540,15 +1624,15 @@ static void test_slots_between(void)
 }
 
 CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"random meshes", test_random_meshes},
-            {"the inverse order gives back all bits", test_inverse}, {"materials and integrators", test_materials},
-            {"against a body made anew", test_against_fresh}, {"pressure follows", test_pressure_follows},
-            {"forces of loads stay", test_forces_stay}, {"mappings follow", test_mapping_follows},
-            {"supports follow", test_supports_follow}, {"listeners", test_listeners},
-            {"bad changes are refused by name", test_refused}, {"every allocation fails", test_memory_failures},
-            {"threads", test_threads}, {"saved and loaded between changes", test_state},
-            {"recorded and replayed", test_record}, {"beyond the slack", test_growth},
-            {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
-            {"free slots below one in use", test_slots_between},
+            {"the inverse order gives back all bits", test_inverse}, {"a long way and back", test_long_inverse},
+            {"materials and integrators", test_materials}, {"against a body made anew", test_against_fresh},
+            {"pressure follows", test_pressure_follows}, {"forces of loads stay", test_forces_stay},
+            {"mappings follow", test_mapping_follows}, {"supports follow", test_supports_follow},
+            {"listeners", test_listeners}, {"bad changes are refused by name", test_refused},
+            {"every allocation fails", test_memory_failures}, {"threads", test_threads},
+            {"saved and loaded between changes", test_state}, {"recorded and replayed", test_record},
+            {"beyond the slack", test_growth}, {"no allocations while slack lasts", test_no_allocations},
+            {"in place and anew", test_both_ways}, {"free slots below one in use", test_slots_between},
             {"every allocation of a plain body fails", test_memory_in_place},
             {"iterations after changes", test_iterations}, {"slides", test_slide},
             {"momentum of slides", test_slide_momentum}, {"a slide of one free node", test_slide_alone},

@@ -899,7 +899,7 @@ static void test_failing_memory(void)
     for (int k = 0; k < 2; k++) {
         int failures = 0, done = 0;
         for (int n = 1; n < 100 && !done; n++) {
-            scene_memory memory = {0, 0, 0};
+            scene_memory memory = {0, 0, 0, 0};
             sb_allocator allocator = scene_allocator(&memory);
             sb_preconditioner_def def = sb_default_preconditioner_def();
             sb_preconditioner *p = NULL;

@@ -107,8 +107,8 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
  * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
- * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what
- * a listener says. */
+ * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile, or a needle is in the
+ * tissue, whose mesh is the needle's alone then), SB_ERROR_MEMORY, or what a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 
