@@ -344,7 +344,8 @@
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
  * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse,
- * domain, direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * domain, direct, multigrid, precond, pcg, grid, body, live_mesh (meshes that change: sb_body_change_begin), load,
+ * embed, body_embed (points that follow a body whose mesh changes), constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -4827,8 +4828,8 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
  * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
- * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what
- * a listener says. */
+ * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile, or a needle is in the
+ * tissue, whose mesh is the needle's alone then), SB_ERROR_MEMORY, or what a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 
@@ -55530,7 +55531,7 @@ static int sbi_embed_reserve_faces(const sb_allocator *allocator, sbi_embed_arra
 static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arrays *a, const sbi_embed_parts *parts,
                                     int more)
 {
-    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1;
+    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1, had_offsets = a->offsets[2] != NULL;
     size_t used = (size_t)a->block_end * SBI_EMBED_LANES, slots;
     if (grows && !sbi_embed_new_room(a->block_used, more, a->block_room, INT_MAX / SBI_EMBED_LANES, &room))
         return 0;
@@ -55544,9 +55545,13 @@ static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arr
             ok = ok && sbi_embed_grow_array(allocator, (void **)&a->parameters[k], used, slots, sizeof(sb_real));
         if (parts->with_normals && grows)
             ok = ok && sbi_embed_grow_array(allocator, (void **)&a->carried[k], used, slots, sizeof(sb_real));
-        if (a->offsets[k] ? grows : parts->with_offsets) /* points that do without never read theirs */
-            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], a->offsets[k] ? used : 0, slots,
+        if (had_offsets ? grows : parts->with_offsets) /* points that do without never read theirs */
+            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], had_offsets ? used : 0, slots,
                                             sizeof(sb_real));
+    }
+    for (int k = 0; k < 3 && !ok && !had_offsets; k++) { /* all or none: the first says whether they are there */
+        sbi_free(allocator, a->offsets[k]);
+        a->offsets[k] = NULL;
     }
     if (ok)
         a->block_room = room;
@@ -59507,8 +59512,9 @@ static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guest
             int node = guests->list[g]->nodes[k];
             if (b->elimination->slave[node])
                 return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
-                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters",
-                                     g, node);
+                                     "node %d follows others by a constraint: a needle (guest %d of the step) cannot "
+                                     "act on it",
+                                     node, g);
         }
     return SB_OK;
 }
@@ -63814,11 +63820,15 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body)
     return walk.hash;
 }
 
+/* The mesh's version stands behind a snapshot: it tells without memory that the mesh is still the same. */
+enum { SBI_SNAPSHOT_TAIL = 4 };
+
 SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
     walk.plain = 1;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    walk.overflow |= !sbi_size_add(&walk.used, SBI_SNAPSHOT_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
 
@@ -63828,6 +63838,7 @@ SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
     walk.plain = 1;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_put_bytes(walk.out + walk.used, (uint64_t)sb_body_mesh_version(body), SBI_SNAPSHOT_TAIL);
 }
 
 /* Tells a recording what was loaded. */
@@ -63921,11 +63932,13 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
 SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    int same;
     walk.plain = 1;
     walk.in = (const unsigned char *)snapshot;
-    walk.size = size;
+    walk.size = size - SBI_SNAPSHOT_TAIL;
     walk.error = error;
-    return body->live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    same = sbi_get_bytes(walk.in + walk.size, SBI_SNAPSHOT_TAIL) == (uint32_t)sb_body_mesh_version(body);
+    return same ? sbi_state_pass_image(body, body, &walk, error) : sbi_state_pass_live(body, &walk, error);
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
