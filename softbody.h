@@ -6176,11 +6176,11 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
                                       sb_error *error);
 
 /* ==== src/softbody/base/lanes.h ==== */
-/* lanes: four reals as one vector where compiler and processor have them (doubles without AVX do not). Floor 0,
- * internal.
+/* lanes: four reals as one vector where compiler and processor have them, or two where doubles come without AVX. Floor
+ * 0, internal.
  *
- * Memory is read at any alignment. Code with SBI_HAS_LANES has a plain form beside it that gives the same bits;
- * SB_NO_VECTORS asks for that one. */
+ * Memory is read at any alignment. Code with SBI_HAS_LANES or SBI_HAS_PAIRS has a plain form beside it that gives the
+ * same bits; SB_NO_VECTORS asks for that one. */
 #ifndef SB_LANES_H
 #define SB_LANES_H
 
@@ -6190,8 +6190,21 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
 typedef sb_real sbi_lanes __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
 #define SBI_LANES_AT(pointer) (*(const sbi_lanes *)(const void *)(pointer))
 #define SBI_LANES_PUT(pointer, value) (*(sbi_lanes *)(void *)(pointer) = (value))
+#define SBI_HAS_PAIRS 0
+#elif defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#define SBI_HAS_LANES 0
+#define SBI_HAS_PAIRS 1
+typedef sb_real sbi_pair __attribute__((vector_size(2 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+#define SBI_PAIR_AT(pointer) (*(const sbi_pair *)(const void *)(pointer))
+
+SBI_FORCE_INLINE sbi_pair sbi_pair_make(sb_real a, sb_real b)
+{
+    sbi_pair v = {a, b};
+    return v;
+}
 #else
 #define SBI_HAS_LANES 0
+#define SBI_HAS_PAIRS 0
 #endif
 
 #endif /* SB_LANES_H */
@@ -28827,7 +28840,7 @@ enum {
 };
 
 /* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent,
- * so no sum waits for another, and both forms below give the same bits. */
+ * so no sum waits for another, and all forms below give the same bits. */
 #if SBI_HAS_LANES
 /* A block's rows and the vector are read as 4-vectors. The fourth lane belongs to what comes next in memory
  * and is never summed; only the last node has nothing after it (`guard`). Three vector products instead of
@@ -28854,6 +28867,28 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     y[0] = s0[0] + s0[1] + s0[2];
     y[1] = s1[0] + s1[1] + s1[2];
     y[2] = s2[0] + s2[1] + s2[2];
+}
+#elif SBI_HAS_PAIRS
+/* The nine entries two by two, as they lie in memory. */
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
+{
+    const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_end[i];
+    const sb_real *block = matrix->blocks[matrix->row_start[i]];
+    sbi_pair s00 = {0, 0}, s02 = s00, s11 = s00, s20 = s00;
+    sb_real s22 = 0;
+    (void)guard;
+    for (; column < end; column++, block += 9) {
+        const sb_real *from = x + 3 * (size_t)*column;
+        sbi_pair v01 = SBI_PAIR_AT(from), v12 = SBI_PAIR_AT(from + 1);
+        s00 += SBI_PAIR_AT(block) * v01;
+        s02 += SBI_PAIR_AT(block + 2) * sbi_pair_make(v12[1], v01[0]);
+        s11 += SBI_PAIR_AT(block + 4) * v12;
+        s20 += SBI_PAIR_AT(block + 6) * v01;
+        s22 += block[8] * v12[1];
+    }
+    y[0] = s00[0] + s00[1] + s02[0];
+    y[1] = s02[1] + s11[0] + s11[1];
+    y[2] = s20[0] + s20[1] + s22;
 }
 #else
 SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
@@ -37226,23 +37261,21 @@ typedef struct sbi_piece_maker {
     int piece_count;
 } sbi_piece_maker;
 
-/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side, each in its order along
- * the side that was cut last (axis; -1: none was); returns the number of the next one. */
-static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece, int axis)
+/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of the
+ * next one. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
-    int *nodes = m->nodes + begin;
+    int *nodes = m->nodes + begin, axis;
     if (pieces == 1) {
-        if (axis >= 0)
-            sbi_precond_sort_nodes(m->positions, axis, nodes, end - begin);
         for (int k = begin; k < end; k++)
             m->piece_of[m->nodes[k]] = piece;
         return piece + 1;
     }
     axis = sbi_precond_longest_axis(m->positions, nodes, end - begin);
     sbi_precond_select(m->positions, axis, nodes, end - begin, middle - begin);
-    piece = sbi_piece_cut(m, begin, middle, left, piece, axis);
-    return sbi_piece_cut(m, middle, end, pieces - left, piece, axis);
+    piece = sbi_piece_cut(m, begin, middle, left, piece);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece);
 }
 
 /* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
@@ -37337,7 +37370,8 @@ static int sbi_piece_number(sbi_piece_maker *m, int begin, int end, int fragment
 }
 
 /* Lines the part's pieces up along its longest side, so that those that touch have near numbers and the rows of their
- * matrix are short, and lists its nodes by piece. */
+ * matrix are short, and lists its nodes by piece, each in the order of the rows: what reads a piece's rows then finds
+ * them one after the other. */
 static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
 {
     int *order = m->roots, *rank = m->sizes, *next = m->start;
@@ -37354,7 +37388,7 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
         order[f] = f;
     }
     sbi_precond_sort_nodes(m->centres, axis, order, count);
-    memcpy(m->list, m->nodes + begin, (size_t)(end - begin) * sizeof(int));
+    memcpy(m->list, m->a->part_rows + begin, (size_t)(end - begin) * sizeof(int));
     for (int a = 0, at = begin; a < count; a++) {
         int size = next[order[a]];
         rank[order[a]] = m->piece_count + a;
@@ -37376,7 +37410,7 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
-    sbi_piece_cut(m, begin, end, share, 0, -1);
+    sbi_piece_cut(m, begin, end, share, 0);
     if (alone) {
         for (int k = begin; k < end; k++)
             m->fragment_of[m->nodes[k]] = 0;
@@ -37681,7 +37715,47 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
 }
 #else
-/* One row of the blocks at a time: what it sums stays in registers. */
+/* One row of the blocks at a time: what it sums stays in registers. Of the moments only those that torques have. */
+#if SBI_HAS_PAIRS
+static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
+                                    sb_real sum[4][12])
+{
+    sbi_pair p01 = {0, 0}, p12 = p01, yz = p01, zx = p01, xy = p01;
+    for (int s = begin; s < end; s++) {
+        const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        sbi_pair v01 = SBI_PAIR_AT(row), v12 = SBI_PAIR_AT(row + 1);
+        p01 += v01;
+        p12 += v12;
+        yz += SBI_PAIR_AT(arm + 1) * sbi_pair_make(v12[1], v01[0]);
+        zx += sbi_pair_make(arm[2], arm[0]) * v12;
+        xy += sbi_pair_make(arm[1], arm[0]) * v01;
+    }
+    sum[0][4 * r] = p01[0], sum[0][4 * r + 1] = p01[1], sum[0][4 * r + 2] = p12[1];
+    sum[1][4 * r + 1] = xy[1], sum[1][4 * r + 2] = zx[1];
+    sum[2][4 * r] = xy[0], sum[2][4 * r + 2] = yz[0];
+    sum[3][4 * r] = yz[1], sum[3][4 * r + 1] = zx[0];
+}
+#else
+static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
+                                    sb_real sum[4][12])
+{
+    sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
+    for (int s = begin; s < end; s++) {
+        const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        p = sb_v3_add(p, sb_v3(row[0], row[1], row[2]));
+        x.y += arm[0] * row[1], x.z += arm[0] * row[2];
+        y.x += arm[1] * row[0], y.z += arm[1] * row[2];
+        z.x += arm[2] * row[0], z.y += arm[2] * row[1];
+    }
+    sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
+    sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
+    sum[2][4 * r] = y.x, sum[2][4 * r + 2] = y.z;
+    sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y;
+}
+#endif
+
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
     int begin = c->entry_start[e], end = c->entry_start[e + 1];
@@ -37691,22 +37765,8 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
         SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
         SBI_PREFETCH(a->blocks[later], 64);
     }
-    for (int r = 0; r < 3; r++) {
-        sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
-        for (int s = begin; s < end; s++) {
-            const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
-            const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-            sb_vec3 value = sb_v3(row[0], row[1], row[2]);
-            p = sb_v3_add(p, value);
-            x = sb_v3_madd(x, arm[0], value);
-            y = sb_v3_madd(y, arm[1], value);
-            z = sb_v3_madd(z, arm[2], value);
-        }
-        sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
-        sum[1][4 * r] = x.x, sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
-        sum[2][4 * r] = y.x, sum[2][4 * r + 1] = y.y, sum[2][4 * r + 2] = y.z;
-        sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y, sum[3][4 * r + 2] = z.z;
-    }
+    for (int r = 0; r < 3; r++)
+        sbi_precond_row_moments(c, a, begin, end, r, sum);
 }
 #endif
 
@@ -37727,6 +37787,20 @@ static void sbi_precond_couple(const sb_preconditioner *p, const sb_matrix *a, i
     }
 }
 
+/* out += a, and out += f a - g b, of six. */
+SBI_FORCE_INLINE void sbi_precond_add_six(double *SB_RESTRICT out, const double *SB_RESTRICT a)
+{
+    for (int k = 0; k < 6; k++)
+        out[k] += a[k];
+}
+
+SBI_FORCE_INLINE void sbi_precond_add_cross(double *SB_RESTRICT out, double f, const double *SB_RESTRICT a, double g,
+                                            const double *SB_RESTRICT b)
+{
+    for (int k = 0; k < 6; k++)
+        out[k] += f * a[k] - g * b[k];
+}
+
 /* (Z^T A Z) += Z_i^T (A Z)_i, the rows of node i's piece. */
 static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, double rows[3][6])
 {
@@ -37735,14 +37809,11 @@ static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, d
     const float *arm = c->arms + 4 * (size_t)node;
     double x = (double)arm[0], y = (double)arm[1], z = (double)arm[2];
     size_t next = (size_t)(c->reach[own] - 6 * own);
-    for (int k = 0; k < 6; k++) {
-        out[k] += rows[0][k];
-        out[next + (size_t)k] += rows[1][k];
-        out[2 * next + (size_t)k] += rows[2][k];
-        out[3 * next + (size_t)k] += y * rows[2][k] - z * rows[1][k];
-        out[4 * next + (size_t)k] += z * rows[0][k] - x * rows[2][k];
-        out[5 * next + (size_t)k] += x * rows[1][k] - y * rows[0][k];
-    }
+    for (int r = 0; r < 3; r++)
+        sbi_precond_add_six(out + (size_t)r * next, rows[r]);
+    sbi_precond_add_cross(out + 3 * next, y, rows[2], z, rows[1]);
+    sbi_precond_add_cross(out + 4 * next, z, rows[0], x, rows[2]);
+    sbi_precond_add_cross(out + 5 * next, x, rows[1], y, rows[0]);
 }
 
 /* The six rows of a piece, which end at `end`: each is scaled by its pivot and taken from the following ones. */
