@@ -344,7 +344,8 @@
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
  * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse,
- * domain, direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * domain, direct, multigrid, precond, pcg, grid, body, live_mesh (meshes that change: sb_body_change_begin), load,
+ * embed, body_embed (points that follow a body whose mesh changes), constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -4522,9 +4523,10 @@ typedef struct sb_body_def {
     sb_real damping_stiffness;      /* Rayleigh beta (s), >= 0; default 0 */
     sb_precond_kind preconditioner; /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
                                      * sb_body_solver tells what it chose */
-    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
-                                       * NULL: made from the nodes' places and the materials of now (others that are set
-                                       * later change the time of a solve, and its last bits) */
+    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; not with
+                                       * slack. Default NULL: made from the nodes' places and the materials of now, also
+                                       * for another mesh later (materials that are set later change the time of a
+                                       * solve, and its last bits) */
     int level_count;
     sb_real tolerance;        /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                * choose theirs from newton_tolerance. Each connected part meets it by itself,
@@ -4538,7 +4540,7 @@ typedef struct sb_body_def {
                                * default 1e-6 */
     sb_real slack;            /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
                                * is in reserve, so that pointers to arrays by node stay valid while it lasts;
-                               * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
+                               * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain or def.levels */
     sb_allocator allocator;   /* default malloc */
     sb_jobs jobs;             /* default inline */
     sb_clock clock;           /* for sb_step_info's times; default NULL */
@@ -4761,12 +4763,12 @@ SB_API const char *sb_check_string(unsigned warning);
  * copy of the lists of slots, a sum over chunks of cells, and a pass over the nodes where parts come apart, meet or get
  * another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells in one
  * change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and cuts the
- * coarse space's pieces again; all depend on the mesh alone, so iterations, states and changes taken back are those of
- * a body made with that mesh. Everything is made anew instead, at the cost of creation (19 ms for 13,000 cells), where
- * arrays have to grow, elements are not tet4, there are constraints or mappings that couple beyond cells, the
- * preconditioner is SB_PRECOND_FSAI, CHOLESKY or MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on),
- * or a load is on what changes. The bits are the same either way. Consistent masses cost a pass over all cells, Prony
- * terms one over their memory.
+ * coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the body was
+ * made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything is made
+ * anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4,
+ * there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
+ * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
+ * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
  * half as much again, and they have to be asked for anew. */
@@ -4827,8 +4829,8 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
  * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
- * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what
- * a listener says. */
+ * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile, or a needle is in the
+ * tissue, whose mesh is the needle's alone then), SB_ERROR_MEMORY, or what a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 
@@ -5822,7 +5824,7 @@ typedef struct sbi_multigrid_setup {
     const sb_real *moduli;            /* [block_count] (Pa) as in sb_preconditioner_def, or NULL */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
-    const sbi_multigrid *like; /* take the user's levels, the regions and Poisson's ratio from here
+    const sbi_multigrid *like; /* take the user's levels, Poisson's ratio and, without moduli, the regions from here
                                 * instead, or NULL */
     sb_jobs jobs;
 } sbi_multigrid_setup;
@@ -5866,6 +5868,12 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
  * coarse space. spare [row_count][3] is for scratch. */
 SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size,
                                          sb_real *spare);
+/* The two halves of sbi_precond_apply, for whoever has more unknowns than the matrix and a coarse space of its own
+ * rows: z = S r, and then z = S r + Q (y - A S r) of the same call, y being what those unknowns have made of r. Both
+ * only where there is a coarse space. */
+SBI_API int sbi_precond_has_coarse(const sb_preconditioner *preconditioner);
+SBI_API void sbi_precond_apply_smoother(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
+SBI_API void sbi_precond_apply_coarse(sb_preconditioner *preconditioner, const sb_real *y, sb_real *z, double size);
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
 /* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
@@ -5873,9 +5881,11 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
 SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* The multigrid that has the matrix of the last update in fewer bytes, to multiply by; NULL: there is none. */
 SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner);
-/* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
+/* Another of the same make (kind, jobs, the user's levels; pieces for its size) for another pattern. moduli: as in
+ * sb_preconditioner_def, of another mesh; NULL: those of `like`, whose nodes the pattern has. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
-                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+                                     const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
+                                     sb_error *error);
 /* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
  * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
@@ -6032,7 +6042,11 @@ SBI_API void sbi_guest_go_back(sbi_guest_work *work);
 SBI_API void sbi_guest_advance(sbi_guest_work *work, double factor);
 /* search = correction + factor search (fresh: correction) */
 SBI_API void sbi_guest_direct(sbi_guest_work *work, double factor, int fresh);
-/* z, correction = M^-1 of r, residual, M symmetric and positive definite. size: as of sbi_precond_apply. */
+/* 1: residuals are to have nothing of the preconditioner's coarse space, and keep to that: the coarse space of a matrix
+ * is one of all equations as long as guests act on taken nodes alone. */
+SBI_API int sbi_guest_is_deflated(const sbi_guest_space *space, const sb_preconditioner *preconditioner);
+/* z, correction = M^-1 of r, residual, M symmetric and positive definite, on residuals as above where they are
+ * deflated. size: as of sbi_precond_apply. */
 SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r,
                                     sb_real *z, double size);
 /* sums = residual.correction, product.correction (fresh: 0) */
@@ -6162,11 +6176,11 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
                                       sb_error *error);
 
 /* ==== src/softbody/base/lanes.h ==== */
-/* lanes: four reals as one vector where compiler and processor have them (doubles without AVX do not). Floor 0,
- * internal.
+/* lanes: four reals as one vector where compiler and processor have them, or two where doubles come without AVX. Floor
+ * 0, internal.
  *
- * Memory is read at any alignment. Code with SBI_HAS_LANES has a plain form beside it that gives the same bits;
- * SB_NO_VECTORS asks for that one. */
+ * Memory is read at any alignment. Code with SBI_HAS_LANES or SBI_HAS_PAIRS has a plain form beside it that gives the
+ * same bits; SB_NO_VECTORS asks for that one. */
 #ifndef SB_LANES_H
 #define SB_LANES_H
 
@@ -6176,8 +6190,21 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
 typedef sb_real sbi_lanes __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
 #define SBI_LANES_AT(pointer) (*(const sbi_lanes *)(const void *)(pointer))
 #define SBI_LANES_PUT(pointer, value) (*(sbi_lanes *)(void *)(pointer) = (value))
+#define SBI_HAS_PAIRS 0
+#elif defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#define SBI_HAS_LANES 0
+#define SBI_HAS_PAIRS 1
+typedef sb_real sbi_pair __attribute__((vector_size(2 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+#define SBI_PAIR_AT(pointer) (*(const sbi_pair *)(const void *)(pointer))
+
+SBI_FORCE_INLINE sbi_pair sbi_pair_make(sb_real a, sb_real b)
+{
+    sbi_pair v = {a, b};
+    return v;
+}
 #else
 #define SBI_HAS_LANES 0
+#define SBI_HAS_PAIRS 0
 #endif
 
 #endif /* SB_LANES_H */
@@ -28355,9 +28382,10 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
  *
  * Rows lie in one pool, each in a piece with room to spare. A row that outgrows its piece moves to a free piece of the
  * size it needs, or to the pool's end; pieces come in sizes of SBI_LIVE_PIECE places and wait in one list a size. When
- * the pool is full, rows are pushed together. Columns ascend in every row whatever the history, so products, sums over
- * rows and all that is made from them are functions of the pattern alone; only positions in the pool are history.
- * Places in no row hold zero blocks of column 0 that are their own transposes: loops over all blocks need not know.
+ * the pool is full, or a quarter of the rows have moved, rows are pushed together in their order. Columns ascend in
+ * every row whatever the history, so products, sums over rows and all that is made from them are functions of the
+ * pattern alone; only positions in the pool are history. Places in no row hold zero blocks of column 0 that are their
+ * own transposes: loops over all blocks need not know.
  *
  * Each coupling counts the cells that have both its nodes, and the loads, mappings and constraints that need it
  * besides; it goes when the last of them does. A row that is not in use keeps its diagonal block, the identity, and is
@@ -28396,6 +28424,7 @@ typedef struct sbi_matrix_live {
     unsigned version;      /* how many changes there were, from 1 */
     int *room;             /* [row_capacity] places of the row's piece */
     int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    int *places;           /* [block_capacity] scratch */
     unsigned char *in_use; /* [row_capacity] */
     unsigned char *marks;  /* [row_capacity] zeros between calls */
     int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
@@ -28404,6 +28433,8 @@ typedef struct sbi_matrix_live {
     int *touched; /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
     int repacked;    /* 1: all rows moved */
+    int packed_end;  /* of the pool when rows were pushed together last, or the matrix was made */
+    int moved_count; /* rows that have left what was there then */
     int used_blocks; /* blocks that are in rows */
     /* parts */
     int *part_of;    /* [row_capacity] */
@@ -28809,7 +28840,7 @@ enum {
 };
 
 /* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent,
- * so no sum waits for another, and both forms below give the same bits. */
+ * so no sum waits for another, and all forms below give the same bits. */
 #if SBI_HAS_LANES
 /* A block's rows and the vector are read as 4-vectors. The fourth lane belongs to what comes next in memory
  * and is never summed; only the last node has nothing after it (`guard`). Three vector products instead of
@@ -28836,6 +28867,28 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     y[0] = s0[0] + s0[1] + s0[2];
     y[1] = s1[0] + s1[1] + s1[2];
     y[2] = s2[0] + s2[1] + s2[2];
+}
+#elif SBI_HAS_PAIRS
+/* The nine entries two by two, as they lie in memory. */
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
+{
+    const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_end[i];
+    const sb_real *block = matrix->blocks[matrix->row_start[i]];
+    sbi_pair s00 = {0, 0}, s02 = s00, s11 = s00, s20 = s00;
+    sb_real s22 = 0;
+    (void)guard;
+    for (; column < end; column++, block += 9) {
+        const sb_real *from = x + 3 * (size_t)*column;
+        sbi_pair v01 = SBI_PAIR_AT(from), v12 = SBI_PAIR_AT(from + 1);
+        s00 += SBI_PAIR_AT(block) * v01;
+        s02 += SBI_PAIR_AT(block + 2) * sbi_pair_make(v12[1], v01[0]);
+        s11 += SBI_PAIR_AT(block + 4) * v12;
+        s20 += SBI_PAIR_AT(block + 6) * v01;
+        s22 += block[8] * v12[1];
+    }
+    y[0] = s00[0] + s00[1] + s02[0];
+    y[1] = s02[1] + s11[0] + s11[1];
+    y[2] = s20[0] + s20[1] + s22;
 }
 #else
 SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
@@ -29043,7 +29096,10 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
 #include <limits.h>
 #include <string.h>
 
-enum { SBI_LIVE_LOSER = 2 }; /* mark of a row that lost a coupling in the change at hand */
+enum {
+    SBI_LIVE_LOSER = 2,    /* mark of a row that lost a coupling in the change at hand */
+    SBI_LIVE_SCATTERED = 4 /* rows are pushed together when more than this part of them, the fourth, have moved */
+};
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
@@ -29075,6 +29131,7 @@ static void sbi_live_layout_pool(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->columns = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     matrix->transpose = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     live->uses = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    live->places = (int *)sbi_arena_take(arena, blocks, sizeof(int));
 }
 
 typedef void sbi_live_layout(sb_matrix *matrix, sbi_matrix_live *live, size_t count, sbi_arena *arena);
@@ -29263,60 +29320,68 @@ static void sbi_live_touch(sb_matrix *matrix, int i)
 
 /* ---- pushing rows together ------------------------------------------------------------------------------ */
 
-static void sbi_live_sift(const int *start, int *rows, int root, int count)
-{
-    int row = rows[root];
-    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
-        if (child + 1 < count && start[rows[child]] < start[rows[child + 1]])
-            child++;
-        if (start[row] >= start[rows[child]])
-            break;
-        rows[root] = rows[child];
-        root = child;
-    }
-    rows[root] = row;
-}
-
-/* Rows by the places of their pieces. */
-static void sbi_live_order_rows(const sb_matrix *matrix, int *rows)
-{
-    int count = matrix->row_count;
-    for (int i = 0; i < count; i++)
-        rows[i] = i;
-    for (int root = count / 2; root-- > 0;)
-        sbi_live_sift(matrix->row_start, rows, root, count);
-    for (int last = count - 1; last > 0; last--) {
-        int top = rows[0];
-        rows[0] = rows[last];
-        rows[last] = top;
-        sbi_live_sift(matrix->row_start, rows, 0, last);
-    }
-}
-
-/* Places that rows take once they are pushed together: as long as they are. */
-static void sbi_live_pack(sb_matrix *matrix)
+/* Where each place of the pool goes when rows follow each other, as long as they are; -1: it is in no row. Rows get
+ * their new places. Returns where they end. */
+static int sbi_live_plan_places(sb_matrix *matrix)
 {
     sbi_matrix_live *live = matrix->live;
-    int *rows = live->held, end = 0, old_end = matrix->block_count;
-    sbi_live_order_rows(matrix, rows);
-    for (int k = 0; k < matrix->row_count; k++) {
-        int i = rows[k];
+    int *to = live->places, end = 0;
+    memset(to, 0xff, (size_t)matrix->block_count * sizeof *to);
+    for (int i = 0; i < matrix->row_count; i++) {
         int start = end;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, end++)
-            if (q != end)
-                sbi_live_move(matrix, i, q, end);
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            to[q] = end++;
+        matrix->diagonal[i] = to[matrix->diagonal[i]];
         matrix->row_start[i] = start;
         matrix->row_end[i] = end;
         live->room[i] = end - start;
     }
+    return end;
+}
+
+static void sbi_live_swap(sb_matrix *matrix, int p, int q)
+{
+    sb_real block[9];
+    int column = matrix->columns[p], twin = matrix->transpose[p], uses = matrix->live->uses[p];
+    memcpy(block, matrix->blocks[p], sizeof block);
+    memcpy(matrix->blocks[p], matrix->blocks[q], sizeof block);
+    memcpy(matrix->blocks[q], block, sizeof block);
+    matrix->columns[p] = matrix->columns[q];
+    matrix->columns[q] = column;
+    matrix->transpose[p] = matrix->transpose[q];
+    matrix->transpose[q] = twin;
+    matrix->live->uses[p] = matrix->live->uses[q];
+    matrix->live->uses[q] = uses;
+}
+
+/* Pushes rows together in their order, so that loops over them run through memory as in a compact matrix. */
+static void sbi_live_pack(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *to = live->places, end = sbi_live_plan_places(matrix), old_end = matrix->block_count;
+    for (int q = 0; q < old_end; q++)
+        if (to[q] >= 0)
+            matrix->transpose[q] = to[matrix->transpose[q]];
+    for (int q = 0; q < old_end; q++)
+        while (to[q] >= 0 && to[q] != q) { /* each turn brings one block home */
+            int home = to[q];
+            sbi_live_swap(matrix, q, home);
+            to[q] = to[home];
+            to[home] = home;
+        }
     for (int q = end; q < old_end; q++)
         sbi_live_clear(matrix, q);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         live->free_pieces[size] = -1;
-    matrix->block_count = end;
+    matrix->block_count = live->packed_end = end;
+    live->moved_count = 0;
     live->repacked = 1;
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_live_touch(matrix, i);
+}
+
+/* 1 when so many rows lie elsewhere that products, which read the pool, take longer than they need. */
+static int sbi_live_is_scattered(const sb_matrix *matrix)
+{
+    return matrix->live->moved_count > matrix->row_count / SBI_LIVE_SCATTERED;
 }
 
 /* ---- the plan: couplings that change --------------------------------------------------------------------- */
@@ -29434,32 +29499,34 @@ static void sbi_live_list_keys(sbi_matrix_live *live, int made)
     live->key_count = end;
 }
 
+/* Room for `count` items, whose old ones nobody needs any more: *items, or a larger one in its place. NULL: no memory.
+ */
+static void *sbi_live_renew(const sb_allocator *allocator, void *items, int *capacity, size_t count, size_t size)
+{
+    int more = sbi_live_more((int)count);
+    void *made;
+    if (items && count <= (size_t)*capacity)
+        return items;
+    made = sbi_alloc(allocator, (size_t)more, size);
+    if (!made)
+        return NULL;
+    sbi_free(allocator, items);
+    *capacity = more;
+    return made;
+}
+
 /* Room for so many keys and pairs; 0: no memory. */
-static int sbi_live_take_plan(sb_matrix *matrix, size_t keys, size_t pairs)
+static int sbi_live_take_plan(sb_matrix *matrix, size_t key_count, size_t pair_count)
 {
     sbi_matrix_live *live = matrix->live;
-    const sb_allocator *allocator = &matrix->allocator;
-    if (keys > INT_MAX / 2 || pairs > INT_MAX / 2)
+    void *keys, *pairs;
+    if (key_count > INT_MAX / 2 || pair_count > INT_MAX / 2)
         return 0;
-    if (keys > (size_t)live->key_capacity) {
-        int capacity = sbi_live_more((int)keys);
-        sbi_live_key *made = (sbi_live_key *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
-        if (!made)
-            return 0;
-        sbi_free(allocator, live->keys);
-        live->keys = made;
-        live->key_capacity = capacity;
-    }
-    if (pairs > (size_t)live->pair_capacity) {
-        int capacity = sbi_live_more((int)pairs);
-        sbi_live_pair *made = (sbi_live_pair *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
-        if (!made)
-            return 0;
-        sbi_free(allocator, live->pairs);
-        live->pairs = made;
-        live->pair_capacity = capacity;
-    }
-    return 1;
+    keys = sbi_live_renew(&matrix->allocator, live->keys, &live->key_capacity, key_count, sizeof *live->keys);
+    live->keys = keys ? (sbi_live_key *)keys : live->keys;
+    pairs = sbi_live_renew(&matrix->allocator, live->pairs, &live->pair_capacity, pair_count, sizeof *live->pairs);
+    live->pairs = pairs ? (sbi_live_pair *)pairs : live->pairs;
+    return keys && pairs;
 }
 
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error)
@@ -29615,6 +29682,7 @@ static void sbi_live_sweep_row(sb_matrix *matrix, int i)
 static void sbi_live_move_row(sb_matrix *matrix, int i, int length)
 {
     int start = matrix->row_start[i], end = matrix->row_end[i], room = matrix->live->room[i];
+    matrix->live->moved_count += start < matrix->live->packed_end;
     sbi_live_take_piece(matrix, i, length);
     for (int q = start; q < end; q++) {
         sbi_live_move(matrix, i, q, matrix->row_end[i]++);
@@ -29899,6 +29967,10 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change)
     for (int k = 0; k < live->touched_count; k++)
         sbi_live_sweep_row(matrix, live->touched[k]);
     sbi_live_fill(matrix);
+    if (sbi_live_is_scattered(matrix))
+        sbi_live_pack(matrix);
+    for (int i = 0; i < matrix->row_count && live->repacked; i++)
+        sbi_live_touch(matrix, i);
     sbi_live_end_nodes(matrix, change);
     sbi_live_follow_parts(matrix);
     for (int k = 0; k < live->touched_count; k++)
@@ -29935,7 +30007,7 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sbi_free(&matrix->allocator, made.memory);
     made.memory = NULL;
     made.live = live;
-    live->used_blocks = made.block_count;
+    live->used_blocks = live->packed_end = made.block_count;
     *matrix = made;
     sbi_live_note_parts(matrix);
     return 1;
@@ -34101,14 +34173,15 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
 }
 
-/* Takes the regions of `like`, or finds them where moduli are given. The user's levels stay as they are. */
+/* Finds the regions where moduli are given, or takes those of `like`. The user's levels stay as they are. */
 static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *pattern)
 {
-    int made = 1;
-    if (setup->like && setup->like->regions.row_count == pattern->row_count)
-        made = sbi_mg_copy_regions(&setup->like->regions, &m->owned.allocator, &m->regions);
-    else if (!setup->like && setup->moduli && setup->level_count == 0)
+    const sbi_multigrid *like = setup->like;
+    int own = setup->level_count > 0 || (like && like->level_count > 1 && like->levels[1].positions), made = 1;
+    if (setup->moduli && !own)
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->owned.allocator, &m->regions);
+    else if (like && like->regions.row_count == pattern->row_count)
+        made = sbi_mg_copy_regions(&like->regions, &m->owned.allocator, &m->regions);
     m->owned.bytes +=
         (size_t)m->regions.row_count * sizeof(int) + (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
     return made;
@@ -36030,6 +36103,22 @@ SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *p, const sb_real *r,
     sbi_precond_correct(&job);
 }
 
+SBI_API int sbi_precond_has_coarse(const sb_preconditioner *p) { return p->coarse.ready; }
+
+SBI_API void sbi_precond_apply_smoother(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, r, z, size);
+    sbi_precond_smooth_any(p, &job);
+    sbi_precond_run(&job, sbi_precond_write_task);
+}
+
+SBI_API void sbi_precond_apply_coarse(sb_preconditioner *p, const sb_real *y, sb_real *z, double size)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, y, z, size);
+    job.with_result = 1;
+    sbi_precond_correct(&job);
+}
+
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
 {
     sbi_precond_job job = sbi_precond_make_job(p, r, z, size);
@@ -36344,11 +36433,13 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
 }
 
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
-                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+                                     const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
+                                     sb_error *error)
 {
     sb_preconditioner_def def = sb_default_preconditioner_def();
     def.kind = like->kind;
     def.positions = positions;
+    def.moduli = moduli;
     def.jobs = like->jobs;
     def.power = like->power;
     return sbi_precond_create(&def, pattern, like, allocator, out, error);
@@ -37170,23 +37261,21 @@ typedef struct sbi_piece_maker {
     int piece_count;
 } sbi_piece_maker;
 
-/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side, each in its order along
- * the side that was cut last (axis; -1: none was); returns the number of the next one. */
-static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece, int axis)
+/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of the
+ * next one. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
-    int *nodes = m->nodes + begin;
+    int *nodes = m->nodes + begin, axis;
     if (pieces == 1) {
-        if (axis >= 0)
-            sbi_precond_sort_nodes(m->positions, axis, nodes, end - begin);
         for (int k = begin; k < end; k++)
             m->piece_of[m->nodes[k]] = piece;
         return piece + 1;
     }
     axis = sbi_precond_longest_axis(m->positions, nodes, end - begin);
     sbi_precond_select(m->positions, axis, nodes, end - begin, middle - begin);
-    piece = sbi_piece_cut(m, begin, middle, left, piece, axis);
-    return sbi_piece_cut(m, middle, end, pieces - left, piece, axis);
+    piece = sbi_piece_cut(m, begin, middle, left, piece);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece);
 }
 
 /* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
@@ -37281,7 +37370,8 @@ static int sbi_piece_number(sbi_piece_maker *m, int begin, int end, int fragment
 }
 
 /* Lines the part's pieces up along its longest side, so that those that touch have near numbers and the rows of their
- * matrix are short, and lists its nodes by piece. */
+ * matrix are short, and lists its nodes by piece, each in the order of the rows: what reads a piece's rows then finds
+ * them one after the other. */
 static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
 {
     int *order = m->roots, *rank = m->sizes, *next = m->start;
@@ -37298,7 +37388,7 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
         order[f] = f;
     }
     sbi_precond_sort_nodes(m->centres, axis, order, count);
-    memcpy(m->list, m->nodes + begin, (size_t)(end - begin) * sizeof(int));
+    memcpy(m->list, m->a->part_rows + begin, (size_t)(end - begin) * sizeof(int));
     for (int a = 0, at = begin; a < count; a++) {
         int size = next[order[a]];
         rank[order[a]] = m->piece_count + a;
@@ -37320,7 +37410,7 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
-    sbi_piece_cut(m, begin, end, share, 0, -1);
+    sbi_piece_cut(m, begin, end, share, 0);
     if (alone) {
         for (int k = begin; k < end; k++)
             m->fragment_of[m->nodes[k]] = 0;
@@ -37625,7 +37715,47 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
 }
 #else
-/* One row of the blocks at a time: what it sums stays in registers. */
+/* One row of the blocks at a time: what it sums stays in registers. Of the moments only those that torques have. */
+#if SBI_HAS_PAIRS
+static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
+                                    sb_real sum[4][12])
+{
+    sbi_pair p01 = {0, 0}, p12 = p01, yz = p01, zx = p01, xy = p01;
+    for (int s = begin; s < end; s++) {
+        const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        sbi_pair v01 = SBI_PAIR_AT(row), v12 = SBI_PAIR_AT(row + 1);
+        p01 += v01;
+        p12 += v12;
+        yz += SBI_PAIR_AT(arm + 1) * sbi_pair_make(v12[1], v01[0]);
+        zx += sbi_pair_make(arm[2], arm[0]) * v12;
+        xy += sbi_pair_make(arm[1], arm[0]) * v01;
+    }
+    sum[0][4 * r] = p01[0], sum[0][4 * r + 1] = p01[1], sum[0][4 * r + 2] = p12[1];
+    sum[1][4 * r + 1] = xy[1], sum[1][4 * r + 2] = zx[1];
+    sum[2][4 * r] = xy[0], sum[2][4 * r + 2] = yz[0];
+    sum[3][4 * r] = yz[1], sum[3][4 * r + 1] = zx[0];
+}
+#else
+static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
+                                    sb_real sum[4][12])
+{
+    sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
+    for (int s = begin; s < end; s++) {
+        const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        p = sb_v3_add(p, sb_v3(row[0], row[1], row[2]));
+        x.y += arm[0] * row[1], x.z += arm[0] * row[2];
+        y.x += arm[1] * row[0], y.z += arm[1] * row[2];
+        z.x += arm[2] * row[0], z.y += arm[2] * row[1];
+    }
+    sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
+    sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
+    sum[2][4 * r] = y.x, sum[2][4 * r + 2] = y.z;
+    sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y;
+}
+#endif
+
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
     int begin = c->entry_start[e], end = c->entry_start[e + 1];
@@ -37635,22 +37765,8 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
         SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
         SBI_PREFETCH(a->blocks[later], 64);
     }
-    for (int r = 0; r < 3; r++) {
-        sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
-        for (int s = begin; s < end; s++) {
-            const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
-            const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-            sb_vec3 value = sb_v3(row[0], row[1], row[2]);
-            p = sb_v3_add(p, value);
-            x = sb_v3_madd(x, arm[0], value);
-            y = sb_v3_madd(y, arm[1], value);
-            z = sb_v3_madd(z, arm[2], value);
-        }
-        sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
-        sum[1][4 * r] = x.x, sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
-        sum[2][4 * r] = y.x, sum[2][4 * r + 1] = y.y, sum[2][4 * r + 2] = y.z;
-        sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y, sum[3][4 * r + 2] = z.z;
-    }
+    for (int r = 0; r < 3; r++)
+        sbi_precond_row_moments(c, a, begin, end, r, sum);
 }
 #endif
 
@@ -37671,6 +37787,20 @@ static void sbi_precond_couple(const sb_preconditioner *p, const sb_matrix *a, i
     }
 }
 
+/* out += a, and out += f a - g b, of six. */
+SBI_FORCE_INLINE void sbi_precond_add_six(double *SB_RESTRICT out, const double *SB_RESTRICT a)
+{
+    for (int k = 0; k < 6; k++)
+        out[k] += a[k];
+}
+
+SBI_FORCE_INLINE void sbi_precond_add_cross(double *SB_RESTRICT out, double f, const double *SB_RESTRICT a, double g,
+                                            const double *SB_RESTRICT b)
+{
+    for (int k = 0; k < 6; k++)
+        out[k] += f * a[k] - g * b[k];
+}
+
 /* (Z^T A Z) += Z_i^T (A Z)_i, the rows of node i's piece. */
 static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, double rows[3][6])
 {
@@ -37679,14 +37809,11 @@ static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, d
     const float *arm = c->arms + 4 * (size_t)node;
     double x = (double)arm[0], y = (double)arm[1], z = (double)arm[2];
     size_t next = (size_t)(c->reach[own] - 6 * own);
-    for (int k = 0; k < 6; k++) {
-        out[k] += rows[0][k];
-        out[next + (size_t)k] += rows[1][k];
-        out[2 * next + (size_t)k] += rows[2][k];
-        out[3 * next + (size_t)k] += y * rows[2][k] - z * rows[1][k];
-        out[4 * next + (size_t)k] += z * rows[0][k] - x * rows[2][k];
-        out[5 * next + (size_t)k] += x * rows[1][k] - y * rows[0][k];
-    }
+    for (int r = 0; r < 3; r++)
+        sbi_precond_add_six(out + (size_t)r * next, rows[r]);
+    sbi_precond_add_cross(out + 3 * next, y, rows[2], z, rows[1]);
+    sbi_precond_add_cross(out + 4 * next, z, rows[0], x, rows[2]);
+    sbi_precond_add_cross(out + 5 * next, x, rows[1], y, rows[0]);
 }
 
 /* The six rows of a piece, which end at `end`: each is scaled by its pivot and taken from the following ones. */
@@ -38446,11 +38573,12 @@ SBI_API void sbi_guest_measure(sbi_guest_space *space)
     }
 }
 
-/* y -= A v, v being `block` on taken nodes and 0 elsewhere; A is symmetric. */
-static void sbi_guest_subtract_columns(const sbi_guest_space *space, const sbi_guest_work *work, sb_real *y)
+/* y -= A v, v [size] on taken nodes and 0 elsewhere; A is symmetric. */
+static void sbi_guest_subtract_columns(const sbi_guest_space *space, const sbi_guest_work *work, const double *v,
+                                       sb_real *y)
 {
     const sb_matrix *a = space->matrix;
-    const double *v = work->block + work->guest->unknown_count;
+    v += work->guest->unknown_count;
     for (int k = 0; k < work->guest->taken_count; k++, v += 3) {
         int node = work->guest->nodes[k];
         sb_real x = (sb_real)v[0], y0 = (sb_real)v[1], z = (sb_real)v[2];
@@ -38477,7 +38605,7 @@ static void sbi_guest_subtract_block(sbi_guest_space *space, sb_real *v, sb_real
         sbi_guest_work *work = space->work + g;
         if (work->done || work->size == 0)
             continue;
-        sbi_guest_subtract_columns(space, work, y);
+        sbi_guest_subtract_columns(space, work, work->block, y);
     }
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
@@ -38634,32 +38762,70 @@ static void sbi_guest_multiply_rows(sbi_guest_space *space, const sb_real *z, sb
     }
 }
 
-/* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
- *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
- * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays
- * in what the blocks leave. Measured with a rod a million times stiffer than the tissue, 2,783 nodes to 1e-4, IC0 with
- * a coarse space, B made with taken nodes held: 13 or 14 iterations for 18 without the rod; with D^-1 + B alone 12 on
- * nodes of the mesh, but 21 through weights; with B made of A as it is 35 to 38, and 35 to 51. */
-SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r,
-                                    sb_real *z, double size)
+/* correction = D^-1 (residual - T z), z being 0 on taken nodes; y: scratch */
+static void sbi_guest_correct(sbi_guest_space *space, const sb_real *z, sb_real *y)
 {
-    memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
-    sbi_guest_subtract_block(space, z, space->rest, 1);
-    sbi_guest_clear_taken(space, space->rest);
-    sbi_guest_apply(space, preconditioner, space->rest, z, size);
-    sbi_guest_clear_taken(space, z);
-    sbi_guest_multiply_rows(space, z, space->rest);
+    sbi_guest_multiply_rows(space, z, y);
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         if (work->done || work->size == 0)
             continue;
         sbi_guest_copy(work->in, work->out, work->guest->unknown_count);
-        sbi_guest_take(work, space->rest, work->in, 0);
+        sbi_guest_take(work, y, work->in, 0);
         sbi_guest_solve_block(space, work, work->in, work->out);
         for (size_t k = 0; k < work->size; k++)
             work->correction[k] = work->block[k] - work->out[k];
-        sbi_guest_put(work, work->correction, z);
     }
+}
+
+/* z += Q (r - T (z, correction)) where z = S of something was the preconditioner's last result; y: scratch */
+static void sbi_guest_correct_coarsely(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r,
+                                       sb_real *z, double size, sb_real *y)
+{
+    memcpy(y, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
+    for (int g = 0; g < space->count; g++)
+        if (!space->work[g].done && space->work[g].size > 0)
+            sbi_guest_subtract_columns(space, space->work + g, space->work[g].correction, y);
+    sbi_guest_clear_taken(space, y);
+    sbi_precond_apply_coarse(preconditioner, y, z, size);
+}
+
+SBI_API int sbi_guest_is_deflated(const sbi_guest_space *space, const sb_preconditioner *preconditioner)
+{
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].guest->taken_count < space->work[g].guest->node_count)
+            return 0;
+    return preconditioner && sbi_precond_has_coarse(preconditioner);
+}
+
+/* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
+ *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
+ * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays
+ * in what the blocks leave. Measured with a rod a million times stiffer than the tissue, 2,783 nodes to 1e-4, IC0 with
+ * a coarse space, B made with taken nodes held: 13 or 14 iterations for 18 without the rod; with D^-1 + B alone 12 on
+ * nodes of the mesh, but 21 through weights; with B made of A as it is 35 to 38, and 35 to 51.
+ *
+ * Where residuals are deflated, B is the smoother S alone, and the coarse space is visited once, last and for all
+ * equations: z = M^-1 r + Q (r - T M^-1 r), A-DEF2 of M and T. Q moves no taken nodes, so that the matrix's own Z^T A Z
+ * and A Z serve. As many iterations as with B = S and Q symmetric, a tenth less time each. */
+SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r,
+                                    sb_real *z, double size)
+{
+    int deflated = sbi_guest_is_deflated(space, preconditioner);
+    memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
+    sbi_guest_subtract_block(space, z, space->rest, 1);
+    sbi_guest_clear_taken(space, space->rest);
+    if (deflated)
+        sbi_precond_apply_smoother(preconditioner, space->rest, z, size);
+    else
+        sbi_guest_apply(space, preconditioner, space->rest, z, size);
+    sbi_guest_clear_taken(space, z);
+    sbi_guest_correct(space, z, space->rest);
+    if (deflated)
+        sbi_guest_correct_coarsely(space, preconditioner, r, z, size, space->rest);
+    for (int g = 0; g < space->count; g++)
+        if (!space->work[g].done && space->work[g].size > 0)
+            sbi_guest_put(space->work + g, space->work[g].correction, z);
 }
 
 /* ---- taken nodes out of the preconditioner --------------------------------------------------------------- */
@@ -39145,10 +39311,28 @@ static void sbi_pcg_set_targets(sbi_pcg_state *s, double tolerance, double rhs_s
 
 /* ---- the iteration ------------------------------------------------------------------------------------- */
 
+static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
+{
+    for (int g = 0; g < s->guests->count; g++)
+        s->guests->work[g].done = 0;
+}
+
+/* What guests have of a motion p along which their own unknowns rest, and all of it subtracted from their residuals. */
+static void sbi_pcg_deflate_guests(const sbi_pcg_state *s)
+{
+    sbi_pcg_wake_guests(s);
+    for (int g = 0; g < s->guests->count; g++)
+        memset(s->guests->work[g].search, 0, (size_t)s->guests->work[g].guest->unknown_count * sizeof(double));
+    sbi_guest_multiply(s->guests, s->p, s->q);
+    for (int g = 0; g < s->guests->count; g++)
+        sbi_guest_advance(s->guests->work + g, 1);
+    sbi_guest_measure(s->guests);
+}
+
 /* Subtracts the coarse space's part from the residual, as its deflation requires. Uses p and q. */
 static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    if (!preconditioner || s->guests ||
+    if (!preconditioner || (s->guests && !sbi_guest_is_deflated(s->guests, preconditioner)) ||
         !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(sbi_pcg_whole_square(s))))
         return;
     s->compact = NULL; /* a preconditioner with a coarse space has none */
@@ -39157,6 +39341,8 @@ static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
         s->parts[c].factor = 1;
     }
     sbi_pcg_run(s, sbi_pcg_product_task);
+    if (s->guests)
+        sbi_pcg_deflate_guests(s);
     sbi_pcg_run_square(s, sbi_pcg_advance_task, 1);
 }
 
@@ -39287,12 +39473,6 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         info->iterations++;
     }
     return SB_OK;
-}
-
-static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
-{
-    for (int g = 0; g < s->guests->count; g++)
-        s->guests->work[g].done = 0;
 }
 
 /* r = rhs - A x, and the guests' rows at x. */
@@ -42568,7 +42748,8 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 /* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them
  * would otherwise read and write memory for each product. */
 
-/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. Three nodes at a time: there are three or nine
+ * of them, n being 4 or 10, so that none is left over; one at a time, F would be read and written for each node. */
 SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int i,
                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
@@ -45301,7 +45482,8 @@ static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination
     if (result == SB_OK)
         result = sbi_elimination_make_positions(e, setup->matrix, error);
     if (result == SB_OK)
-        result = sbi_precond_remake(setup->precond, &e->matrix, setup->positions, &e->allocator, &e->precond, error);
+        result =
+            sbi_precond_remake(setup->precond, &e->matrix, setup->positions, NULL, &e->allocator, &e->precond, error);
     return result;
 }
 
@@ -45924,6 +46106,8 @@ struct sb_body {
     int material_count;     /* one per region of the mesh */
     int *material_regions;  /* [material_count] ascending region numbers */
     sb_material *materials; /* [material_count] */
+    sb_real *made_young;    /* [material_count] Young's moduli at creation (Pa): multigrid's levels are made from them,
+                             * also those of another mesh, so that they do not depend on when that came */
     int *cell_material;     /* [cell_count] */
     sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
     sb_real force_unit;     /* stiffness times volume over size (N): times epsilon, rounding in the forces */
@@ -46084,9 +46268,12 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
 /* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
 SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error);
 SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
+/* One like that of the body before its mesh became another: what sbi_body_make_preconditioner gives a body made so. */
+SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
- * where there is one material. */
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
+ * where there is one material. young: [material_count] (Pa); NULL: those of the materials now. */
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,
+                                       sb_real **moduli, sb_error *error);
 /* directions at unit length; */
 SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count);
 /* memory, which only ever grows: */
@@ -46521,8 +46708,9 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
     }
     body->material_count = count;
     body->materials = (sb_material *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_material));
+    body->made_young = (sb_real *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_real));
     body->cell_material = (int *)sbi_alloc(&body->allocator, (size_t)def->mesh->element_count, sizeof(int));
-    if (!body->materials || !body->cell_material)
+    if (!body->materials || !body->made_young || !body->cell_material)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d materials", count);
     for (int e = 0; e < def->mesh->element_count; e++)
         body->cell_material[e] =
@@ -46546,6 +46734,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
         if (result != SB_OK)
             return result;
         body->materials[i] = *material;
+        body->made_young[i] = sb_material_young(material);
     }
     return SB_OK;
 }
@@ -47208,7 +47397,7 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     if (result == SB_OK)
         result = sbi_assembly_reserve_remap(&body->assembly, &pattern->matrix, error);
     if (result == SB_OK)
-        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
+        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, NULL, &body->allocator,
                                     &pattern->precond, error);
     if (result != SB_OK)
         sbi_body_free_pattern(body, pattern);
@@ -47299,25 +47488,28 @@ SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *prec
     return sbi_pcg_update_preconditioner(precond, matrix, body->position, guests, &body->pcg, error);
 }
 
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,
+                                       sb_real **moduli, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    sb_real *young;
+    sb_real *of_cell;
     sb_result result;
     *moduli = NULL;
     if (body->material_count < 2)
         return SB_OK;
-    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    of_cell = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
     *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
-    if (young && *moduli) {
-        for (int e = 0; e < domain->cell_count; e++)
-            young[e] = sbi_live_has_cell(body, e) ? sb_material_young(body->materials + body->cell_material[e]) : 0;
-        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+    if (of_cell && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++) {
+            int k = body->cell_material[e];
+            of_cell[e] = !sbi_live_has_cell(body, e) ? 0 : young ? young[k] : sb_material_young(body->materials + k);
+        }
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, of_cell,
                                           *moduli, error);
     } else {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
     }
-    sbi_free(&body->allocator, young);
+    sbi_free(&body->allocator, of_cell);
     if (result != SB_OK) {
         sbi_free(&body->allocator, *moduli);
         *moduli = NULL;
@@ -47338,10 +47530,23 @@ SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def 
     if (settings.kind == SB_PRECOND_AUTO)
         settings.kind = sb_solver_auto(&body->matrix);
     if (settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+        result = sbi_body_make_moduli(body, body->made_young, &body->matrix, &moduli, error);
     settings.moduli = moduli;
     if (result == SB_OK)
         result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
+}
+
+SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error)
+{
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
+    if (sb_preconditioner_get_info(like).kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, body->made_young, &body->matrix, &moduli, error);
+    if (result == SB_OK)
+        result =
+            sbi_precond_remake(like, &body->matrix, body->reference, moduli, &body->allocator, &body->precond, error);
     sbi_free(&body->allocator, moduli);
     return result;
 }
@@ -49674,6 +49879,9 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "def.slack does not go with def.domain: where points of new cells "
                         "would be is unknown");
+    if (def->level_count > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "def.slack does not go with def.levels: they fit the mesh of creation only");
     live = node_capacity < 0 || cell_capacity < 0 ? NULL : (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     body->live = live;
     if (!live || !sbi_slots_create(&live->nodes, node_capacity, nodes, allocator) ||
@@ -49969,6 +50177,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_free(&allocator, body->extra_start);
     sbi_free(&allocator, body->pattern_memory);
     sbi_free(&allocator, body->cell_material);
+    sbi_free(&allocator, body->made_young);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
     sbi_free(&allocator, body->topology_memory);
@@ -52297,11 +52506,12 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
     next->material_regions = (int *)sbi_alloc(allocator, materials, sizeof(int));
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
+    next->made_young = (sb_real *)sbi_alloc(allocator, materials, sizeof(sb_real));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
         next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
-        !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
+        !next->materials || !next->made_young || !next->cell_material || (mesh->fibres && !next->fibres) ||
         !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
@@ -52320,6 +52530,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     next->material_count = body->material_count;
     memcpy(next->material_regions, body->material_regions, materials * sizeof(int));
     memcpy(next->materials, body->materials, materials * sizeof(sb_material));
+    memcpy(next->made_young, body->made_young, materials * sizeof(sb_real));
     memcpy(next->cell_material, mesh->material, cells * sizeof(int));
     memcpy(live->shares, mesh->shares, cells * sizeof(sb_real));
     memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
@@ -52396,7 +52607,7 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     if (result != SB_OK)
         return result;
     sbi_body_label_nodes(next);
-    result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
+    result = sbi_body_remake_preconditioner(next, body->precond, error);
     if (result == SB_OK)
         result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
     next->pcg.row_count = domain->node_count;
@@ -55356,7 +55567,7 @@ static int sbi_embed_reserve_faces(const sb_allocator *allocator, sbi_embed_arra
 static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arrays *a, const sbi_embed_parts *parts,
                                     int more)
 {
-    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1;
+    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1, had_offsets = a->offsets[2] != NULL;
     size_t used = (size_t)a->block_end * SBI_EMBED_LANES, slots;
     if (grows && !sbi_embed_new_room(a->block_used, more, a->block_room, INT_MAX / SBI_EMBED_LANES, &room))
         return 0;
@@ -55370,9 +55581,13 @@ static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arr
             ok = ok && sbi_embed_grow_array(allocator, (void **)&a->parameters[k], used, slots, sizeof(sb_real));
         if (parts->with_normals && grows)
             ok = ok && sbi_embed_grow_array(allocator, (void **)&a->carried[k], used, slots, sizeof(sb_real));
-        if (a->offsets[k] ? grows : parts->with_offsets) /* points that do without never read theirs */
-            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], a->offsets[k] ? used : 0, slots,
+        if (had_offsets ? grows : parts->with_offsets) /* points that do without never read theirs */
+            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], had_offsets ? used : 0, slots,
                                             sizeof(sb_real));
+    }
+    for (int k = 0; k < 3 && !ok && !had_offsets; k++) { /* all or none: the first says whether they are there */
+        sbi_free(allocator, a->offsets[k]);
+        a->offsets[k] = NULL;
     }
     if (ok)
         a->block_room = room;
@@ -59333,8 +59548,9 @@ static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guest
             int node = guests->list[g]->nodes[k];
             if (b->elimination->slave[node])
                 return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
-                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters",
-                                     g, node);
+                                     "node %d follows others by a constraint: a needle (guest %d of the step) cannot "
+                                     "act on it",
+                                     node, g);
         }
     return SB_OK;
 }
@@ -61896,7 +62112,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     /* as the body itself, whatever constraints and loads have added to the matrix since it was made */
     settings.kind = sb_body_solver(b).kind == SB_PRECOND_MULTIGRID ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
     if (!b->elimination && settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(b, m->matrix, &moduli, m->error);
+        result = sbi_body_make_moduli(b, NULL, m->matrix, &moduli, m->error);
     settings.moduli = moduli;
     settings.poisson = sbi_body_poisson(b);
     if (result == SB_OK)
@@ -63640,11 +63856,15 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body)
     return walk.hash;
 }
 
+/* The mesh's version stands behind a snapshot: it tells without memory that the mesh is still the same. */
+enum { SBI_SNAPSHOT_TAIL = 4 };
+
 SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
     walk.plain = 1;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    walk.overflow |= !sbi_size_add(&walk.used, SBI_SNAPSHOT_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
 
@@ -63654,6 +63874,7 @@ SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
     walk.plain = 1;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_put_bytes(walk.out + walk.used, (uint64_t)sb_body_mesh_version(body), SBI_SNAPSHOT_TAIL);
 }
 
 /* Tells a recording what was loaded. */
@@ -63747,11 +63968,13 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
 SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    int same;
     walk.plain = 1;
     walk.in = (const unsigned char *)snapshot;
-    walk.size = size;
+    walk.size = size - SBI_SNAPSHOT_TAIL;
     walk.error = error;
-    return body->live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    same = sbi_get_bytes(walk.in + walk.size, SBI_SNAPSHOT_TAIL) == (uint32_t)sb_body_mesh_version(body);
+    return same ? sbi_state_pass_image(body, body, &walk, error) : sbi_state_pass_live(body, &walk, error);
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)

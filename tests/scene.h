@@ -158,9 +158,10 @@ static inline unsigned long long scene_hash(const void *data, size_t bytes)
     return hash;
 }
 
-/* An allocator that counts, and fails at call number fail_at (from 1; 0: never). */
+/* An allocator that counts, and fails at call number fail_at, and at each from number fail_from on (from 1; 0: never).
+ */
 typedef struct scene_memory {
-    int calls, live, fail_at;
+    int calls, live, fail_at, fail_from;
 } scene_memory;
 
 /* What it gives is full of what no number should be made of: used memory, as a host's allocator gives it. */
@@ -168,7 +169,7 @@ static inline void *scene_alloc(void *user, size_t bytes)
 {
     scene_memory *memory = (scene_memory *)user;
     void *pointer;
-    if (++memory->calls == memory->fail_at)
+    if (++memory->calls == memory->fail_at || (memory->fail_from && memory->calls >= memory->fail_from))
         return NULL;
     pointer = malloc(bytes);
     if (pointer)

@@ -834,7 +834,7 @@ static void test_memory(void)
 {
     for (int t = 0; t < ELEMENT_TYPES; t++) {
         sb_mesh mesh = scene_box(element_types[t], 2, 2, 1, sb_v3(1, 1, 1), 0);
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         int total;
         CHECK_OK(create_and_use(scene_allocator(&memory), &mesh, &memory));
         CHECK_INT(memory.live, 0);

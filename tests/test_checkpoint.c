@@ -520,7 +520,7 @@ static void check_memory(const variety *k)
 {
     stage s;
     numbers ids, none;
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_jobs no_jobs;
     sb_body *a, *b;
     memset(&no_jobs, 0, sizeof no_jobs);
@@ -878,7 +878,7 @@ static void test_replay_memory(void)
     stage_begin(&s, kinds + 0);
     recording = record_session(&s, 6, &body);
     for (int fail = 1; fail < 400; fail++) {
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         sb_body *other = make_body(&s, 1, &memory, none);
         sb_recording_report report;
         sb_result result;

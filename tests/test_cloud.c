@@ -606,7 +606,7 @@ static sb_result everything(const sb_allocator *allocator, const char *file, siz
 static void test_memory(void)
 {
     enum { N = 60 };
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_vec3 points[N], normals[N];
     char file[16384];

@@ -1094,7 +1094,7 @@ static void test_allocations(void)
     int split, faces[MANY], slaves[MANY], face_count, slave_count, succeeded = 0;
     sb_mesh mesh = two_blocks(SB_TET4, 1, 2, 0, &split);
     sb_body_def def = exact_def(&mesh, soft());
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_constraint_term chain[2];
     sb_error error;
     sb_body *body;
@@ -1143,7 +1143,7 @@ static void test_append(void)
     sb_mesh mesh = scene_box(SB_TET4, 1, 1, 1, sb_v3(1, 1, 1), 0),
             other = scene_box(SB_TET4, 2, 1, 1, sb_v3(1, 1, 1), 0);
     sb_mesh hex = scene_box(SB_HEX8, 1, 1, 1, sb_v3(1, 1, 1), 0), empty, copy;
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     int nodes = mesh.node_count, elements = mesh.element_count, regions[64], bad;
     sb_error error;

@@ -859,7 +859,7 @@ static void test_memory(void)
 {
     static cpd_cloud source, target;
     cpd_motion motion = cpd_turned(0.3, 1);
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     reg_cpd_options options = reg_default_cpd_options();
     reg_cpd *fit = NULL;
     int calls;

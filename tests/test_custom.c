@@ -407,7 +407,7 @@ static void test_memory(void)
     for (int which = 0; which < 4; which++) {
         sb_result result = SB_ERROR_MEMORY;
         for (int fail = 1; result == SB_ERROR_MEMORY && fail < 200; fail++) {
-            scene_memory memory = {0, 0, 0};
+            scene_memory memory = {0, 0, 0, 0};
             sb_allocator allocator = scene_allocator(&memory);
             sb_body_def def = sb_default_body_def();
             sb_body *body = NULL;

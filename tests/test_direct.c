@@ -353,7 +353,7 @@ static void test_memory(void)
     sb_mesh mesh = box(4, 3, 3);
     sb_matrix a = pattern_of(&mesh);
     sb_direct_def def = sb_default_direct_def();
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_result result = SB_ERROR_MEMORY;
     sb_real *b = random_vector(3 * mesh.node_count, 1);

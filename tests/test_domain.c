@@ -298,7 +298,7 @@ static void test_allocation_failures(void)
 {
     sb_mesh mesh = scene_box(SB_HEX8, 2, 1, 1, sb_v3(2, 1, 1), 0);
     sb_domain domain;
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_body_def def = soft_def(&mesh, &domain);
     sb_body *body = NULL;
     int failures = 0;

@@ -736,7 +736,7 @@ static void test_memory(void)
     sb_embedding_def def = sb_default_embedding_def();
     sb_embedding *embedding = NULL;
     sb_embedding_rows rows;
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_vec3 out[400], normals[400];
     sb_vec3 *forces = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof(sb_vec3));
     int calls, before;

@@ -444,7 +444,7 @@ static void test_follow_inverse(void)
 /* A refused change, and every allocation that fails, leaves the bits. */
 static void test_follow_memory(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_vec3 before[FOLLOW_POINTS];
     sb_result result = SB_ERROR_MEMORY;
@@ -487,7 +487,7 @@ static void test_follow_memory(void)
 /* An embedding that follows no longer is what it was when it cannot follow again for want of memory. */
 static void test_follow_again(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     unsigned long long seed = 81;
     sb_vec3 before[FOLLOW_POINTS], *x;
@@ -522,9 +522,54 @@ static void test_follow_again(void)
 }
 
 /* After a state was loaded without memory for the embedding it says so until there is some, and is right then. */
+/* After a change that was refused for want of memory another one, which needs less: points that were all inside, of
+ * which the first would lose some. */
+static void test_follow_after_refusal(void)
+{
+    int failures = 0;
+    for (int kind = 0; kind < 2; kind++)
+        for (int n = 1; n < 1000; n++) {
+            scene_memory memory = {0, 0, 0, 0};
+            sb_allocator allocator = scene_allocator(&memory);
+            unsigned long long seed = 7;
+            follow_op o;
+            follow_case c;
+            sb_result result;
+            memset(&c, 0, sizeof c);
+            c.size = 1;
+            c.mesh = scene_box(SB_TET4, 4, 3, 2, sb_v3(follow_size[0], follow_size[1], follow_size[2]), 0.1);
+            for (int i = 0; i < FOLLOW_POINTS; i++) {
+                double at[3];
+                for (int k = 0; k < 3; k++)
+                    at[k] = check_random_in(&seed, 0.05, 0.95) * (double)follow_size[k];
+                c.points[i] = sb_v3(REAL(at[0]), REAL(at[1]), REAL(at[2]));
+                c.normals[i] = follow_direction(&seed);
+            }
+            follow_embed(&c, kind ? SB_EMBED_SMOOTH : SB_EMBED_PLAIN, &allocator, 0.5);
+            CHECK_INT(sb_embedding_get_report(c.embedding).inside, FOLLOW_POINTS);
+            CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+            memory.calls = 0;
+            memory.fail_at = n;
+            for (int tries = 0; (result = follow_change(c.body, &o, 2, 4, &seed)) == SB_ERROR_MESH && tries < 50;)
+                tries++;
+            memory.fail_at = 0;
+            if (result == SB_ERROR_MEMORY) {
+                failures++;
+                for (int later = 0; later < 6; later++)
+                    follow_change(c.body, &o, later % 2, 4, &seed);
+            }
+            follow_check(&c, kind ? SB_EMBED_SMOOTH : SB_EMBED_PLAIN);
+            follow_free(&c);
+            CHECK_INT(memory.live, 0);
+            if (result == SB_OK)
+                break;
+        }
+    CHECK(failures > 5);
+}
+
 static void test_follow_state_without_memory(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     unsigned long long seed = 83;
     unsigned char *image;
@@ -563,7 +608,7 @@ static void test_follow_state_without_memory(void)
 /* Slides and splits that go back and forth allocate once. */
 static void test_follow_no_allocations(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     follow_case c;
     follow_op o;
@@ -620,4 +665,5 @@ CHECK_SUITE(embed_follow, {"random changes", test_follow_random}, {"organs", tes
             {"other elements", test_follow_elements}, {"the inverse order gives back all bits", test_follow_inverse},
             {"every allocation fails", test_follow_memory}, {"followed again without memory", test_follow_again},
             {"states without memory", test_follow_state_without_memory},
+            {"changes after a refusal", test_follow_after_refusal},
             {"changes that allocated once", test_follow_no_allocations}, {"states and ends", test_follow_state});

@@ -270,7 +270,7 @@ static void test_memory(void)
     sb_mesh mesh = sphere(1);
     for (int kind = 0; kind < 3; kind++) {
         reg_field_def def = reg_default_field_def();
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         sb_result result = SB_ERROR_MEMORY;
         def.allocator = scene_allocator(&memory);
         def.cells = 8;

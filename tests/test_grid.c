@@ -1337,7 +1337,7 @@ static void test_allocation_failures(void)
 {
     solid s = make_ball(sb_v3(0, 0, 0), 0.05);
     for (int method = SB_GRID_FINITE_CELL; method <= SB_GRID_WEIGHTED_CELL; method++) {
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         sb_allocator allocator = scene_allocator(&memory);
         sb_grid_def def = make_def(&s, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)),
                                    sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 3, 3, 3);

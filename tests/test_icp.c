@@ -450,7 +450,7 @@ static void test_bad_input(void)
 
 static void test_memory(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     reg_icp_options options = reg_default_icp_options();
     sb_vec3 points[30], moved[30];
     reg_rigid pose = turn(0.2, 0.1, 0.3), found;

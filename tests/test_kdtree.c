@@ -179,7 +179,7 @@ static void test_bad_input(void)
 
 static void test_memory(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     unsigned long long seed = 1;
     sb_vec3 points[100];

@@ -447,6 +447,90 @@ static void test_inverse(void)
     sb_mesh_free(&mesh);
 }
 
+/* Largest difference of two fields over the largest entry. */
+static double field_difference(const sb_vec3 *a, const sb_vec3 *b, int count)
+{
+    double worst = 0, largest = 0;
+    for (int i = 0; i < count; i++) {
+        worst = fmax(worst, (double)sb_v3_norm(sb_v3_sub(a[i], b[i])));
+        largest = fmax(largest, (double)sb_v3_norm(a[i]));
+    }
+    return worst / largest;
+}
+
+/* In the same shape both have the same cells, masses, energies and stiffness. */
+static void check_twins(sb_body *body, sb_body *twin)
+{
+    const double rounding = scene_tolerance(1e-12, 1e4);
+    int n = sb_body_node_count(twin);
+    sb_vec3 *x = (sb_vec3 *)calloc((size_t)n, 3 * sizeof *x);
+    sb_energy energy[2];
+    unsigned long long seed = 3;
+    CHECK_INT(sb_body_node_count(body), n);
+    CHECK_INT(sb_body_element_count(body), sb_body_element_count(twin));
+    CHECK_INT(sb_body_matrix_blocks(body), sb_body_matrix_blocks(twin));
+    CHECK(!memcmp(sb_body_rest_positions(body), sb_body_rest_positions(twin), (size_t)n * sizeof *x));
+    for (int e = 0; e < sb_body_element_count(twin); e++)
+        CHECK(!memcmp(nodes_of(body, e), nodes_of(twin, e), 4 * sizeof(int)));
+    CHECK_NEAR(sb_body_mass(body) / sb_body_mass(twin), 1, rounding);
+    CHECK_OK(sb_body_set_displacements(twin, sb_body_displacements(body)));
+    CHECK_OK(sb_body_set_velocities(twin, sb_body_velocities(body)));
+    CHECK_OK(sb_body_energy(body, &energy[0]));
+    CHECK_OK(sb_body_energy(twin, &energy[1]));
+    CHECK_NEAR(energy[0].elastic / energy[1].elastic, 1, rounding);
+    CHECK_NEAR(energy[0].kinetic / energy[1].kinetic, 1, rounding);
+    for (int i = 0; i < n; i++)
+        x[i] = sb_v3(REAL(check_random(&seed)), REAL(check_random(&seed)), REAL(check_random(&seed)));
+    CHECK_OK(sb_body_multiply_stiffness(body, x, x + n, NULL));
+    CHECK_OK(sb_body_multiply_stiffness(twin, x, x + 2 * n, NULL));
+    CHECK(field_difference(x + n, x + 2 * n, n) < scene_tolerance(1e-10, 1e4));
+    free(x);
+}
+
+/* Hundreds of changes of a moving organ, with steps between, and their inverse order: the mesh is what it was to the
+ * bit, mass, energy and stiffness are those of a body made anew to rounding. */
+static void test_long_inverse(void)
+{
+    int most = getenv("CHECK_SLOW") ? 5000 : check_quick() ? 60 : 300, depth = 0, grown;
+    op *ops = (op *)calloc((size_t)most, sizeof *ops);
+    unsigned long long seed = 77;
+    sb_mesh mesh;
+    sb_body_def def;
+    sb_body *body, *twin;
+    sb_error error;
+    CHECK_OK(sb_mesh_organ(SB_TET4, 5, NULL, &mesh, NULL));
+    def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
+    def.damping_stiffness = REAL(0.01);
+    body = scene_body(&def);
+    twin = scene_body(&def);
+    set_in_motion(body, 1);
+    for (int k = 0; depth < most && k < 2 * most; k++) {
+        op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_REMOVE_CELL);
+        sb_result result = change_at_random(body, &seed, kind, ops + depth, &error);
+        if (result == SB_OK)
+            depth += ops[depth].cells > 0;
+        else
+            CHECK(result == SB_ERROR_MESH);
+        if (k % 10 == 0)
+            CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+    }
+    CHECK_INT(depth, most);
+    grown = sb_body_element_count(body);
+    CHECK(grown > mesh.element_count + most);
+    while (depth-- > 0) {
+        if (!CHECK_OK(undo(body, ops + depth, &error)))
+            printf("%s\n", error.message);
+        if (depth % 10 == 0)
+            CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+    }
+    CHECK_OK(sb_body_live_check(body, &error));
+    check_twins(body, twin);
+    free(ops);
+    sb_body_destroy(body);
+    sb_body_destroy(twin);
+    sb_mesh_free(&mesh);
+}
+
 /* ---- every material and integrator ---- */
 
 static sb_material with_prony(sb_material m)
@@ -832,6 +916,7 @@ static void test_refused(void)
     int nodes[4], bad[4], node, free_cell;
     sb_error error;
     sb_body_def def = sb_default_body_def();
+    sb_multigrid_level level;
     sb_body *stiff;
     memcpy(nodes, s.mesh.elements, sizeof nodes);
     CHECK_OK(sb_body_change_begin(s.body, &change, &error));
@@ -905,13 +990,19 @@ static void test_refused(void)
     stiff = scene_body(&def);
     CHECK_RESULT(sb_body_change_begin(stiff, &change, &error), SB_ERROR_UNSUPPORTED);
     sb_body_destroy(stiff);
+    /* levels of one's own are of one mesh */
+    memset(&level, 0, sizeof level);
+    def.slack = 1;
+    def.levels = &level;
+    def.level_count = 1;
+    CHECK_RESULT(sb_body_create(&def, &stiff, &error), SB_ERROR_UNSUPPORTED);
     free_scene(&s);
 }
 
 /* Every allocation of a change fails in turn: the body is as it was, and goes on like one that never tried. */
 static void test_memory_failures(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     scene s = make_scene(&allocator, NULL), twin = make_scene(NULL, NULL);
     uint64_t hash = sb_body_state_hash(s.body);
@@ -1011,6 +1102,86 @@ static void test_state(void)
     free(image);
     free_scene(&s);
     free_scene(&twin);
+}
+
+/* A box of two materials, one above or behind the other. */
+static sb_mesh layered_box(unsigned long long *seed)
+{
+    int nx = 4 + (int)(check_random(seed) * 4), ny = 3 + (int)(check_random(seed) * 3),
+        turned = check_random(seed) < 0.5;
+    double height = check_random_in(seed, 0.03, 0.07);
+    sb_mesh mesh = scene_box(SB_TET4, nx, ny, 4, sb_v3(REAL(0.14), REAL(0.1), REAL(0.1)), 0.15);
+    mesh.regions = (int *)malloc((size_t)mesh.element_count * sizeof(int));
+    for (int e = 0; e < mesh.element_count; e++) {
+        sb_vec3 x = mesh.nodes[mesh.elements[4 * e]];
+        mesh.regions[e] = (double)(turned ? x.x : x.z) > height ? 7 : 2;
+    }
+    return mesh;
+}
+
+static void step_alike(sb_body *a, sb_body *b, const char *what)
+{
+    for (int s = 0; s < 3; s++) {
+        sb_step_info info, other;
+        CHECK_OK(sb_body_step(a, REAL(0.01), &info));
+        CHECK_OK(sb_body_step(b, REAL(0.01), &other));
+        CHECK_INT(info.pcg_iterations, other.pcg_iterations);
+    }
+    if (!CHECK_INT(sb_body_node_count(a), sb_body_node_count(b)) ||
+        !CHECK(memcmp(sb_body_displacements(a), sb_body_displacements(b),
+                      (size_t)sb_body_node_count(a) * sizeof(sb_vec3)) == 0))
+        printf("%s\n", what);
+}
+
+/* Multigrid's levels go by the jumps between materials. They are those of the mesh at hand whatever came before it:
+ * another mesh, changes taken back, a state, other materials. */
+static void test_levels_of_materials(void)
+{
+    const sb_region_material stiff = {7, sb_material_corotated(1000000, REAL(0.3), 1000)};
+    const sb_material medium = sb_material_corotated(20000, REAL(0.3), 1000);
+    unsigned long long seed = 37;
+    for (int k = 0; k < 6; k++) {
+        sb_mesh mesh = layered_box(&seed);
+        sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
+        sb_body *bodies[3]; /* one that never changes, one that does, and one that is sent states */
+        void *first, *changed;
+        size_t sizes[2];
+        sb_error error;
+        op o, undone;
+        def.preconditioner = SB_PRECOND_MULTIGRID;
+        def.slack = k % 3 ? REAL(0.2) : REAL(0.001);
+        def.region_materials = &stiff;
+        def.region_material_count = 1;
+        for (int b = 0; b < 3; b++) {
+            bodies[b] = scene_body(&def);
+            scene_fix_plane(bodies[b], &mesh, 0, 0, SB_XYZ);
+            if (k % 2)
+                CHECK_OK(sb_body_set_region_material(bodies[b], 7, &medium, &error));
+        }
+        sizes[0] = sb_body_state_size(bodies[0]);
+        first = malloc(sizes[0]);
+        CHECK_OK(sb_body_state_save(bodies[0], first, sizes[0]));
+        CHECK_OK(change_at_random(bodies[1], &seed, OP_SPLIT_EDGE, &undone, &error));
+        CHECK_OK(undo(bodies[1], &undone, &error));
+        step_alike(bodies[0], bodies[1], "taken back");
+        for (int i = 0; i < 5; i++)
+            CHECK_OK(change_at_random(bodies[1], &seed, (op_kind)(i % OP_COPY_NODE), &o, &error));
+        sizes[1] = sb_body_state_size(bodies[1]);
+        changed = malloc(sizes[1]);
+        CHECK_OK(sb_body_state_save(bodies[1], changed, sizes[1]));
+        CHECK_OK(sb_body_state_load(bodies[2], changed, sizes[1], &error));
+        CHECK(sb_body_state_hash(bodies[1]) == sb_body_state_hash(bodies[2]));
+        step_alike(bodies[1], bodies[2], "a state of another mesh");
+        CHECK_OK(sb_body_state_load(bodies[0], first, sizes[0], &error));
+        CHECK_OK(sb_body_state_load(bodies[2], first, sizes[0], &error));
+        step_alike(bodies[0], bodies[2], "a state after another mesh");
+        CHECK(sb_body_state_hash(bodies[0]) == sb_body_state_hash(bodies[2]));
+        for (int b = 0; b < 3; b++)
+            sb_body_destroy(bodies[b]);
+        free(first);
+        free(changed);
+        sb_mesh_free(&mesh);
+    }
 }
 
 /* A recording with changes plays again to the last bit. */
@@ -1313,7 +1484,7 @@ static void test_slide_calls(void)
 /* A plain body changes without a single allocation while its slack lasts, and so do the steps between. */
 static void test_no_allocations(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
     const sb_precond_kind kinds[] = {SB_PRECOND_IC0, SB_PRECOND_SSOR, SB_PRECOND_BLOCK_JACOBI};
@@ -1403,7 +1574,7 @@ static void test_both_ways(void)
 /* Every allocation of plain bodies that grow fails in turn, too. */
 static void test_memory_in_place(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_mesh mesh = scene_box(SB_TET4, 2, 2, 2, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 0.1);
     sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
@@ -1540,12 +1711,13 @@ static void test_slots_between(void)
 }
 
 CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"random meshes", test_random_meshes},
-            {"the inverse order gives back all bits", test_inverse}, {"materials and integrators", test_materials},
-            {"against a body made anew", test_against_fresh}, {"pressure follows", test_pressure_follows},
-            {"forces of loads stay", test_forces_stay}, {"mappings follow", test_mapping_follows},
-            {"supports follow", test_supports_follow}, {"listeners", test_listeners},
-            {"bad changes are refused by name", test_refused}, {"every allocation fails", test_memory_failures},
-            {"threads", test_threads}, {"saved and loaded between changes", test_state},
+            {"the inverse order gives back all bits", test_inverse}, {"a long way and back", test_long_inverse},
+            {"materials and integrators", test_materials}, {"against a body made anew", test_against_fresh},
+            {"pressure follows", test_pressure_follows}, {"forces of loads stay", test_forces_stay},
+            {"mappings follow", test_mapping_follows}, {"supports follow", test_supports_follow},
+            {"listeners", test_listeners}, {"bad changes are refused by name", test_refused},
+            {"every allocation fails", test_memory_failures}, {"threads", test_threads},
+            {"saved and loaded between changes", test_state}, {"levels of materials", test_levels_of_materials},
             {"recorded and replayed", test_record}, {"beyond the slack", test_growth},
             {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
             {"free slots below one in use", test_slots_between},

@@ -163,19 +163,19 @@ static void test_pressure_follows(void)
 /* ---- pressure: tangent ---- */
 
 /* Newton iterations of a soft cube on a closed surface of pressure, held by springs, to a tolerance. */
-static int pressure_iterations(sb_element_type type, int open, double tolerance)
+static int pressure_iterations(sb_element_type type, int open, unsigned long long seed, double tolerance)
 {
     sb_mesh mesh = scene_box(type, 2, 2, 2, sb_v3(1, 1, 1), 0.1);
     sb_body_def def;
     sb_body *body = make_body(&mesh, sb_material_neo_hookean(1000, REAL(0.3), 1000), &def);
     sb_static_options options = sb_default_static_options();
     sb_step_info info;
-    unsigned long long seed = 9;
     options.tolerance = REAL(tolerance);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     add_pressure(body, &mesh, open ? 1 : -1, 1, open ? 20 : 300);
     for (int i = 0; i < mesh.node_count; i++) {
-        sb_vec3 force = sb_v3(REAL(check_random_in(&seed, -5, 5)), REAL(check_random_in(&seed, -5, 5)), 0);
+        double x = check_random_in(&seed, -5, 5), y = check_random_in(&seed, -5, 5);
+        sb_vec3 force = sb_v3(REAL(x), REAL(y), 0);
         CHECK_OK(sb_body_add_forces(body, &i, 1, &force, 1));
     }
     CHECK_OK(sb_body_solve_static(body, &options, &info));
@@ -189,17 +189,24 @@ static int pressure_iterations(sb_element_type type, int open, double tolerance)
  * lacks a term gains a fixed number of digits each time. An open patch lacks its rim's term and may take more. */
 static void test_pressure_tangent(void)
 {
+    int most = 0, sum = 0, count = 0;
     if (SB_REAL_IS_FLOAT) {
         CHECK_SKIP("float cannot show quadratic convergence");
         return;
     }
-    for (int t = 0; t < FACE_ELEMENTS; t++) {
-        int rough = pressure_iterations(face_elements[t], 0, 1e-4),
-            fine = pressure_iterations(face_elements[t], 0, 1e-12);
-        CHECK(fine - rough <= 2);
-        CHECK(fine <= 8);
-        CHECK(pressure_iterations(face_elements[t], 1, 1e-10) <= 12);
-    }
+    for (int t = 0; t < FACE_ELEMENTS; t++)
+        for (unsigned long long seed = 9; seed < (check_quick() ? 11 : 29); seed++) {
+            int rough = pressure_iterations(face_elements[t], 0, seed, 1e-4),
+                fine = pressure_iterations(face_elements[t], 0, seed, 1e-12);
+            CHECK(fine - rough <= 3);
+            CHECK(fine <= 9);
+            most = fine - rough > most ? fine - rough : most;
+            sum += fine - rough;
+            count++;
+            CHECK(pressure_iterations(face_elements[t], 1, seed, 1e-10) <= 12);
+        }
+    printf("  pressure: eight digits take %.2f iterations in the mean, %d at most\n", (double)sum / count, most);
+    CHECK(sum <= 2.5 * count);
 }
 
 /* ---- pressure: closed forms ---- */
@@ -991,7 +998,7 @@ static void test_memory_failures(void)
     for (int kind = 0; kind < 2; kind++) {
         sb_mesh mesh = scene_box(SB_TET4, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0);
         sb_body_def def = sb_default_body_def();
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         sb_body *body, *twin;
         int ids[4] = {0, 0, 0, 0}, twin_ids[4] = {0, 0, 0, 0}, count, corners, failures = 0;
         int *faces = boundary_faces(&mesh, 2, 0.1, &count, &corners);

@@ -436,7 +436,7 @@ static void test_time_cap(void)
 static void test_memory(void)
 {
     slab made;
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     if (make_slab(&made, SB_TET4, 0.2)) {
         reg_match *match = matched(&made, NULL);
         reg_loads_def def = def_of(match);

@@ -642,7 +642,7 @@ static void test_refusals(void)
 
 static void test_memory(void)
 {
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_mesh mesh = scene_box(SB_TET4, 3, 1, 1, sb_v3(REAL(0.3), REAL(0.1), REAL(0.1)), 0);
     sb_body_def def = sb_default_body_def();
     sb_error error;

@@ -649,7 +649,7 @@ static void test_jumps(void)
 static void test_jumps_dear(void)
 {
     problem p = problem_beam(12, 0.15);
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_result result;
     sb_preconditioner *multigrid;
@@ -1106,7 +1106,7 @@ static void test_memory(void)
 {
     static const stiff_parts parts[3] = {STIFF_EVEN, STIFF_SLABS, STIFF_SPECKS};
     problem p = problem_beam(3, 0.1);
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     for (int k = 0; k < 3; k++) {
         sb_result result = SB_ERROR_MEMORY;

@@ -332,6 +332,28 @@ static void test_limits(void)
     needle_scene_free(&s);
 }
 
+/* A needle that begins in the tissue is refused: with its tip there, through it, from a sleeve within it, or all of it
+ * within. Beside it is fine. */
+static void test_begins_outside(void)
+{
+    const double base[6] = {0.091, 0.091, 0.03, 0.03, 0.091, -0.02}, length[6] = {0.07, 0.1, 0.06, 0.015, 0.05, 0.02};
+    needle_scene s = needle_scene_default();
+    needle_scene_make(&s);
+    for (int i = 0; i < 6; i++) {
+        ndl_needle_def def = s.needle_def;
+        ndl_needle *more = NULL;
+        sb_result result;
+        def.body = s.body;
+        def.base = sb_v3(REAL(0.011), REAL(0.013), REAL(base[i]));
+        def.length = REAL(length[i]);
+        result = ndl_needle_create(&def, &more, &s.error);
+        CHECK_RESULT(result, i < 4 ? SB_ERROR_ARGUMENT : SB_OK);
+        CHECK(i >= 4 || strstr(s.error.message, "already"));
+        ndl_needle_destroy(more);
+    }
+    needle_scene_free(&s);
+}
+
 /* More nodes in the tissue than the needle may have: named, and the needle can go back. */
 static void test_capacity(void)
 {
@@ -709,7 +731,7 @@ static void test_bad_definitions(void)
         {base_inside, SB_ERROR_ARGUMENT, "tissue"},
     };
     needle_scene s = needle_scene_default();
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     ndl_needle *needle = NULL;
     if (!needle_scene_make_body(&s))
         return;
@@ -855,7 +877,7 @@ static const ndl_membrane skin = {{-1, 0}, 1, REAL(0.001)};
 static void test_creation_without_memory(void)
 {
     needle_scene s = needle_scene_default();
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     s.body_def.allocator = scene_allocator(&memory);
     if (needle_scene_make_body(&s)) {
         ndl_needle_def def = s.needle_def;
@@ -896,7 +918,7 @@ static void test_creation_without_memory(void)
 static void insert_without_memory(int fail_at, int *calls)
 {
     needle_scene s = needle_scene_default();
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     s.cells[0] = s.cells[1] = s.cells[2] = 3;
     s.body_def.slack = REAL(0.001);
     s.body_def.allocator = s.needle_def.allocator = scene_allocator(&memory);
@@ -930,11 +952,97 @@ static void test_steps_without_memory(void)
         insert_without_memory(i, &unused);
 }
 
+/* From some allocation on all fail, in bodies that are made anew by each change of their mesh: a failed step is taken
+ * back at once, or, where the mesh has changed, before the next step. What comes then is what comes without failures.
+ */
+static void fail_for_good(sb_precond_kind kind, int step, int first)
+{
+    needle_scene s[2];
+    scene_memory memory = {0, 0, 0, 0};
+    for (int k = 0; k < 2; k++) {
+        s[k] = needle_scene_default();
+        s[k].cells[0] = s[k].cells[1] = s[k].cells[2] = 3;
+        s[k].body_def.preconditioner = kind;
+    }
+    s[1].body_def.allocator = s[1].needle_def.allocator = scene_allocator(&memory);
+    if (needle_scene_make(s) && needle_scene_make(s + 1))
+        for (int i = 0; i < 40; i++) {
+            ndl_command command = needle_command(i < 25 ? 5 * speed : -7 * speed, 3);
+            unsigned long long before = needle_scene_bits(s + 1);
+            CHECK_OK(ndl_step(s[0].body, s[0].needles, 1, REAL(dt), &command, &s[0].info, &s[0].error));
+            if (i == step) {
+                sb_result result;
+                memory.fail_from = memory.calls + first;
+                result = ndl_step(s[1].body, s[1].needles, 1, REAL(dt), &command, &s[1].info, &s[1].error);
+                memory.fail_from = 0;
+                if (result == SB_OK) /* it did without */
+                    break;
+                CHECK_RESULT(result, SB_ERROR_MEMORY);
+                CHECK(needle_scene_bits(s + 1) == before || strstr(s[1].error.message, "take the failed step back"));
+            }
+            CHECK_OK(ndl_step(s[1].body, s[1].needles, 1, REAL(dt), &command, &s[1].info, &s[1].error));
+            CHECK(i < step || needle_scene_bits(s) == needle_scene_bits(s + 1));
+        }
+    needle_scene_free(s);
+    needle_scene_free(s + 1);
+    CHECK_INT(memory.live, 0);
+}
+
+static void test_no_memory_for_good(void)
+{
+    const sb_precond_kind kinds[4] = {SB_PRECOND_IC0, SB_PRECOND_FSAI, SB_PRECOND_CHOLESKY, SB_PRECOND_MULTIGRID};
+    for (int k = 0; k < 4; k++)
+        for (int step = 3; step < 36; step += check_quick() ? 16 : 4)
+            for (int first = 1; first < 200; first += 1 + first / (check_quick() ? 1 : 4))
+                fail_for_good(kinds[k], step, first);
+}
+
+/* A step that has changed the mesh and then fails, without memory to take that back: body and needles wait, and the
+ * next step takes it back first. */
+static void test_undo_waits(void)
+{
+    needle_scene s[2];
+    scene_memory memory = {0, 0, 0, 0};
+    ndl_command down = needle_command(0, 0), up = needle_command(-0.01, 0);
+    sb_result result = SB_OK;
+    down.velocity = sb_v3(0, 0, REAL(-0.02));
+    for (int k = 0; k < 2; k++) {
+        s[k] = needle_scene_default();
+        s[k].cells[0] = s[k].cells[1] = s[k].cells[2] = 8;
+        s[k].needle_def.capacity = 10;
+        s[k].needle_def.edge_length = REAL(0.012);
+    }
+    s[1].body_def.allocator = s[1].needle_def.allocator = scene_allocator(&memory);
+    if (needle_scene_make(s) && needle_scene_make(s + 1)) {
+        for (int i = 0; i < 100 && result == SB_OK; i++) {
+            result = ndl_step(s[0].body, s[0].needles, 1, REAL(dt), &down, &s[0].info, &s[0].error);
+            if (result == SB_OK)
+                CHECK_OK(ndl_step(s[1].body, s[1].needles, 1, REAL(dt), &down, &s[1].info, &s[1].error));
+        }
+        CHECK_RESULT(result, SB_ERROR_UNSUPPORTED);
+        memory.fail_from = memory.calls + 1;
+        for (int again = 0; again < 2; again++) {
+            CHECK_RESULT(ndl_step(s[1].body, s[1].needles, 1, REAL(dt), &down, NULL, &s[1].error), SB_ERROR_MEMORY);
+            CHECK(strstr(s[1].error.message, "take the failed step back") != NULL);
+        }
+        CHECK(needle_scene_bits(s) != needle_scene_bits(s + 1));
+        memory.fail_from = 0;
+        for (int i = 0; i < 5; i++) {
+            CHECK_OK(ndl_step(s[0].body, s[0].needles, 1, REAL(dt), &up, NULL, &s[0].error));
+            CHECK_OK(ndl_step(s[1].body, s[1].needles, 1, REAL(dt), &up, NULL, &s[1].error));
+            CHECK(needle_scene_bits(s) == needle_scene_bits(s + 1));
+        }
+    }
+    needle_scene_free(s);
+    needle_scene_free(s + 1);
+    CHECK_INT(memory.live, 0);
+}
+
 /* While the mesh keeps to its slack, steps ask for no memory at all: not the first, and not with two needles in. */
 static void test_steps_take_no_memory(void)
 {
     needle_scene s = needle_scene_default();
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     s.body_def.allocator = s.needle_def.allocator = scene_allocator(&memory);
     s.cells[0] = s.cells[1] = 6;
     s.body_def.slack = REAL(0.5);
@@ -960,7 +1068,7 @@ static void test_steps_take_no_memory(void)
 static void test_needles_that_come_and_go(void)
 {
     needle_scene s = needle_scene_default();
-    byte_memory memory = {{0, 0, 0}, 0};
+    byte_memory memory = {{0, 0, 0, 0}, 0};
     size_t bytes = 0;
     s.body_def.allocator = s.needle_def.allocator = byte_allocator(&memory);
     s.cells[0] = s.cells[1] = 6;
@@ -1061,7 +1169,7 @@ static void test_long_random_use(void)
     int most = getenv("CHECK_SLOW") ? 100000 : check_quick() ? 300 : 2000;
     unsigned long long seed = 11;
     needle_scene s = needle_scene_default();
-    byte_memory memory = {{0, 0, 0}, 0};
+    byte_memory memory = {{0, 0, 0, 0}, 0};
     violence v = {0, 0, 0, 0};
     size_t bytes;
     int live;
@@ -1209,6 +1317,8 @@ CHECK_SUITE(needle, {"a bevel cuts a circle", test_circle}, {"half a turn makes 
             {"odd materials", test_odd_materials}, {"no friction", test_no_friction}, {"odd steps", test_odd_steps},
             {"substeps", test_substeps}, {"bad definitions", test_bad_definitions}, {"bad commands", test_bad_commands},
             {"too many needles", test_too_many_needles}, {"creation without memory", test_creation_without_memory},
-            {"steps without memory", test_steps_without_memory}, {"steps take no memory", test_steps_take_no_memory},
+            {"begins outside", test_begins_outside}, {"steps without memory", test_steps_without_memory},
+            {"no memory for good", test_no_memory_for_good}, {"a step waits to be taken back", test_undo_waits},
+            {"steps take no memory", test_steps_take_no_memory},
             {"needles that come and go", test_needles_that_come_and_go}, {"long random use", test_long_random_use},
             {"random scenes", test_random_scenes});

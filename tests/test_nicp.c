@@ -900,7 +900,7 @@ static void test_refusals(void)
 static void test_memory(void)
 {
     block made;
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_result result = SB_ERROR_MEMORY;
     if (make_block(&made, SB_TET4, soft(), 1, no_jobs())) {
         reg_nicp_def def = def_of(&made);

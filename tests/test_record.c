@@ -450,7 +450,7 @@ static void test_memory(void)
     sb_mesh mesh = make_mesh();
     int refused = 0, cut_short = 0;
     for (int fail = 1; fail < 30; fail++) {
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         sb_allocator allocator = scene_allocator(&memory);
         sb_body *body = make_body(&mesh), *plain = make_body(&mesh);
         sb_recording *recording = NULL;
@@ -499,7 +499,7 @@ static void test_replay_memory(void)
     recording = record_push(body, &mesh, 0);
     CHECK_OK(sb_recording_save_file(recording, path, NULL));
     for (int fail = 1; fail < 40; fail++) {
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         sb_allocator allocator = scene_allocator(&memory);
         sb_recording *loaded = NULL;
         sb_error error;

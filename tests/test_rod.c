@@ -758,7 +758,7 @@ static void test_memory(void)
 {
     sb_vec3 nodes[8];
     ndl_rod_def def = ndl_default_rod_def();
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     ndl_rod *rod = NULL;
     sb_error error;
     int failures = 0;

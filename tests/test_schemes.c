@@ -590,7 +590,7 @@ static void test_no_allocation(void)
 {
     for (int what = 0; what < KINDS; what++)
         for (int s = FIRST; s <= LAST; s++) {
-            scene_memory memory = {0, 0, 0};
+            scene_memory memory = {0, 0, 0, 0};
             sb_allocator allocator = scene_allocator(&memory);
             play p = begin((kind)what, (sb_integrator)s, NULL, no_jobs(), &allocator);
             sb_real dt = 0;

@@ -594,7 +594,7 @@ static void test_files(void)
 /* The loaded body's room for supports is that of a body where they were made: it grows at the same node. */
 static void check_support_room(const sb_body *original, sb_body *loaded, scene_memory *memory, const sb_mesh *mesh)
 {
-    scene_memory own = {0, 0, 0};
+    scene_memory own = {0, 0, 0, 0};
     sb_body *made = make_body(variants + 0, mesh, scene_allocator(&own));
     int held[100], count = 0, grown = 0;
     if (!CHECK(made && mesh->node_count <= 100))
@@ -619,7 +619,7 @@ static void test_memory(void)
 {
     const variant *v = variants + 0, *iterated = variants + 1;
     sb_mesh mesh = make_mesh(v->type);
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_body *a = make_plain_body(iterated, &mesh), *b = make_body(v, &mesh, scene_allocator(&memory));
     const char *path = "build/test_state_memory.tmp";
     unsigned char *state;

@@ -614,7 +614,7 @@ static void test_progress(void)
     shape s = make_shape(BALL, 0, 0, 0, 1, 0, 0);
     progress_log log = {0, 0, 0, 1};
     scene at;
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_mesh mesh;
     sb_error error;
     int calls;
@@ -647,7 +647,7 @@ static void test_allocation_failures(void)
     at.def.levels = 2;
     at.def.type = SB_TET10;
     for (int k = 1;; k++) {
-        scene_memory memory = {0, 0, 0};
+        scene_memory memory = {0, 0, 0, 0};
         sb_mesh mesh;
         sb_stuff_report report;
         sb_result result;

@@ -654,7 +654,7 @@ static void test_ray_arguments(void)
 static void test_move(void)
 {
     sb_mesh mesh = surface_organ(8);
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     sb_surface *moved = NULL, *fresh;
     sb_vec3 *nodes = mesh.nodes, *bad = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)mesh.node_count);
@@ -1406,7 +1406,7 @@ static void test_memory_runs_out(void)
     surface_flip(&mesh, 3);
     for (stage = 0; stage < 4; stage++) {
         for (fail = 1; fail < 400; fail++) {
-            scene_memory memory = {0, 0, 0};
+            scene_memory memory = {0, 0, 0, 0};
             sb_allocator allocator = scene_allocator(&memory);
             sb_surface *surface = NULL;
             sb_surface_report report;

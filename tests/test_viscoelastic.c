@@ -740,7 +740,7 @@ static void test_every_allocation_fails(void)
     sb_vec3 *fibres = directions(&mesh, sb_v3(1, 0, 0));
     sb_body_def def = sb_default_body_def();
     sb_material more = with_prony(model_of(1, 1, 1000));
-    scene_memory memory = {0, 0, 0};
+    scene_memory memory = {0, 0, 0, 0};
     sb_body *body = NULL;
     sb_error error;
     more.prony_count = 3;

@@ -238,8 +238,9 @@ static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *e
     const ndl_rod *rod = needle->rod;
     sb_vec3 tip = ndli_to(rod->x[rod->node_count - 1]);
     ndl_surface_hit hit;
-    for (int i = 1; i < rod->node_count; i++)
-        if (ndli_topology_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
+    for (int i = 1; i < rod->node_count; i++) /* inwards, or outwards from a sleeve within */
+        if (ndli_topology_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit) ||
+            ndli_topology_hit(mesh, ndli_to(rod->x[i]), ndli_to(rod->x[i - 1]), &hit))
             return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
     for (int t = 0; t < mesh->tet_end; t++)
         if (mesh->tets[4 * (size_t)t] >= 0)
@@ -326,6 +327,8 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
     result = ndli_needle_check(def, error);
     if (result == SB_OK)
         result = ndli_site_make(def->body, &site, error);
+    if (result == SB_OK)
+        result = ndli_needle_finish_undo(site, error);
     if (result != SB_OK)
         return result;
     if (site->count == NDL_MAX_NEEDLES)
@@ -352,6 +355,8 @@ NDL_API void ndl_needle_destroy(ndl_needle *needle)
     if (!needle)
         return;
     site = needle->site;
+    (void)ndli_needle_finish_undo(site, NULL);
+    site->undo_waits = 0; /* what is kept is of all needles: from here on it fits no more */
     ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
     sbi_body_mute(site->body);
     ndli_remesh_let_go(site->remesh, needle->index);

@@ -70,6 +70,7 @@ struct ndli_site {
     size_t node_room;
     unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
     size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */
+    int undo_waits;              /* 1: a failed step is still to be taken back, which wants memory */
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -151,8 +152,10 @@ NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
 NDLI_API int ndli_needle_keep(struct ndli_site *site);
-/* Brings it back. */
-NDLI_API void ndli_needle_undo(struct ndli_site *site);
+/* Brings it back. SB_ERROR_MEMORY, where the mesh has changed since: nothing has changed, and undo_waits is set. */
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error);
+/* The same where it waits; else does nothing. */
+NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *error);
 /* Where the body has got another mesh since the last step: needles are outside, whatever they were in.
  * SB_ERROR_MEMORY. */
 NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error);

@@ -277,6 +277,7 @@ static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
     image.in = bytes;
     ndli_image_part(&image, &head, 1, sizeof head);
     site->mean_edge = head.mean_edge;
+    site->undo_waits = 0;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_needle *needle = site->needles[i];

@@ -289,7 +289,7 @@ static void ndli_step_count_states(const ndli_stepping *s)
 }
 
 /* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how
- * many; 0: nothing has changed. */
+ * many; 0: nothing has changed; -1: no memory to take back what has. */
 static int ndli_step_tear_out(const ndli_stepping *s)
 {
     int torn = 0;
@@ -298,10 +298,8 @@ static int ndli_step_tear_out(const ndli_stepping *s)
         if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
             continue;
         if (ndl_remesh_withdraw(s->site->remesh, needle->index, NULL, NULL) != SB_OK ||
-            ndli_needle_renew_nodes(needle) >= 0) {
-            ndli_needle_undo(s->site);
-            return 0;
-        }
+            ndli_needle_renew_nodes(needle) >= 0)
+            return ndli_needle_undo(s->site, s->error) == SB_OK ? 0 : -1;
         torn++;
     }
     return torn;
@@ -316,8 +314,8 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     s->info->substeps = substeps;
     for (int i = 0; i < substeps && result == SB_OK; i++)
         result = ndli_step_substep(s, dt / substeps, substeps - i);
-    if (result != SB_OK)
-        ndli_needle_undo(s->site);
+    if (result != SB_OK && ndli_needle_undo(s->site, s->error) != SB_OK)
+        return SB_ERROR_MEMORY;
     return result;
 }
 
@@ -325,7 +323,9 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
 {
     double begin = ndli_step_now(s->site);
-    sb_result result;
+    sb_result result = ndli_needle_finish_undo(s->site, s->error);
+    if (result != SB_OK)
+        return result;
     for (int k = 0; k < s->count; k++) {
         s->lines[k] = &s->needles[k]->line;
         s->needles[k]->blocked = s->needles[k]->limited = 0;
@@ -340,8 +340,8 @@ static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
         result = ndli_step_run(s, dt, finer * substeps);
     if (result == SB_ERROR_DIVERGED) {
         int torn = ndli_step_tear_out(s);
-        if (torn > 0)
-            result = ndli_step_run(s, dt, substeps);
+        if (torn != 0)
+            result = torn > 0 ? ndli_step_run(s, dt, substeps) : SB_ERROR_MEMORY;
         s->info->torn = result == SB_OK ? torn : 0;
     }
     for (int k = 0; k < s->count; k++) {

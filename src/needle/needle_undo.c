@@ -91,12 +91,17 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site)
     return 1;
 }
 
-NDLI_API void ndli_needle_undo(struct ndli_site *site)
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error)
 {
     unsigned char *at = site->undo;
+    sb_result result;
     ndli_remesh_set_own(site->remesh, 1);
-    (void)sbi_body_rewind(site->body, at, site->undo_body, NULL);
+    result = sbi_body_rewind(site->body, at, site->undo_body, NULL);
     ndli_remesh_set_own(site->remesh, 0);
+    site->undo_waits = result != SB_OK;
+    if (result != SB_OK)
+        return sbi_fail(error, SB_ERROR_MEMORY,
+                        "no memory to take the failed step back: that comes first in the next step");
     at += ndli_undo_aligned(site->undo_body);
     ndli_remesh_rewind(site->remesh, at);
     at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
@@ -107,6 +112,19 @@ NDLI_API void ndli_needle_undo(struct ndli_site *site)
             at += ndli_undo_aligned(ndli_rod_snapshot_size(rod, rod->node_count));
             ndli_undo_copy_needle(site->needles[i], rod->node_count, &at, 1);
         }
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *error)
+{
+    sb_result result;
+    if (!site->undo_waits)
+        return SB_OK;
+    result = ndli_needle_undo(site, error);
+    for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
+        if (site->needles[i])
+            ndli_rod_publish(site->needles[i]->rod);
+    return result;
 }
 
 NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)

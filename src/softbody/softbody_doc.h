@@ -339,5 +339,6 @@
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
  * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse,
- * domain, direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * domain, direct, multigrid, precond, pcg, grid, body, live_mesh (meshes that change: sb_body_change_begin), load,
+ * embed, body_embed (points that follow a body whose mesh changes), constraint, step, modes, state, record.
  */

@@ -1,8 +1,8 @@
-/* lanes: four reals as one vector where compiler and processor have them (doubles without AVX do not). Floor 0,
- * internal.
+/* lanes: four reals as one vector where compiler and processor have them, or two where doubles come without AVX. Floor
+ * 0, internal.
  *
- * Memory is read at any alignment. Code with SBI_HAS_LANES has a plain form beside it that gives the same bits;
- * SB_NO_VECTORS asks for that one. */
+ * Memory is read at any alignment. Code with SBI_HAS_LANES or SBI_HAS_PAIRS has a plain form beside it that gives the
+ * same bits; SB_NO_VECTORS asks for that one. */
 #ifndef SB_LANES_H
 #define SB_LANES_H
 
@@ -13,8 +13,21 @@
 typedef sb_real sbi_lanes __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
 #define SBI_LANES_AT(pointer) (*(const sbi_lanes *)(const void *)(pointer))
 #define SBI_LANES_PUT(pointer, value) (*(sbi_lanes *)(void *)(pointer) = (value))
+#define SBI_HAS_PAIRS 0
+#elif defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#define SBI_HAS_LANES 0
+#define SBI_HAS_PAIRS 1
+typedef sb_real sbi_pair __attribute__((vector_size(2 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+#define SBI_PAIR_AT(pointer) (*(const sbi_pair *)(const void *)(pointer))
+
+SBI_FORCE_INLINE sbi_pair sbi_pair_make(sb_real a, sb_real b)
+{
+    sbi_pair v = {a, b};
+    return v;
+}
 #else
 #define SBI_HAS_LANES 0
+#define SBI_HAS_PAIRS 0
 #endif
 
 #endif /* SB_LANES_H */

@@ -65,9 +65,10 @@ typedef struct sb_body_def {
     sb_real damping_stiffness;      /* Rayleigh beta (s), >= 0; default 0 */
     sb_precond_kind preconditioner; /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
                                      * sb_body_solver tells what it chose */
-    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
-                                       * NULL: made from the nodes' places and the materials of now (others that are set
-                                       * later change the time of a solve, and its last bits) */
+    const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; not with
+                                       * slack. Default NULL: made from the nodes' places and the materials of now, also
+                                       * for another mesh later (materials that are set later change the time of a
+                                       * solve, and its last bits) */
     int level_count;
     sb_real tolerance;        /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
                                * choose theirs from newton_tolerance. Each connected part meets it by itself,
@@ -81,7 +82,7 @@ typedef struct sb_body_def {
                                * default 1e-6 */
     sb_real slack;            /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
                                * is in reserve, so that pointers to arrays by node stay valid while it lasts;
-                               * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
+                               * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain or def.levels */
     sb_allocator allocator;   /* default malloc */
     sb_jobs jobs;             /* default inline */
     sb_clock clock;           /* for sb_step_info's times; default NULL */

@@ -60,8 +60,9 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
     }
     body->material_count = count;
     body->materials = (sb_material *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_material));
+    body->made_young = (sb_real *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_real));
     body->cell_material = (int *)sbi_alloc(&body->allocator, (size_t)def->mesh->element_count, sizeof(int));
-    if (!body->materials || !body->cell_material)
+    if (!body->materials || !body->made_young || !body->cell_material)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d materials", count);
     for (int e = 0; e < def->mesh->element_count; e++)
         body->cell_material[e] =
@@ -85,6 +86,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
         if (result != SB_OK)
             return result;
         body->materials[i] = *material;
+        body->made_young[i] = sb_material_young(material);
     }
     return SB_OK;
 }

@@ -160,7 +160,7 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     if (result == SB_OK)
         result = sbi_assembly_reserve_remap(&body->assembly, &pattern->matrix, error);
     if (result == SB_OK)
-        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
+        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, NULL, &body->allocator,
                                     &pattern->precond, error);
     if (result != SB_OK)
         sbi_body_free_pattern(body, pattern);
@@ -251,25 +251,28 @@ SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *prec
     return sbi_pcg_update_preconditioner(precond, matrix, body->position, guests, &body->pcg, error);
 }
 
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,
+                                       sb_real **moduli, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    sb_real *young;
+    sb_real *of_cell;
     sb_result result;
     *moduli = NULL;
     if (body->material_count < 2)
         return SB_OK;
-    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    of_cell = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
     *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
-    if (young && *moduli) {
-        for (int e = 0; e < domain->cell_count; e++)
-            young[e] = sbi_live_has_cell(body, e) ? sb_material_young(body->materials + body->cell_material[e]) : 0;
-        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+    if (of_cell && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++) {
+            int k = body->cell_material[e];
+            of_cell[e] = !sbi_live_has_cell(body, e) ? 0 : young ? young[k] : sb_material_young(body->materials + k);
+        }
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, of_cell,
                                           *moduli, error);
     } else {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
     }
-    sbi_free(&body->allocator, young);
+    sbi_free(&body->allocator, of_cell);
     if (result != SB_OK) {
         sbi_free(&body->allocator, *moduli);
         *moduli = NULL;
@@ -290,10 +293,23 @@ SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def 
     if (settings.kind == SB_PRECOND_AUTO)
         settings.kind = sb_solver_auto(&body->matrix);
     if (settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+        result = sbi_body_make_moduli(body, body->made_young, &body->matrix, &moduli, error);
     settings.moduli = moduli;
     if (result == SB_OK)
         result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
+}
+
+SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error)
+{
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
+    if (sb_preconditioner_get_info(like).kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, body->made_young, &body->matrix, &moduli, error);
+    if (result == SB_OK)
+        result =
+            sbi_precond_remake(like, &body->matrix, body->reference, moduli, &body->allocator, &body->precond, error);
     sbi_free(&body->allocator, moduli);
     return result;
 }

@@ -138,6 +138,8 @@ struct sb_body {
     int material_count;     /* one per region of the mesh */
     int *material_regions;  /* [material_count] ascending region numbers */
     sb_material *materials; /* [material_count] */
+    sb_real *made_young;    /* [material_count] Young's moduli at creation (Pa): multigrid's levels are made from them,
+                             * also those of another mesh, so that they do not depend on when that came */
     int *cell_material;     /* [cell_count] */
     sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
     sb_real force_unit;     /* stiffness times volume over size (N): times epsilon, rounding in the forces */
@@ -298,9 +300,12 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
 /* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
 SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error);
 SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
+/* One like that of the body before its mesh became another: what sbi_body_make_preconditioner gives a body made so. */
+SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
- * where there is one material. */
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
+ * where there is one material. young: [material_count] (Pa); NULL: those of the materials now. */
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,
+                                       sb_real **moduli, sb_error *error);
 /* directions at unit length; */
 SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count);
 /* memory, which only ever grows: */

@@ -424,7 +424,8 @@ static sb_result sbi_elimination_build(sbi_elimination *e, const sbi_elimination
     if (result == SB_OK)
         result = sbi_elimination_make_positions(e, setup->matrix, error);
     if (result == SB_OK)
-        result = sbi_precond_remake(setup->precond, &e->matrix, setup->positions, &e->allocator, &e->precond, error);
+        result =
+            sbi_precond_remake(setup->precond, &e->matrix, setup->positions, NULL, &e->allocator, &e->precond, error);
     return result;
 }
 

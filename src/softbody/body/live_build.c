@@ -125,11 +125,12 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
     next->material_regions = (int *)sbi_alloc(allocator, materials, sizeof(int));
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
+    next->made_young = (sb_real *)sbi_alloc(allocator, materials, sizeof(sb_real));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
         next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
-        !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
+        !next->materials || !next->made_young || !next->cell_material || (mesh->fibres && !next->fibres) ||
         !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
@@ -148,6 +149,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     next->material_count = body->material_count;
     memcpy(next->material_regions, body->material_regions, materials * sizeof(int));
     memcpy(next->materials, body->materials, materials * sizeof(sb_material));
+    memcpy(next->made_young, body->made_young, materials * sizeof(sb_real));
     memcpy(next->cell_material, mesh->material, cells * sizeof(int));
     memcpy(live->shares, mesh->shares, cells * sizeof(sb_real));
     memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
@@ -224,7 +226,7 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     if (result != SB_OK)
         return result;
     sbi_body_label_nodes(next);
-    result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
+    result = sbi_body_remake_preconditioner(next, body->precond, error);
     if (result == SB_OK)
         result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
     next->pcg.row_count = domain->node_count;

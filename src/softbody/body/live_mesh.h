@@ -39,12 +39,12 @@
  * copy of the lists of slots, a sum over chunks of cells, and a pass over the nodes where parts come apart, meet or get
  * another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells in one
  * change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and cuts the
- * coarse space's pieces again; all depend on the mesh alone, so iterations, states and changes taken back are those of
- * a body made with that mesh. Everything is made anew instead, at the cost of creation (19 ms for 13,000 cells), where
- * arrays have to grow, elements are not tet4, there are constraints or mappings that couple beyond cells, the
- * preconditioner is SB_PRECOND_FSAI, CHOLESKY or MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on),
- * or a load is on what changes. The bits are the same either way. Consistent masses cost a pass over all cells, Prony
- * terms one over their memory.
+ * coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the body was
+ * made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything is made
+ * anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4,
+ * there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
+ * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
+ * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
  * half as much again, and they have to be asked for anew. */
@@ -107,8 +107,8 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
  * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
- * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what
- * a listener says. */
+ * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile, or a needle is in the
+ * tissue, whose mesh is the needle's alone then), SB_ERROR_MEMORY, or what a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 

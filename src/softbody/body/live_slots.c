@@ -126,6 +126,9 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "def.slack does not go with def.domain: where points of new cells "
                         "would be is unknown");
+    if (def->level_count > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "def.slack does not go with def.levels: they fit the mesh of creation only");
     live = node_capacity < 0 || cell_capacity < 0 ? NULL : (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     body->live = live;
     if (!live || !sbi_slots_create(&live->nodes, node_capacity, nodes, allocator) ||

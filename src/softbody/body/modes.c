@@ -639,7 +639,7 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     /* as the body itself, whatever constraints and loads have added to the matrix since it was made */
     settings.kind = sb_body_solver(b).kind == SB_PRECOND_MULTIGRID ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
     if (!b->elimination && settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(b, m->matrix, &moduli, m->error);
+        result = sbi_body_make_moduli(b, NULL, m->matrix, &moduli, m->error);
     settings.moduli = moduli;
     settings.poisson = sbi_body_poisson(b);
     if (result == SB_OK)

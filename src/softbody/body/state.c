@@ -1392,11 +1392,15 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body)
     return walk.hash;
 }
 
+/* The mesh's version stands behind a snapshot: it tells without memory that the mesh is still the same. */
+enum { SBI_SNAPSHOT_TAIL = 4 };
+
 SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
     walk.plain = 1;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    walk.overflow |= !sbi_size_add(&walk.used, SBI_SNAPSHOT_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
 
@@ -1406,6 +1410,7 @@ SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
     walk.plain = 1;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_put_bytes(walk.out + walk.used, (uint64_t)sb_body_mesh_version(body), SBI_SNAPSHOT_TAIL);
 }
 
 /* Tells a recording what was loaded. */
@@ -1499,11 +1504,13 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
 SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    int same;
     walk.plain = 1;
     walk.in = (const unsigned char *)snapshot;
-    walk.size = size;
+    walk.size = size - SBI_SNAPSHOT_TAIL;
     walk.error = error;
-    return body->live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    same = sbi_get_bytes(walk.in + walk.size, SBI_SNAPSHOT_TAIL) == (uint32_t)sb_body_mesh_version(body);
+    return same ? sbi_state_pass_image(body, body, &walk, error) : sbi_state_pass_live(body, &walk, error);
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)

@@ -18,8 +18,9 @@ static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guest
             int node = guests->list[g]->nodes[k];
             if (b->elimination->slave[node])
                 return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
-                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters",
-                                     g, node);
+                                     "node %d follows others by a constraint: a needle (guest %d of the step) cannot "
+                                     "act on it",
+                                     node, g);
         }
     return SB_OK;
 }

@@ -214,7 +214,8 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 /* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them
  * would otherwise read and write memory for each product. */
 
-/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. Three nodes at a time: there are three or nine
+ * of them, n being 4 or 10, so that none is left over; one at a time, F would be read and written for each node. */
 SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int i,
                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])

@@ -114,7 +114,7 @@ static int sbi_embed_reserve_faces(const sb_allocator *allocator, sbi_embed_arra
 static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arrays *a, const sbi_embed_parts *parts,
                                     int more)
 {
-    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1;
+    int room = a->block_room, grows = more > a->block_room - a->block_used, ok = 1, had_offsets = a->offsets[2] != NULL;
     size_t used = (size_t)a->block_end * SBI_EMBED_LANES, slots;
     if (grows && !sbi_embed_new_room(a->block_used, more, a->block_room, INT_MAX / SBI_EMBED_LANES, &room))
         return 0;
@@ -128,9 +128,13 @@ static int sbi_embed_reserve_blocks(const sb_allocator *allocator, sbi_embed_arr
             ok = ok && sbi_embed_grow_array(allocator, (void **)&a->parameters[k], used, slots, sizeof(sb_real));
         if (parts->with_normals && grows)
             ok = ok && sbi_embed_grow_array(allocator, (void **)&a->carried[k], used, slots, sizeof(sb_real));
-        if (a->offsets[k] ? grows : parts->with_offsets) /* points that do without never read theirs */
-            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], a->offsets[k] ? used : 0, slots,
+        if (had_offsets ? grows : parts->with_offsets) /* points that do without never read theirs */
+            ok = ok && sbi_embed_grow_array(allocator, (void **)&a->offsets[k], had_offsets ? used : 0, slots,
                                             sizeof(sb_real));
+    }
+    for (int k = 0; k < 3 && !ok && !had_offsets; k++) { /* all or none: the first says whether they are there */
+        sbi_free(allocator, a->offsets[k]);
+        a->offsets[k] = NULL;
     }
     if (ok)
         a->block_room = room;

@@ -160,7 +160,11 @@ SBI_API void sbi_guest_go_back(sbi_guest_work *work);
 SBI_API void sbi_guest_advance(sbi_guest_work *work, double factor);
 /* search = correction + factor search (fresh: correction) */
 SBI_API void sbi_guest_direct(sbi_guest_work *work, double factor, int fresh);
-/* z, correction = M^-1 of r, residual, M symmetric and positive definite. size: as of sbi_precond_apply. */
+/* 1: residuals are to have nothing of the preconditioner's coarse space, and keep to that: the coarse space of a matrix
+ * is one of all equations as long as guests act on taken nodes alone. */
+SBI_API int sbi_guest_is_deflated(const sbi_guest_space *space, const sb_preconditioner *preconditioner);
+/* z, correction = M^-1 of r, residual, M symmetric and positive definite, on residuals as above where they are
+ * deflated. size: as of sbi_precond_apply. */
 SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r,
                                     sb_real *z, double size);
 /* sums = residual.correction, product.correction (fresh: 0) */

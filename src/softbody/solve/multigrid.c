@@ -443,14 +443,15 @@ static sb_result sbi_mg_no_memory(const sbi_multigrid *m, sb_error *error)
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the multigrid levels of %d rows", m->levels[0].row_count);
 }
 
-/* Takes the regions of `like`, or finds them where moduli are given. The user's levels stay as they are. */
+/* Finds the regions where moduli are given, or takes those of `like`. The user's levels stay as they are. */
 static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setup, const sb_matrix *pattern)
 {
-    int made = 1;
-    if (setup->like && setup->like->regions.row_count == pattern->row_count)
-        made = sbi_mg_copy_regions(&setup->like->regions, &m->owned.allocator, &m->regions);
-    else if (!setup->like && setup->moduli && setup->level_count == 0)
+    const sbi_multigrid *like = setup->like;
+    int own = setup->level_count > 0 || (like && like->level_count > 1 && like->levels[1].positions), made = 1;
+    if (setup->moduli && !own)
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->owned.allocator, &m->regions);
+    else if (like && like->regions.row_count == pattern->row_count)
+        made = sbi_mg_copy_regions(&like->regions, &m->owned.allocator, &m->regions);
     m->owned.bytes +=
         (size_t)m->regions.row_count * sizeof(int) + (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
     return made;

@@ -36,7 +36,7 @@ typedef struct sbi_multigrid_setup {
     const sb_real *moduli;            /* [block_count] (Pa) as in sb_preconditioner_def, or NULL */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
-    const sbi_multigrid *like; /* take the user's levels, the regions and Poisson's ratio from here
+    const sbi_multigrid *like; /* take the user's levels, Poisson's ratio and, without moduli, the regions from here
                                 * instead, or NULL */
     sb_jobs jobs;
 } sbi_multigrid_setup;

@@ -430,10 +430,28 @@ static void sbi_pcg_set_targets(sbi_pcg_state *s, double tolerance, double rhs_s
 
 /* ---- the iteration ------------------------------------------------------------------------------------- */
 
+static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
+{
+    for (int g = 0; g < s->guests->count; g++)
+        s->guests->work[g].done = 0;
+}
+
+/* What guests have of a motion p along which their own unknowns rest, and all of it subtracted from their residuals. */
+static void sbi_pcg_deflate_guests(const sbi_pcg_state *s)
+{
+    sbi_pcg_wake_guests(s);
+    for (int g = 0; g < s->guests->count; g++)
+        memset(s->guests->work[g].search, 0, (size_t)s->guests->work[g].guest->unknown_count * sizeof(double));
+    sbi_guest_multiply(s->guests, s->p, s->q);
+    for (int g = 0; g < s->guests->count; g++)
+        sbi_guest_advance(s->guests->work + g, 1);
+    sbi_guest_measure(s->guests);
+}
+
 /* Subtracts the coarse space's part from the residual, as its deflation requires. Uses p and q. */
 static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    if (!preconditioner || s->guests ||
+    if (!preconditioner || (s->guests && !sbi_guest_is_deflated(s->guests, preconditioner)) ||
         !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(sbi_pcg_whole_square(s))))
         return;
     s->compact = NULL; /* a preconditioner with a coarse space has none */
@@ -442,6 +460,8 @@ static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
         s->parts[c].factor = 1;
     }
     sbi_pcg_run(s, sbi_pcg_product_task);
+    if (s->guests)
+        sbi_pcg_deflate_guests(s);
     sbi_pcg_run_square(s, sbi_pcg_advance_task, 1);
 }
 
@@ -572,12 +592,6 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
         info->iterations++;
     }
     return SB_OK;
-}
-
-static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
-{
-    for (int g = 0; g < s->guests->count; g++)
-        s->guests->work[g].done = 0;
 }
 
 /* r = rhs - A x, and the guests' rows at x. */

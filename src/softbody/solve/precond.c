@@ -226,6 +226,22 @@ SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *p, const sb_real *r,
     sbi_precond_correct(&job);
 }
 
+SBI_API int sbi_precond_has_coarse(const sb_preconditioner *p) { return p->coarse.ready; }
+
+SBI_API void sbi_precond_apply_smoother(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, r, z, size);
+    sbi_precond_smooth_any(p, &job);
+    sbi_precond_run(&job, sbi_precond_write_task);
+}
+
+SBI_API void sbi_precond_apply_coarse(sb_preconditioner *p, const sb_real *y, sb_real *z, double size)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, y, z, size);
+    job.with_result = 1;
+    sbi_precond_correct(&job);
+}
+
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
 {
     sbi_precond_job job = sbi_precond_make_job(p, r, z, size);
@@ -540,11 +556,13 @@ SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, cons
 }
 
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
-                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
+                                     const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
+                                     sb_error *error)
 {
     sb_preconditioner_def def = sb_default_preconditioner_def();
     def.kind = like->kind;
     def.positions = positions;
+    def.moduli = moduli;
     def.jobs = like->jobs;
     def.power = like->power;
     return sbi_precond_create(&def, pattern, like, allocator, out, error);

@@ -170,6 +170,12 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
  * coarse space. spare [row_count][3] is for scratch. */
 SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size,
                                          sb_real *spare);
+/* The two halves of sbi_precond_apply, for whoever has more unknowns than the matrix and a coarse space of its own
+ * rows: z = S r, and then z = S r + Q (y - A S r) of the same call, y being what those unknowns have made of r. Both
+ * only where there is a coarse space. */
+SBI_API int sbi_precond_has_coarse(const sb_preconditioner *preconditioner);
+SBI_API void sbi_precond_apply_smoother(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
+SBI_API void sbi_precond_apply_coarse(sb_preconditioner *preconditioner, const sb_real *y, sb_real *z, double size);
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
 /* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
@@ -177,9 +183,11 @@ SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb
 SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
 /* The multigrid that has the matrix of the last update in fewer bytes, to multiply by; NULL: there is none. */
 SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *preconditioner);
-/* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
+/* Another of the same make (kind, jobs, the user's levels; pieces for its size) for another pattern. moduli: as in
+ * sb_preconditioner_def, of another mesh; NULL: those of `like`, whose nodes the pattern has. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
-                                     const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+                                     const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
+                                     sb_error *error);
 /* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
  * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);

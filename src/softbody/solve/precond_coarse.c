@@ -266,7 +266,47 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
 }
 #else
-/* One row of the blocks at a time: what it sums stays in registers. */
+/* One row of the blocks at a time: what it sums stays in registers. Of the moments only those that torques have. */
+#if SBI_HAS_PAIRS
+static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
+                                    sb_real sum[4][12])
+{
+    sbi_pair p01 = {0, 0}, p12 = p01, yz = p01, zx = p01, xy = p01;
+    for (int s = begin; s < end; s++) {
+        const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        sbi_pair v01 = SBI_PAIR_AT(row), v12 = SBI_PAIR_AT(row + 1);
+        p01 += v01;
+        p12 += v12;
+        yz += SBI_PAIR_AT(arm + 1) * sbi_pair_make(v12[1], v01[0]);
+        zx += sbi_pair_make(arm[2], arm[0]) * v12;
+        xy += sbi_pair_make(arm[1], arm[0]) * v01;
+    }
+    sum[0][4 * r] = p01[0], sum[0][4 * r + 1] = p01[1], sum[0][4 * r + 2] = p12[1];
+    sum[1][4 * r + 1] = xy[1], sum[1][4 * r + 2] = zx[1];
+    sum[2][4 * r] = xy[0], sum[2][4 * r + 2] = yz[0];
+    sum[3][4 * r] = yz[1], sum[3][4 * r + 1] = zx[0];
+}
+#else
+static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
+                                    sb_real sum[4][12])
+{
+    sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
+    for (int s = begin; s < end; s++) {
+        const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+        p = sb_v3_add(p, sb_v3(row[0], row[1], row[2]));
+        x.y += arm[0] * row[1], x.z += arm[0] * row[2];
+        y.x += arm[1] * row[0], y.z += arm[1] * row[2];
+        z.x += arm[2] * row[0], z.y += arm[2] * row[1];
+    }
+    sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
+    sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
+    sum[2][4 * r] = y.x, sum[2][4 * r + 2] = y.z;
+    sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y;
+}
+#endif
+
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
     int begin = c->entry_start[e], end = c->entry_start[e + 1];
@@ -276,22 +316,8 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
         SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
         SBI_PREFETCH(a->blocks[later], 64);
     }
-    for (int r = 0; r < 3; r++) {
-        sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
-        for (int s = begin; s < end; s++) {
-            const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
-            const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-            sb_vec3 value = sb_v3(row[0], row[1], row[2]);
-            p = sb_v3_add(p, value);
-            x = sb_v3_madd(x, arm[0], value);
-            y = sb_v3_madd(y, arm[1], value);
-            z = sb_v3_madd(z, arm[2], value);
-        }
-        sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
-        sum[1][4 * r] = x.x, sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
-        sum[2][4 * r] = y.x, sum[2][4 * r + 1] = y.y, sum[2][4 * r + 2] = y.z;
-        sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y, sum[3][4 * r + 2] = z.z;
-    }
+    for (int r = 0; r < 3; r++)
+        sbi_precond_row_moments(c, a, begin, end, r, sum);
 }
 #endif
 
@@ -312,6 +338,20 @@ static void sbi_precond_couple(const sb_preconditioner *p, const sb_matrix *a, i
     }
 }
 
+/* out += a, and out += f a - g b, of six. */
+SBI_FORCE_INLINE void sbi_precond_add_six(double *SB_RESTRICT out, const double *SB_RESTRICT a)
+{
+    for (int k = 0; k < 6; k++)
+        out[k] += a[k];
+}
+
+SBI_FORCE_INLINE void sbi_precond_add_cross(double *SB_RESTRICT out, double f, const double *SB_RESTRICT a, double g,
+                                            const double *SB_RESTRICT b)
+{
+    for (int k = 0; k < 6; k++)
+        out[k] += f * a[k] - g * b[k];
+}
+
 /* (Z^T A Z) += Z_i^T (A Z)_i, the rows of node i's piece. */
 static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, double rows[3][6])
 {
@@ -320,14 +360,11 @@ static void sbi_precond_add_coarse(sbi_precond_coarse *c, int node, int piece, d
     const float *arm = c->arms + 4 * (size_t)node;
     double x = (double)arm[0], y = (double)arm[1], z = (double)arm[2];
     size_t next = (size_t)(c->reach[own] - 6 * own);
-    for (int k = 0; k < 6; k++) {
-        out[k] += rows[0][k];
-        out[next + (size_t)k] += rows[1][k];
-        out[2 * next + (size_t)k] += rows[2][k];
-        out[3 * next + (size_t)k] += y * rows[2][k] - z * rows[1][k];
-        out[4 * next + (size_t)k] += z * rows[0][k] - x * rows[2][k];
-        out[5 * next + (size_t)k] += x * rows[1][k] - y * rows[0][k];
-    }
+    for (int r = 0; r < 3; r++)
+        sbi_precond_add_six(out + (size_t)r * next, rows[r]);
+    sbi_precond_add_cross(out + 3 * next, y, rows[2], z, rows[1]);
+    sbi_precond_add_cross(out + 4 * next, z, rows[0], x, rows[2]);
+    sbi_precond_add_cross(out + 5 * next, x, rows[1], y, rows[0]);
 }
 
 /* The six rows of a piece, which end at `end`: each is scaled by its pivot and taken from the following ones. */

@@ -104,23 +104,21 @@ typedef struct sbi_piece_maker {
     int piece_count;
 } sbi_piece_maker;
 
-/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side, each in its order along
- * the side that was cut last (axis; -1: none was); returns the number of the next one. */
-static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece, int axis)
+/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of the
+ * next one. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
-    int *nodes = m->nodes + begin;
+    int *nodes = m->nodes + begin, axis;
     if (pieces == 1) {
-        if (axis >= 0)
-            sbi_precond_sort_nodes(m->positions, axis, nodes, end - begin);
         for (int k = begin; k < end; k++)
             m->piece_of[m->nodes[k]] = piece;
         return piece + 1;
     }
     axis = sbi_precond_longest_axis(m->positions, nodes, end - begin);
     sbi_precond_select(m->positions, axis, nodes, end - begin, middle - begin);
-    piece = sbi_piece_cut(m, begin, middle, left, piece, axis);
-    return sbi_piece_cut(m, middle, end, pieces - left, piece, axis);
+    piece = sbi_piece_cut(m, begin, middle, left, piece);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece);
 }
 
 /* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
@@ -215,7 +213,8 @@ static int sbi_piece_number(sbi_piece_maker *m, int begin, int end, int fragment
 }
 
 /* Lines the part's pieces up along its longest side, so that those that touch have near numbers and the rows of their
- * matrix are short, and lists its nodes by piece. */
+ * matrix are short, and lists its nodes by piece, each in the order of the rows: what reads a piece's rows then finds
+ * them one after the other. */
 static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
 {
     int *order = m->roots, *rank = m->sizes, *next = m->start;
@@ -232,7 +231,7 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
         order[f] = f;
     }
     sbi_precond_sort_nodes(m->centres, axis, order, count);
-    memcpy(m->list, m->nodes + begin, (size_t)(end - begin) * sizeof(int));
+    memcpy(m->list, m->a->part_rows + begin, (size_t)(end - begin) * sizeof(int));
     for (int a = 0, at = begin; a < count; a++) {
         int size = next[order[a]];
         rank[order[a]] = m->piece_count + a;
@@ -254,7 +253,7 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
-    sbi_piece_cut(m, begin, end, share, 0, -1);
+    sbi_piece_cut(m, begin, end, share, 0);
     if (alone) {
         for (int k = begin; k < end; k++)
             m->fragment_of[m->nodes[k]] = 0;

@@ -335,7 +335,7 @@ enum {
 };
 
 /* Row i of A times x: nine sums, one per place of the 3x3 blocks, added up at the end. They are independent,
- * so no sum waits for another, and both forms below give the same bits. */
+ * so no sum waits for another, and all forms below give the same bits. */
 #if SBI_HAS_LANES
 /* A block's rows and the vector are read as 4-vectors. The fourth lane belongs to what comes next in memory
  * and is never summed; only the last node has nothing after it (`guard`). Three vector products instead of
@@ -362,6 +362,28 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     y[0] = s0[0] + s0[1] + s0[2];
     y[1] = s1[0] + s1[1] + s1[2];
     y[2] = s2[0] + s2[1] + s2[2];
+}
+#elif SBI_HAS_PAIRS
+/* The nine entries two by two, as they lie in memory. */
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
+{
+    const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_end[i];
+    const sb_real *block = matrix->blocks[matrix->row_start[i]];
+    sbi_pair s00 = {0, 0}, s02 = s00, s11 = s00, s20 = s00;
+    sb_real s22 = 0;
+    (void)guard;
+    for (; column < end; column++, block += 9) {
+        const sb_real *from = x + 3 * (size_t)*column;
+        sbi_pair v01 = SBI_PAIR_AT(from), v12 = SBI_PAIR_AT(from + 1);
+        s00 += SBI_PAIR_AT(block) * v01;
+        s02 += SBI_PAIR_AT(block + 2) * sbi_pair_make(v12[1], v01[0]);
+        s11 += SBI_PAIR_AT(block + 4) * v12;
+        s20 += SBI_PAIR_AT(block + 6) * v01;
+        s22 += block[8] * v12[1];
+    }
+    y[0] = s00[0] + s00[1] + s02[0];
+    y[1] = s02[1] + s11[0] + s11[1];
+    y[2] = s20[0] + s20[1] + s22;
 }
 #else
 SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)

@@ -4,7 +4,10 @@
 #include <limits.h>
 #include <string.h>
 
-enum { SBI_LIVE_LOSER = 2 }; /* mark of a row that lost a coupling in the change at hand */
+enum {
+    SBI_LIVE_LOSER = 2,    /* mark of a row that lost a coupling in the change at hand */
+    SBI_LIVE_SCATTERED = 4 /* rows are pushed together when more than this part of them, the fourth, have moved */
+};
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
@@ -36,6 +39,7 @@ static void sbi_live_layout_pool(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->columns = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     matrix->transpose = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     live->uses = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    live->places = (int *)sbi_arena_take(arena, blocks, sizeof(int));
 }
 
 typedef void sbi_live_layout(sb_matrix *matrix, sbi_matrix_live *live, size_t count, sbi_arena *arena);
@@ -224,60 +228,68 @@ static void sbi_live_touch(sb_matrix *matrix, int i)
 
 /* ---- pushing rows together ------------------------------------------------------------------------------ */
 
-static void sbi_live_sift(const int *start, int *rows, int root, int count)
-{
-    int row = rows[root];
-    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
-        if (child + 1 < count && start[rows[child]] < start[rows[child + 1]])
-            child++;
-        if (start[row] >= start[rows[child]])
-            break;
-        rows[root] = rows[child];
-        root = child;
-    }
-    rows[root] = row;
-}
-
-/* Rows by the places of their pieces. */
-static void sbi_live_order_rows(const sb_matrix *matrix, int *rows)
-{
-    int count = matrix->row_count;
-    for (int i = 0; i < count; i++)
-        rows[i] = i;
-    for (int root = count / 2; root-- > 0;)
-        sbi_live_sift(matrix->row_start, rows, root, count);
-    for (int last = count - 1; last > 0; last--) {
-        int top = rows[0];
-        rows[0] = rows[last];
-        rows[last] = top;
-        sbi_live_sift(matrix->row_start, rows, 0, last);
-    }
-}
-
-/* Places that rows take once they are pushed together: as long as they are. */
-static void sbi_live_pack(sb_matrix *matrix)
+/* Where each place of the pool goes when rows follow each other, as long as they are; -1: it is in no row. Rows get
+ * their new places. Returns where they end. */
+static int sbi_live_plan_places(sb_matrix *matrix)
 {
     sbi_matrix_live *live = matrix->live;
-    int *rows = live->held, end = 0, old_end = matrix->block_count;
-    sbi_live_order_rows(matrix, rows);
-    for (int k = 0; k < matrix->row_count; k++) {
-        int i = rows[k];
+    int *to = live->places, end = 0;
+    memset(to, 0xff, (size_t)matrix->block_count * sizeof *to);
+    for (int i = 0; i < matrix->row_count; i++) {
         int start = end;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, end++)
-            if (q != end)
-                sbi_live_move(matrix, i, q, end);
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            to[q] = end++;
+        matrix->diagonal[i] = to[matrix->diagonal[i]];
         matrix->row_start[i] = start;
         matrix->row_end[i] = end;
         live->room[i] = end - start;
     }
+    return end;
+}
+
+static void sbi_live_swap(sb_matrix *matrix, int p, int q)
+{
+    sb_real block[9];
+    int column = matrix->columns[p], twin = matrix->transpose[p], uses = matrix->live->uses[p];
+    memcpy(block, matrix->blocks[p], sizeof block);
+    memcpy(matrix->blocks[p], matrix->blocks[q], sizeof block);
+    memcpy(matrix->blocks[q], block, sizeof block);
+    matrix->columns[p] = matrix->columns[q];
+    matrix->columns[q] = column;
+    matrix->transpose[p] = matrix->transpose[q];
+    matrix->transpose[q] = twin;
+    matrix->live->uses[p] = matrix->live->uses[q];
+    matrix->live->uses[q] = uses;
+}
+
+/* Pushes rows together in their order, so that loops over them run through memory as in a compact matrix. */
+static void sbi_live_pack(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *to = live->places, end = sbi_live_plan_places(matrix), old_end = matrix->block_count;
+    for (int q = 0; q < old_end; q++)
+        if (to[q] >= 0)
+            matrix->transpose[q] = to[matrix->transpose[q]];
+    for (int q = 0; q < old_end; q++)
+        while (to[q] >= 0 && to[q] != q) { /* each turn brings one block home */
+            int home = to[q];
+            sbi_live_swap(matrix, q, home);
+            to[q] = to[home];
+            to[home] = home;
+        }
     for (int q = end; q < old_end; q++)
         sbi_live_clear(matrix, q);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         live->free_pieces[size] = -1;
-    matrix->block_count = end;
+    matrix->block_count = live->packed_end = end;
+    live->moved_count = 0;
     live->repacked = 1;
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_live_touch(matrix, i);
+}
+
+/* 1 when so many rows lie elsewhere that products, which read the pool, take longer than they need. */
+static int sbi_live_is_scattered(const sb_matrix *matrix)
+{
+    return matrix->live->moved_count > matrix->row_count / SBI_LIVE_SCATTERED;
 }
 
 /* ---- the plan: couplings that change --------------------------------------------------------------------- */
@@ -395,32 +407,34 @@ static void sbi_live_list_keys(sbi_matrix_live *live, int made)
     live->key_count = end;
 }
 
+/* Room for `count` items, whose old ones nobody needs any more: *items, or a larger one in its place. NULL: no memory.
+ */
+static void *sbi_live_renew(const sb_allocator *allocator, void *items, int *capacity, size_t count, size_t size)
+{
+    int more = sbi_live_more((int)count);
+    void *made;
+    if (items && count <= (size_t)*capacity)
+        return items;
+    made = sbi_alloc(allocator, (size_t)more, size);
+    if (!made)
+        return NULL;
+    sbi_free(allocator, items);
+    *capacity = more;
+    return made;
+}
+
 /* Room for so many keys and pairs; 0: no memory. */
-static int sbi_live_take_plan(sb_matrix *matrix, size_t keys, size_t pairs)
+static int sbi_live_take_plan(sb_matrix *matrix, size_t key_count, size_t pair_count)
 {
     sbi_matrix_live *live = matrix->live;
-    const sb_allocator *allocator = &matrix->allocator;
-    if (keys > INT_MAX / 2 || pairs > INT_MAX / 2)
+    void *keys, *pairs;
+    if (key_count > INT_MAX / 2 || pair_count > INT_MAX / 2)
         return 0;
-    if (keys > (size_t)live->key_capacity) {
-        int capacity = sbi_live_more((int)keys);
-        sbi_live_key *made = (sbi_live_key *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
-        if (!made)
-            return 0;
-        sbi_free(allocator, live->keys);
-        live->keys = made;
-        live->key_capacity = capacity;
-    }
-    if (pairs > (size_t)live->pair_capacity) {
-        int capacity = sbi_live_more((int)pairs);
-        sbi_live_pair *made = (sbi_live_pair *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
-        if (!made)
-            return 0;
-        sbi_free(allocator, live->pairs);
-        live->pairs = made;
-        live->pair_capacity = capacity;
-    }
-    return 1;
+    keys = sbi_live_renew(&matrix->allocator, live->keys, &live->key_capacity, key_count, sizeof *live->keys);
+    live->keys = keys ? (sbi_live_key *)keys : live->keys;
+    pairs = sbi_live_renew(&matrix->allocator, live->pairs, &live->pair_capacity, pair_count, sizeof *live->pairs);
+    live->pairs = pairs ? (sbi_live_pair *)pairs : live->pairs;
+    return keys && pairs;
 }
 
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error)
@@ -576,6 +590,7 @@ static void sbi_live_sweep_row(sb_matrix *matrix, int i)
 static void sbi_live_move_row(sb_matrix *matrix, int i, int length)
 {
     int start = matrix->row_start[i], end = matrix->row_end[i], room = matrix->live->room[i];
+    matrix->live->moved_count += start < matrix->live->packed_end;
     sbi_live_take_piece(matrix, i, length);
     for (int q = start; q < end; q++) {
         sbi_live_move(matrix, i, q, matrix->row_end[i]++);
@@ -860,6 +875,10 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change)
     for (int k = 0; k < live->touched_count; k++)
         sbi_live_sweep_row(matrix, live->touched[k]);
     sbi_live_fill(matrix);
+    if (sbi_live_is_scattered(matrix))
+        sbi_live_pack(matrix);
+    for (int i = 0; i < matrix->row_count && live->repacked; i++)
+        sbi_live_touch(matrix, i);
     sbi_live_end_nodes(matrix, change);
     sbi_live_follow_parts(matrix);
     for (int k = 0; k < live->touched_count; k++)
@@ -896,7 +915,7 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sbi_free(&matrix->allocator, made.memory);
     made.memory = NULL;
     made.live = live;
-    live->used_blocks = made.block_count;
+    live->used_blocks = live->packed_end = made.block_count;
     *matrix = made;
     sbi_live_note_parts(matrix);
     return 1;

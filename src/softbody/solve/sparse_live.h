@@ -2,9 +2,10 @@
  *
  * Rows lie in one pool, each in a piece with room to spare. A row that outgrows its piece moves to a free piece of the
  * size it needs, or to the pool's end; pieces come in sizes of SBI_LIVE_PIECE places and wait in one list a size. When
- * the pool is full, rows are pushed together. Columns ascend in every row whatever the history, so products, sums over
- * rows and all that is made from them are functions of the pattern alone; only positions in the pool are history.
- * Places in no row hold zero blocks of column 0 that are their own transposes: loops over all blocks need not know.
+ * the pool is full, or a quarter of the rows have moved, rows are pushed together in their order. Columns ascend in
+ * every row whatever the history, so products, sums over rows and all that is made from them are functions of the
+ * pattern alone; only positions in the pool are history. Places in no row hold zero blocks of column 0 that are their
+ * own transposes: loops over all blocks need not know.
  *
  * Each coupling counts the cells that have both its nodes, and the loads, mappings and constraints that need it
  * besides; it goes when the last of them does. A row that is not in use keeps its diagonal block, the identity, and is
@@ -45,6 +46,7 @@ typedef struct sbi_matrix_live {
     unsigned version;      /* how many changes there were, from 1 */
     int *room;             /* [row_capacity] places of the row's piece */
     int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    int *places;           /* [block_capacity] scratch */
     unsigned char *in_use; /* [row_capacity] */
     unsigned char *marks;  /* [row_capacity] zeros between calls */
     int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
@@ -53,6 +55,8 @@ typedef struct sbi_matrix_live {
     int *touched; /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
     int repacked;    /* 1: all rows moved */
+    int packed_end;  /* of the pool when rows were pushed together last, or the matrix was made */
+    int moved_count; /* rows that have left what was there then */
     int used_blocks; /* blocks that are in rows */
     /* parts */
     int *part_of;    /* [row_capacity] */
