@@ -1156,7 +1156,11 @@ typedef struct ndl_step_info {
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would
  * take over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element
  * (which are, is said), or a needle is at a node that constraints eliminate; SB_ERROR_DIVERGED (node named);
- * SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
+ * SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY; SB_ERROR_STATE, another change of the body is open. Where the
+ * mesh has changed within a step that fails and there is no memory to take that back either, SB_ERROR_MEMORY says so:
+ * body and needles are then between two states until the next call of ndl_step or ndl_needle_create, which takes the
+ * step back first, or until a saved state is loaded. Steps that do without memory they asked for (info->blocked) are
+ * not repeated by a recording that has it.
  *
  * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its
  * tolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are
@@ -11185,6 +11189,7 @@ struct ndli_site {
     size_t node_room;
     unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
     size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */
+    int undo_waits;              /* 1: a failed step is still to be taken back, which wants memory */
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -11266,8 +11271,10 @@ NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
 NDLI_API int ndli_needle_keep(struct ndli_site *site);
-/* Brings it back. */
-NDLI_API void ndli_needle_undo(struct ndli_site *site);
+/* Brings it back. SB_ERROR_MEMORY, where the mesh has changed since: nothing has changed, and undo_waits is set. */
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error);
+/* The same where it waits; else does nothing. */
+NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *error);
 /* Where the body has got another mesh since the last step: needles are outside, whatever they were in.
  * SB_ERROR_MEMORY. */
 NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error);
@@ -11737,6 +11744,7 @@ static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
     image.in = bytes;
     ndli_image_part(&image, &head, 1, sizeof head);
     site->mean_edge = head.mean_edge;
+    site->undo_waits = 0;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_needle *needle = site->needles[i];
@@ -12711,12 +12719,17 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site)
     return 1;
 }
 
-NDLI_API void ndli_needle_undo(struct ndli_site *site)
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error)
 {
     unsigned char *at = site->undo;
+    sb_result result;
     ndli_remesh_set_own(site->remesh, 1);
-    (void)sbi_body_rewind(site->body, at, site->undo_body, NULL);
+    result = sbi_body_rewind(site->body, at, site->undo_body, NULL);
     ndli_remesh_set_own(site->remesh, 0);
+    site->undo_waits = result != SB_OK;
+    if (result != SB_OK)
+        return sbi_fail(error, SB_ERROR_MEMORY,
+                        "no memory to take the failed step back: that comes first in the next step");
     at += ndli_undo_aligned(site->undo_body);
     ndli_remesh_rewind(site->remesh, at);
     at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
@@ -12727,6 +12740,19 @@ NDLI_API void ndli_needle_undo(struct ndli_site *site)
             at += ndli_undo_aligned(ndli_rod_snapshot_size(rod, rod->node_count));
             ndli_undo_copy_needle(site->needles[i], rod->node_count, &at, 1);
         }
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *error)
+{
+    sb_result result;
+    if (!site->undo_waits)
+        return SB_OK;
+    result = ndli_needle_undo(site, error);
+    for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
+        if (site->needles[i])
+            ndli_rod_publish(site->needles[i]->rod);
+    return result;
 }
 
 NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
@@ -13031,7 +13057,7 @@ static void ndli_step_count_states(const ndli_stepping *s)
 }
 
 /* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how
- * many; 0: nothing has changed. */
+ * many; 0: nothing has changed; -1: no memory to take back what has. */
 static int ndli_step_tear_out(const ndli_stepping *s)
 {
     int torn = 0;
@@ -13040,10 +13066,8 @@ static int ndli_step_tear_out(const ndli_stepping *s)
         if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
             continue;
         if (ndl_remesh_withdraw(s->site->remesh, needle->index, NULL, NULL) != SB_OK ||
-            ndli_needle_renew_nodes(needle) >= 0) {
-            ndli_needle_undo(s->site);
-            return 0;
-        }
+            ndli_needle_renew_nodes(needle) >= 0)
+            return ndli_needle_undo(s->site, s->error) == SB_OK ? 0 : -1;
         torn++;
     }
     return torn;
@@ -13058,8 +13082,8 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     s->info->substeps = substeps;
     for (int i = 0; i < substeps && result == SB_OK; i++)
         result = ndli_step_substep(s, dt / substeps, substeps - i);
-    if (result != SB_OK)
-        ndli_needle_undo(s->site);
+    if (result != SB_OK && ndli_needle_undo(s->site, s->error) != SB_OK)
+        return SB_ERROR_MEMORY;
     return result;
 }
 
@@ -13067,7 +13091,9 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
 {
     double begin = ndli_step_now(s->site);
-    sb_result result;
+    sb_result result = ndli_needle_finish_undo(s->site, s->error);
+    if (result != SB_OK)
+        return result;
     for (int k = 0; k < s->count; k++) {
         s->lines[k] = &s->needles[k]->line;
         s->needles[k]->blocked = s->needles[k]->limited = 0;
@@ -13082,8 +13108,8 @@ static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
         result = ndli_step_run(s, dt, finer * substeps);
     if (result == SB_ERROR_DIVERGED) {
         int torn = ndli_step_tear_out(s);
-        if (torn > 0)
-            result = ndli_step_run(s, dt, substeps);
+        if (torn != 0)
+            result = torn > 0 ? ndli_step_run(s, dt, substeps) : SB_ERROR_MEMORY;
         s->info->torn = result == SB_OK ? torn : 0;
     }
     for (int k = 0; k < s->count; k++) {
@@ -13400,8 +13426,9 @@ static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *e
     const ndl_rod *rod = needle->rod;
     sb_vec3 tip = ndli_to(rod->x[rod->node_count - 1]);
     ndl_surface_hit hit;
-    for (int i = 1; i < rod->node_count; i++)
-        if (ndli_topology_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
+    for (int i = 1; i < rod->node_count; i++) /* inwards, or outwards from a sleeve within */
+        if (ndli_topology_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit) ||
+            ndli_topology_hit(mesh, ndli_to(rod->x[i]), ndli_to(rod->x[i - 1]), &hit))
             return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
     for (int t = 0; t < mesh->tet_end; t++)
         if (mesh->tets[4 * (size_t)t] >= 0)
@@ -13488,6 +13515,8 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
     result = ndli_needle_check(def, error);
     if (result == SB_OK)
         result = ndli_site_make(def->body, &site, error);
+    if (result == SB_OK)
+        result = ndli_needle_finish_undo(site, error);
     if (result != SB_OK)
         return result;
     if (site->count == NDL_MAX_NEEDLES)
@@ -13514,6 +13543,8 @@ NDL_API void ndl_needle_destroy(ndl_needle *needle)
     if (!needle)
         return;
     site = needle->site;
+    (void)ndli_needle_finish_undo(site, NULL);
+    site->undo_waits = 0; /* what is kept is of all needles: from here on it fits no more */
     ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
     sbi_body_mute(site->body);
     ndli_remesh_let_go(site->remesh, needle->index);
