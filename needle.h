@@ -1089,8 +1089,8 @@ typedef struct ndl_needle_def {
                          * one step. In [0, 0.25]: from farther off that alone gives up to thousands of newtons.
                          * Default 0.25; 0: the entry stays where the needle met the skin, with flatter tets about
                          * it. Either way single steps within the first edge below curved skin may have forces that
-                         * no tissue makes: of 200 needles in ellipsoids, with half a newton to cut, the most was
-                         * over 10 N for 5 with 0.25 (218 N once) and for 8 with 0 (1,730 N once) */
+                         * no tissue makes: of 200 needles in ellipsoids, with 0.3 N to cut, the most was
+                         * over 5 N for 5 with 0.25 (325 N once) and for 2 with 0 (14 N once) */
     int max_trials;     /* linear systems per step with different states of friction, >= 1; default 10. The largest of
                          * all needles' holds */
     sb_allocator allocator; /* default malloc */
