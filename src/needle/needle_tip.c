@@ -165,17 +165,22 @@ static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *
 }
 
 /* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation
- * without flat tets: many small ones would leave worse. (Nearer than half of the way are tets that skin pushed in has
- * distorted: a node there would not lie on the needle.) */
+ * without flat tets: many small ones would leave worse. Below skin that was pushed in X is so far that no tet about the
+ * entry may come near half of the way: then places nearer to it are tried. (Not else: pushed-in skin has distorted the
+ * tets there, and a node in them does not lie on the needle.) */
 static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_remesh_info *done)
 {
     sb_real enough = ndli_tip_enough(needle, depth);
     ndl_remesh *remesh = needle->site->remesh;
     sb_vec3 entry = needle->site->mesh->X[needle->path[0]], way = sb_v3_sub(X, entry);
+    double length = (double)sb_v3_norm(way), least = 0.5 * ndli_tip_deep(needle);
     sb_result result = SB_ERROR_MESH;
-    for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--) {
-        sb_vec3 to = sb_v3_madd(entry, (sb_real)quarters / 4, way);
+    int found = 0;
+    for (int part = 8; result == SB_ERROR_MESH && (part >= 4 || (!found && part * length >= 8 * least));
+         part -= part > 4 ? 2 : 1) {
+        sb_vec3 to = sb_v3_madd(entry, (sb_real)part / 8, way);
         result = ndli_remesh_put_first(remesh, needle->index, to, enough, done);
+        found |= done->candidates > 0;
     }
     return result;
 }
