@@ -130,9 +130,17 @@ static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_er
         needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
 }
 
-/* Depths (m) at which a tip gets a node of its own, and loses it. */
+/* Depths (m) at which a tip gets a node of its own, and loses it; it loses it from the first of them on where tets
+ * about it are worse than would do to get one. */
 static double ndli_tip_deep(const ndl_needle *needle) { return 0.5 * needle->site->mean_edge; }
 static double ndli_tip_shallow(const ndl_needle *needle) { return 0.4 * needle->site->mean_edge; }
+
+/* Quality of tets with which it gets one: the deeper it is, the less is asked for. */
+static sb_real ndli_tip_enough(const ndl_needle *needle, double depth)
+{
+    double share = depth / ndli_tip_deep(needle);
+    return share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
+}
 
 /* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
  * looks there. */
@@ -157,11 +165,11 @@ static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *
 }
 
 /* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation
- * without flat tets: many small ones would leave worse. The deeper it is, the less is asked for. */
+ * without flat tets: many small ones would leave worse. (Nearer than half of the way are tets that skin pushed in has
+ * distorted: a node there would not lie on the needle.) */
 static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_remesh_info *done)
 {
-    double share = depth / ndli_tip_deep(needle);
-    sb_real enough = share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
+    sb_real enough = ndli_tip_enough(needle, depth);
     ndl_remesh *remesh = needle->site->remesh;
     sb_vec3 entry = needle->site->mesh->X[needle->path[0]], way = sb_v3_sub(X, entry);
     sb_result result = SB_ERROR_MESH;
@@ -207,8 +215,15 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     return ndli_tip_judge(needle, result, &own, error);
 }
 
-/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
-static void ndli_tip_make_shallow(ndl_needle *needle)
+static int ndli_tip_is_shallow(const ndl_needle *needle, double depth, sb_real quality)
+{
+    return depth < ndli_tip_shallow(needle) ||
+           (depth < ndli_tip_deep(needle) && quality < ndli_tip_enough(needle, depth));
+}
+
+/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. quality: of tets
+ * about it */
+static void ndli_tip_make_shallow(ndl_needle *needle, sb_real quality)
 {
     ndl_remesh *remesh = needle->site->remesh;
     const ndli_topology *mesh = needle->site->mesh;
@@ -218,8 +233,8 @@ static void ndli_tip_make_shallow(ndl_needle *needle)
     double back = needle->site->mean_edge;
     sb_vec3 entry;
     ndl_surface_hit hit;
-    if (count < 2 ||
-        !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) < ndli_tip_shallow(needle)))
+    if (count < 2 || !ndli_tip_is_shallow(
+                         needle, (double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])), quality))
         return;
     entry = mesh->x[path[0]];
     if (ndl_remesh_withdraw(remesh, needle->index, NULL, NULL) != SB_OK)
@@ -241,7 +256,7 @@ static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, n
     if (result != SB_OK && !inside)
         return ndl_remesh_withdraw(remesh, needle->index, done, error);
     ndli_tip_take_heading(needle);
-    ndli_tip_make_shallow(needle);
+    ndli_tip_make_shallow(needle, result == SB_OK ? done->worst_quality : 1);
     return SB_OK;
 }
 
