@@ -1,8 +1,6 @@
 /* Bodies whose mesh changes: slots, transactions, what follows, what is kept, and what is refused. */
 #include "softbody.h"
 
-#include <float.h>
-
 #include "check.h"
 #include "scene.h"
 
@@ -944,7 +942,7 @@ static void test_refused(void)
     sb_body_change_cancel(change);
     /* a share of which rounding leaves nothing */
     cell.nodes = nodes;
-    cell.share = REAL(2 * (SB_REAL_IS_FLOAT ? (double)FLT_MIN : DBL_MIN));
+    cell.share = REAL(ldexp(1, SB_REAL_IS_FLOAT ? -149 : -1074)); /* the least above 0 */
     CHECK_OK(sb_body_change_begin(s.body, &change, &error));
     CHECK_OK(sb_body_change_replace_cell(change, 0, &cell, &error));
     CHECK_RESULT(sb_body_change_commit(change, &error), SB_ERROR_MESH);
