@@ -5911,6 +5911,8 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
 /* The memory must be valid. */
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
+/* Updates go on as those of a new one. */
+SBI_API void sbi_precond_forget(sb_preconditioner *preconditioner);
 
 /* ==== src/softbody/solve/guest.h, internal ==== */
 
@@ -36699,6 +36701,12 @@ SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_preco
     preconditioner->successes = memory.successes;
 }
 
+SBI_API void sbi_precond_forget(sb_preconditioner *preconditioner)
+{
+    sbi_precond_memory memory = {0, 0, SBI_PRECOND_RELAX_FIRST};
+    sbi_precond_set_memory(preconditioner, memory);
+}
+
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
 {
     return memory.shift >= 0 && memory.shift <= 2 * (double)SBI_PRECOND_MAX_SHIFT && memory.successes >= 0 &&
@@ -48207,8 +48215,12 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->equilibrated, 0, bytes);
     for (int i = 0; i < body->load_count; i++)
         sbi_body_reset_load(body->loads + i);
-    if (body->elimination)
+    if (body->elimination) {
         memset(body->elimination->force, 0, (size_t)body->elimination->equations.count * sizeof(sb_real));
+        sbi_precond_forget(body->elimination->precond);
+    }
+    sbi_precond_forget(body->precond);
+    memset(&body->guard, 0, sizeof body->guard);
     sbi_assembly_reset_rotations(&body->assembly);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);

@@ -323,9 +323,7 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
 {
     double begin = ndli_step_now(s->site);
-    sb_result result = ndli_needle_finish_undo(s->site, s->error);
-    if (result != SB_OK)
-        return result;
+    sb_result result;
     for (int k = 0; k < s->count; k++) {
         s->lines[k] = &s->needles[k]->line;
         s->needles[k]->blocked = s->needles[k]->limited = 0;
@@ -363,7 +361,9 @@ NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count,
     s.info = info ? info : &own;
     memset(s.info, 0, sizeof *s.info);
     s.site = body ? ndli_needle_site(body) : NULL;
-    result = ndli_step_check(s.site, needles, count, dt, commands, &substeps, error);
+    result = s.site ? ndli_needle_finish_undo(s.site, error) : SB_OK; /* before needles are looked at */
+    if (result == SB_OK)
+        result = ndli_step_check(s.site, needles, count, dt, commands, &substeps, error);
     if (result != SB_OK)
         return result;
     s.needles = needles;

@@ -128,8 +128,12 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->equilibrated, 0, bytes);
     for (int i = 0; i < body->load_count; i++)
         sbi_body_reset_load(body->loads + i);
-    if (body->elimination)
+    if (body->elimination) {
         memset(body->elimination->force, 0, (size_t)body->elimination->equations.count * sizeof(sb_real));
+        sbi_precond_forget(body->elimination->precond);
+    }
+    sbi_precond_forget(body->precond);
+    memset(&body->guard, 0, sizeof body->guard);
     sbi_assembly_reset_rotations(&body->assembly);
     sbi_assembly_forget(&body->assembly, -1, body->displacement);
     sbi_body_update_positions(body);

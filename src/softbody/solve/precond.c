@@ -822,6 +822,12 @@ SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_preco
     preconditioner->successes = memory.successes;
 }
 
+SBI_API void sbi_precond_forget(sb_preconditioner *preconditioner)
+{
+    sbi_precond_memory memory = {0, 0, SBI_PRECOND_RELAX_FIRST};
+    sbi_precond_set_memory(preconditioner, memory);
+}
+
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory)
 {
     return memory.shift >= 0 && memory.shift <= 2 * (double)SBI_PRECOND_MAX_SHIFT && memory.successes >= 0 &&

@@ -213,6 +213,8 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
 /* The memory must be valid. */
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
+/* Updates go on as those of a new one. */
+SBI_API void sbi_precond_forget(sb_preconditioner *preconditioner);
 #endif
 
 #endif /* SB_PRECOND_H */
