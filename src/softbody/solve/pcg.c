@@ -35,7 +35,8 @@ typedef struct sbi_pcg_part {
     int loose;           /* axes on which none of its rows is prescribed */
     unsigned char fresh; /* 1: its iteration starts; 0: it goes on along p */
     unsigned char done;  /* 1: nothing is to be done in this round */
-    unsigned char stuck; /* 1: rounding stops its progress */
+    unsigned char eager; /* 1: goes below its target, which rounding kept a round from meeting by a little */
+    unsigned char stuck; /* 1: rounding stops its progress all the same */
     unsigned char faint; /* 1: its rhs is nothing beside that of the others */
 } sbi_pcg_part;
 
@@ -659,13 +660,14 @@ static int sbi_pcg_is_final(sbi_pcg_state *s, sb_result result, int verify)
 }
 
 /* Sets the goals of a round: the targets, not below what the recurrence can count; with the compact matrix a few digits
- * at a time. */
+ * at a time. The eager halve |r| once more: few iterations, by which x moves far enough to be rounded afresh. */
 static void sbi_pcg_set_goals(sbi_pcg_state *s)
 {
     const double digits = 1e-3, epsilon = (double)SB_EPSILON;
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
         double least = epsilon * epsilon / 16 * part->rhs_square;
-        part->goal = part->target > least ? part->target : least;
+        double wanted = part->eager ? part->target / 4 : part->target;
+        part->goal = wanted > least ? wanted : least;
         if (s->compact && part->goal < digits * digits * part->square)
             part->goal = digits * digits * part->square;
     }
@@ -688,8 +690,11 @@ static sbi_pcg_verdict sbi_pcg_judge(sbi_pcg_state *s, sb_result result)
         if (sbi_pcg_meets(s, part, part->target))
             continue;
         verdict.missed++;
-        /* not even halved, or where less was to be done, no better: the last digit of x is reached */
-        part->stuck = part->stuck || (square > least * part->before && !s->compact);
+        /* not even halved, or where less was to be done, no better: the last digit of x is reached, or nearly */
+        if (square > least * part->before && !s->compact) {
+            part->stuck = part->stuck || part->eager || square > 4 * part->target;
+            part->eager = 1;
+        }
         if (part->stuck)
             continue;
         verdict.moving++;
