@@ -49396,32 +49396,37 @@ static void sbi_load_locate(const sb_body *body, sbi_load *load)
     load->pattern_version = body->pattern_version;
 }
 
-/* block += value line line^T */
-static void sbi_load_add_line(sb_real value, sb_vec3 line, sb_real *block)
+/* The matrix of sbi_load_stiff_part. */
+static void sbi_load_row_form(const sbi_load *load, int row, sb_real *form)
 {
-    const sb_real v[3] = {line.x, line.y, line.z};
+    const sb_vec3 line = load->lines[row];
+    const sb_real v[3] = {line.x, line.y, line.z}, across = 1 - sb_v3_dot(line, line);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
-            block[3 * i + j] += value * v[i] * v[j];
+            form[3 * i + j] = v[i] * v[j] + (i == j ? across : 0);
 }
 
 /* matrix += k H H^T of a row */
 static void sbi_load_row_tangent(const sbi_load *load, int row, const int *blocks, sb_real factor, sb_matrix *matrix)
 {
-    sb_real k = sbi_load_stiffness_at(load, row, factor), across = 1;
-    sb_vec3 line = sb_v3(0, 0, 0);
-    if (load->lines) {
-        line = load->lines[row];
-        across = 1 - sb_v3_dot(line, line);
-    }
-    for (int a = load->row_start[row]; a < load->row_start[row + 1]; a++)
-        for (int b = load->row_start[row]; b < load->row_start[row + 1]; b++) {
-            sb_real value = load->weights[a] * load->weights[b] * k, *block = matrix->blocks[*blocks++];
-            block[0] += value * across;
-            block[4] += value * across;
-            block[8] += value * across;
-            if (load->lines)
-                sbi_load_add_line(value, line, block);
+    const sb_real *weights = load->weights + load->row_start[row], k = sbi_load_stiffness_at(load, row, factor);
+    int count = load->row_start[row + 1] - load->row_start[row];
+    sb_real form[9];
+    if (k == 0)
+        return;
+    if (load->lines)
+        sbi_load_row_form(load, row, form);
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++) {
+            sb_real value = weights[a] * weights[b] * k, *block = matrix->blocks[*blocks++];
+            if (!load->lines) {
+                block[0] += value;
+                block[4] += value;
+                block[8] += value;
+            } else {
+                for (int c = 0; c < 9; c++)
+                    block[c] += value * form[c];
+            }
         }
 }
 
