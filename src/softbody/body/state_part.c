@@ -168,7 +168,9 @@ static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body,
     const sbi_state_part *part = owner->parts ? owner->parts->list + i : NULL;
     int order = !part || i == owner->parts->count ? -1 : strncmp(view->name, part->name, SBI_PART_NAME);
     if (order < 0)
-        return sbi_fail(error, SB_ERROR_STATE, "the state was saved with a part '%.8s' that the body does not have",
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the state was saved with a part '%.8s' that the body does not have: make what keeps it first, "
+                        "as needles or their mesher",
                         view->name);
     if (order > 0)
         return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",
