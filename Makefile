@@ -192,7 +192,8 @@ tested: build/double/tests build/amalgamate build/fuzz/plain $(PROGRAMS)
 ifeq ($(FILTER),)
 test:
 	@$(MAKE) --no-print-directory -j$$(nproc) tested
-	CHECK_QUICK=1 TOTAL_JOBS=$$(nproc) tests/total.sh "build/double/tests $(SLOW)" $(PROGRAM_TESTS)
+	CHECK_QUICK=1 TOTAL_JOBS=$$(nproc) tests/total.sh \
+	    $(foreach part,1/4 2/4 3/4 4/4,"build/double/tests $(part) $(SLOW)") $(PROGRAM_TESTS)
 else
 test: build/double/tests
 	build/double/tests $(FILTER)

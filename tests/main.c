@@ -1,7 +1,10 @@
 /* main: runs the suites and ends with the line `N passed, N failed, N skipped`.
  *
- *     tests [FILTER...]     a FILTER is a suite (`dense`), the start of suite/test (`dense/inverse`) or the start of
- *                           a test in any suite (`/golden`); with a minus before it, it leaves tests out
+ *     tests [K/N] [FILTER...]
+ *
+ * A FILTER is a suite (`dense`), the start of suite/test (`dense/inverse`) or the start of a test in any suite
+ * (`/golden`); with a minus before it, it leaves tests out. K/N: each Nth suite only, from the Kth on, so that N
+ * processes at a time run them all.
  *
  * With CHECK_TIMES in the environment each test prints the processor's seconds that it took.
  *
@@ -33,7 +36,8 @@ static const check_suite *const suites[] = {
 #define SUITE(name) &check_suite_##name,
 #include "suites.h"
 #undef SUITE
-    NULL};
+};
+enum { SUITE_COUNT = sizeof suites / sizeof suites[0] };
 
 static int matches(const char *filter, const check_suite *suite, const check_case *test)
 {
@@ -188,8 +192,12 @@ static void run_suite(const check_suite *suite, int filter_count, char **filters
 int main(int argc, char **argv)
 {
     totals sum = {0, 0, 0};
-    for (int i = 0; suites[i]; i++)
-        run_suite(suites[i], argc - 1, argv + 1, &sum);
+    int first = 1, step = 1;
+    int shared = argc > 1 && sscanf(argv[1], "%d/%d", &first, &step) == 2 && first > 0 && step > 0;
+    if (!shared)
+        first = step = 1;
+    for (int i = first - 1; i < SUITE_COUNT; i += step)
+        run_suite(suites[i], argc - 1 - shared, argv + 1 + shared, &sum);
     if (sum.passed + sum.failed + sum.skipped == 0)
         printf("no test has such a name\n");
     printf("%d passed, %d failed, %d skipped\n", sum.passed, sum.failed, sum.skipped);
