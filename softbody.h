@@ -6102,10 +6102,11 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * block, in the mean node's units), so that units and stiffness do not. After each solve every guest may settle: when
  * one has changed its rows the iteration goes on from where it is, with a tenth of the tolerance from the fourth solve
  * on, since states that hang on little would turn over and back. SB_ERROR_DIVERGED: unknowns of guests are those of the
- * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them. */
+ * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them.
+ * current: 1: as sbi_pcg_solve_current; 0: the matrix has changed since the preconditioner's update. */
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, sb_pcg_info *info);
+                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info);
 
 /* ==== src/softbody/body/load.h, internal ==== */
 /* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
@@ -40077,7 +40078,7 @@ static sb_result sbi_pcg_settle(sbi_pcg_state *s, sb_preconditioner *preconditio
 
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, sb_pcg_info *info)
+                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -40088,13 +40089,13 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     int idle;
     options = options ? options : &defaults;
     if (!guests || guests->count == 0)
-        return sbi_pcg_solve_current(matrix, preconditioner, rhs, x, options, workspace, info);
+        return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, current, info);
     if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace) || !sbi_pcg_has_room(workspace, guests))
         return SB_ERROR_ARGUMENT;
     memset(&report, 0, sizeof report);
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    state.current = 1;
+    state.current = current;
     g = (sbi_pcg_guest_space *)workspace->guests;
     state.guests = &g->space;
     if (g->space.kept_room > 0)
@@ -40111,7 +40112,7 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     if (!idle)
         sbi_pcg_guess_guests(&state);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
-    if (!idle)
+    if (current && !idle)
         sbi_pcg_set_drifts(&state, options->tolerance);
     result =
         sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
@@ -45739,6 +45740,10 @@ typedef struct sbi_step {
     sbi_guests guests;     /* solved together with the body */
     int guests_begun;      /* those of them that have begun */
     int starts;            /* 1: this is no step but the search for the accelerations that it starts from */
+    struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
+    int touch_begun;
+    int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
+                * have made it fail */
 
     /* what is solved */
     sb_real dt;     /* s */
@@ -45801,6 +45806,83 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
                                      sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */
+
+/* ==== src/softbody/body/step_touch.h ==== */
+/* step_touch: what touches a body: forces on its surface that change while a step is solved, as those of contact do.
+ * Floor 3, internal.
+ *
+ * Unlike a guest (solve/guest.h) it has no unknowns, but is nonlinear. A step of one iteration solves
+ *     (A + K) x' = b + F(x) + K x
+ * for the whole increment x' again and again, F and K at the increment x before: a semi-smooth Newton iteration in
+ * which forces, tangent A and preconditioner of the tissue are made once. A step of several iterations has F in its
+ * residual and K in its tangent like any load's. Between the nodes of each face that it acts on the matrix has blocks
+ * already, so that nothing is made anew.
+ *
+ * It sees its own nodes only: in all calls below arrays are [node_count], in the order of `nodes`. du is the nodes'
+ * displacement since the start of the step. */
+#ifndef SB_STEP_TOUCH_H
+#define SB_STEP_TOUCH_H
+
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+
+/* The step that begins. */
+typedef struct sbi_touch_step {
+    const sb_matrix *matrix; /* A before supports and constraints: what stiffness is measured by (N/m) */
+    const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
+    const sb_vec3 *velocity; /* [rows] at the start (m/s) */
+    sb_real dt;              /* s; 0: static */
+    sb_real level;           /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor;          /* share of the way of a static solve; 1 in a time step */
+    int tries;               /* how often this step was refused or failed already: each time it asks for less motion */
+} sbi_touch_step;
+
+typedef struct sbi_touch {
+    void *user;
+    int max_iterations; /* of a step of one iteration, >= 1 */
+
+    /* from begin to the end of the step, written by the owner */
+    int node_count;
+    const int *nodes;     /* [node_count] rows of the matrix, each once */
+    int touching;         /* points of contact at the last evaluation */
+    sb_vec3 *force;       /* on the nodes (N), at the last evaluation */
+    /* room for the step: */
+    sb_vec3 *du;     /* (m) what it asks forces at */
+    sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
+    sb_vec3 *left;   /* the same less K x' (N), x' its solution */
+    sb_vec3 *way;    /* x' - x (m) */
+    sb_vec3 *kept;   /* the right-hand side without contact (N) */
+
+    /* written by the step, for who reads */
+    int iterations, capped; /* 1: max_iterations ended it */
+    sb_real residual;       /* what contact's forces are off by at the end, of the largest force */
+
+    sb_result (*begin)(void *user, const sbi_touch_step *step, sb_error *error);
+    /* Forces and stiffness at du. renew: bounds of friction are those of here, else those of the last renewal. */
+    void (*evaluate)(void *user, const sb_vec3 *du, int renew);
+    /* Potential (J) of the forces of the last evaluation, with its bounds of friction. */
+    double (*energy)(void *user);
+    /* out = K x, K of the last evaluation, without masked axes. masked [rows] axes as bits; NULL: none. */
+    void (*multiply)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+    /* matrix += K without masked axes; and what it was before, to the bit. */
+    void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
+    void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* 1: what was evaluated last may stand as the end of the step; 0: something may have passed through. */
+    int (*accept)(void *user, const sb_vec3 *du);
+    /* Loads that have come into balance in a static solve at the last evaluation: 1 when they changed so much that it
+     * must be solved again. */
+    int (*balance)(void *user, int rounds);
+    /* The step is done, or has failed: as before `begin`. Neither can fail. */
+    void (*commit)(void *user);
+    void (*undo)(void *user);
+} sbi_touch;
+
+/* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
+SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+#endif
+
+#endif /* SB_STEP_TOUCH_H */
 
 /* ==== src/softbody/body/body_guest.h ==== */
 /* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor
@@ -46102,6 +46184,7 @@ struct sb_body {
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
+    struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -46187,6 +46270,7 @@ struct sb_body {
     sb_vec3 *equilibrated; /* dead loads that the last static solve ended with (N) */
     sb_vec3 *residual;     /* M a + D v + internal - external */
     sb_vec3 *rhs, *increment, *reaction;
+    sb_vec3 *previous;                  /* increment of the iteration of contact before */
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;                     /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
@@ -50032,7 +50116,7 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
 #include <string.h>
 
 /* The vectors by node, which a live mesh carries over when it grows. */
-enum { SBI_BODY_VECTORS = 26 };
+enum { SBI_BODY_VECTORS = 27 };
 static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
 {
     sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
@@ -50050,6 +50134,7 @@ static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECT
                                         &body->rhs,
                                         &body->increment,
                                         &body->reaction,
+                                        &body->previous,
                                         &body->velocity0,
                                         &body->acceleration0,
                                         &body->start,
@@ -59503,6 +59588,30 @@ SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held);
 SBI_API void sbi_step_guest_reactions(const sbi_step *step);
 SBI_API void sbi_step_commit_guests(sbi_step *step);
 SBI_API void sbi_step_undo_guests(sbi_step *step);
+/* way.G way of the way that the last solve has added to nodes (way [rows]) and unknowns. */
+SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way);
+/* Unknowns go back to a share of what the last solve added to them. */
+SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share);
+
+/* ---- step_touch.c: of steps with step->touch ---- */
+/* The tangent at the start is there: contact begins. */
+SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
+/* Its forces where share increment is still to be added to the displacement (increment NULL: nothing is). */
+SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
+/* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
+SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
+/* out [rows] += factor times the forces of the last evaluation. */
+SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
+/* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
+SBI_API void sbi_step_add_touch(sbi_step *step);
+/* Solves the system of a linearised step, again and again. */
+SBI_API sb_result sbi_step_solve_touch(sbi_step *step);
+/* Reactions less its forces on supported axes. */
+SBI_API void sbi_step_touch_reactions(const sbi_step *step);
+/* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
+SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
+SBI_API void sbi_step_commit_touch(sbi_step *step);
+SBI_API void sbi_step_undo_touch(sbi_step *step);
 
 /* ---- step_system.c ---- */
 /* Where the supports of node i should be at the present load factor; exact at the end of the way. */
@@ -59510,8 +59619,12 @@ SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
 SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
-/* Solves it for the body's increment, with guests. */
+/* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
+SBI_API void sbi_step_fill_system(sbi_step *step);
+/* Solves it for the body's increment, with guests and contact. */
 SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current);
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
  * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
@@ -59736,6 +59849,42 @@ SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
         sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
 }
 
+/* What the last solve added to a guest's unknowns, and the way of its nodes: in. */
+static void sbi_step_guest_way(const sbi_guest_work *work, const sb_vec3 *way)
+{
+    const sbi_guest *guest = work->guest;
+    double *at = work->in + guest->unknown_count;
+    for (int k = 0; k < guest->unknown_count; k++)
+        work->in[k] = guest->unknown[k] - work->start[k];
+    for (int k = 0; k < guest->node_count; k++, at += 3) {
+        at[0] = (double)way[guest->nodes[k]].x;
+        at[1] = (double)way[guest->nodes[k]].y;
+        at[2] = (double)way[guest->nodes[k]].z;
+    }
+}
+
+SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way)
+{
+    double sum = 0;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        sbi_step_guest_way(work, way);
+        work->guest->multiply(work->guest->user, work->in, work->out);
+        for (size_t k = 0; k < work->width; k++)
+            sum += work->in[k] * work->out[k];
+    }
+    return sum;
+}
+
+SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            work->guest->unknown[k] = work->start[k] + share * (work->guest->unknown[k] - work->start[k]);
+    }
+}
+
 SBI_API void sbi_step_guest_reactions(const sbi_step *step)
 {
     sb_body *b = step->body;
@@ -59772,6 +59921,324 @@ SBI_API void sbi_step_undo_guests(sbi_step *step)
             work->guest->undo(work->guest->user);
     }
     step->guests_begun = 0;
+}
+
+/* ==== src/softbody/body/step_touch.c ==== */
+/* step_touch: what touches a body takes part in its steps, see step_touch.h. */
+
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_TOUCH_CUTS = 8 }; /* evaluations of a line search */
+
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch) { body->touch = touch; }
+SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
+
+/* ---- between the body's vectors and those of the nodes in touch ---- */
+
+static double sbi_touch_dot(const sbi_touch *touch, const sb_vec3 *a, const sb_vec3 *b)
+{
+    double sum = 0;
+    for (int k = 0; k < touch->node_count; k++)
+        sum += (double)a[k].x * (double)b[k].x + (double)a[k].y * (double)b[k].y + (double)a[k].z * (double)b[k].z;
+    return sum;
+}
+
+/* Norm on axes without supports (N). */
+static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
+{
+    double sum = 0;
+    for (int k = 0; k < b->touch->node_count; k++) {
+        sb_vec3 v = sbi_body_pick_axes(b->fixed[b->touch->nodes[k]], sb_v3(0, 0, 0), a[k]);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    return sqrt(sum);
+}
+
+/* Axes that its blocks in the matrix leave out: constraints condense the whole ones. */
+static const unsigned char *sbi_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
+
+/* du = the displacement at u + share increment since the start of the step. */
+static void sbi_touch_gather(const sb_body *b, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
+{
+    const sbi_touch *touch = b->touch;
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        sb_vec3 d = sb_v3_sub(u[node], b->start[node]);
+        touch->du[k] = increment ? sb_v3_madd(d, share, increment[node]) : d;
+    }
+}
+
+/* ---- begin ---- */
+
+SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
+{
+    const sb_body *b = step->body;
+    sbi_touch_step told;
+    sb_result result;
+    memset(&told, 0, sizeof told);
+    told.matrix = &b->matrix;
+    told.start = b->start;
+    told.velocity = b->velocity;
+    told.dt = step->dynamic ? step->dt : 0;
+    told.level = step->level;
+    told.factor = step->dynamic ? 1 : step->load_factor;
+    told.tries = step->tries;
+    step->touch_begun = 1;
+    step->touch->iterations = step->touch->capped = 0;
+    step->touch->residual = 0;
+    result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    if (result != SB_OK && step->info->error.result != result)
+        return sbi_fail(&step->info->error, result, "contact cannot begin a step");
+    return result;
+}
+
+SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew)
+{
+    const sb_body *b = step->body;
+    sbi_touch_gather(b, b->displacement, increment, share);
+    b->touch->evaluate(b->touch->user, b->touch->du, renew);
+}
+
+SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u)
+{
+    sbi_touch_gather(step->body, u, NULL, 1);
+    step->touch->evaluate(step->touch->user, step->touch->du, 0);
+    return (sb_real)step->touch->energy(step->touch->user);
+}
+
+SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out)
+{
+    const sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        out[touch->nodes[k]] = sb_v3_madd(out[touch->nodes[k]], factor, touch->force[k]);
+}
+
+/* ---- the system ---- */
+
+SBI_API void sbi_step_add_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    touch->add_blocks(touch->user, sbi_touch_mask(b), &b->matrix);
+    if (!step->linearised)
+        return;
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->linear);
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        touch->linear[k] = sb_v3_add(touch->linear[k], touch->force[k]);
+        if (!b->elimination)
+            touch->linear[k] = sbi_body_pick_axes(b->fixed[node], sb_v3(0, 0, 0), touch->linear[k]);
+        touch->kept[k] = b->rhs[node];
+        b->rhs[node] = sb_v3_add(b->rhs[node], touch->linear[k]);
+    }
+}
+
+/* The system without contact again, and then with it as it was evaluated last. */
+static void sbi_step_renew_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    touch->restore_blocks(touch->user, &b->matrix);
+    if (b->elimination) {
+        sbi_step_fill_system(step);
+        return;
+    }
+    for (int k = 0; k < touch->node_count; k++)
+        b->rhs[touch->nodes[k]] = touch->kept[k];
+    sbi_step_add_touch(step);
+}
+
+/* ---- how much of a new increment is taken ---- */
+
+/* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
+ * end, and rises evenly by `rise` to there. */
+static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
+{
+    const sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = sb_v3_madd(b->previous[touch->nodes[k]], (sb_real)share, touch->way[k]);
+    touch->evaluate(touch->user, touch->du, 0);
+    return end - (1 - share) * rise - sbi_touch_dot(touch, touch->force, touch->way);
+}
+
+/* Where the slope vanishes, to a tenth of what it was at 0: false position, in which an end that stays counts half. */
+static double sbi_step_touch_root(sbi_step *step, double end, double rise, double at0, double at1)
+{
+    double low = 0, high = 1, slope_low = at0, slope_high = at1, share = 1;
+    int side = 0;
+    for (int i = 0; i < SBI_TOUCH_CUTS; i++) {
+        double slope;
+        share = (low * slope_high - high * slope_low) / (slope_high - slope_low);
+        slope = sbi_step_touch_slope(step, end, rise, share);
+        if (fabs(slope) <= -0.1 * at0)
+            break;
+        if (slope > 0) {
+            slope_low *= side > 0 ? 0.5 : 1;
+            high = share, slope_high = slope, side = 1;
+        } else {
+            slope_high *= side < 0 ? 0.5 : 1;
+            low = share, slope_low = slope, side = -1;
+        }
+    }
+    return share;
+}
+
+/* way.(A + K + G) way, of the whole system that was solved; way [rows] is in body->work. */
+static double sbi_step_touch_rise(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
+    double sum = 0;
+    sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+    for (int i = 0; i < b->domain.node_count; i++)
+        sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
+               (double)b->work[i].z * (double)b->work2[i].z;
+    return sum + sbi_step_guest_rise(step, b->work);
+}
+
+/* touch->way, and body->work without slaves, = what the solve added to the increment; touch->left = F + K x of the
+ * system less K x' */
+static void sbi_step_measure_way(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = b->increment[touch->nodes[k]];
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->left);
+    for (int k = 0; k < touch->node_count; k++) {
+        touch->left[k] = sb_v3_sub(touch->linear[k], touch->left[k]);
+        touch->way[k] = sb_v3_sub(touch->du[k], b->previous[touch->nodes[k]]);
+    }
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sb_v3_sub(b->increment[i], b->previous[i]);
+    if (b->elimination)
+        sbi_elimination_clear_slaves(b->elimination, b->work);
+}
+
+/* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
+ * increment overshoot, and a free block is thrown away by it. Returns the share. */
+static double sbi_step_search_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    double own, end, at1, whole, share;
+    sbi_step_measure_way(step);
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->way, touch->du);
+    own = sbi_touch_dot(touch, touch->way, touch->du);
+    end = sbi_touch_dot(touch, touch->way, touch->left);
+    at1 = sbi_step_touch_slope(step, end, 0, 1);
+    if (!(at1 > 0.1 * own))
+        return 1;
+    whole = sbi_step_touch_rise(step);
+    if (!(at1 > 0.1 * whole))
+        return 1;
+    share = sbi_step_touch_root(step, end, whole - own, -whole, at1);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_madd(b->previous[i], (sb_real)share, b->work[i]);
+    if (b->elimination)
+        sbi_elimination_expand(b->elimination, b->increment, step->opens_gaps);
+    sbi_step_shorten_guests(step, share);
+    return share;
+}
+
+/* ---- the iteration ---- */
+
+/* The force (N) that what is left over is compared with. */
+static double sbi_step_touch_scale(const sbi_step *step)
+{
+    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+}
+
+/* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
+ * tolerance admits. */
+static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
+{
+    const sb_body *b = step->body;
+    const double share = 0.3;
+    double rhs = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
+        rhs += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    if (step->touch->touching == 0 || !(rhs > 0))
+        return tolerance;
+    return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
+}
+
+/* Forces at the new increment, with friction's bounds of there; touch->residual is what they differ by from those that
+ * the solve had. */
+static void sbi_step_end_way(sbi_step *step)
+{
+    sbi_touch *touch = step->touch;
+    double scale;
+    sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
+    for (int k = 0; k < touch->node_count; k++)
+        touch->left[k] = sb_v3_sub(touch->left[k], touch->force[k]);
+    scale = sbi_step_touch_scale(step);
+    touch->residual = scale > 0 ? (sb_real)(sbi_touch_norm(step->body, touch->left) / scale) : 0;
+}
+
+SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    sb_real tolerance = step->linear_tolerance;
+    for (touch->iterations = 1;; touch->iterations++) {
+        sb_result result;
+        double share;
+        memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        result =
+            sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        if (result != SB_OK)
+            return result;
+        share = sbi_step_search_touch(step);
+        sbi_step_end_way(step);
+        touch->capped = !(share == 1 && touch->residual <= tolerance);
+        if (!touch->capped || touch->iterations >= touch->max_iterations)
+            break;
+        sbi_step_renew_touch(step);
+    }
+    if (b->elimination)
+        touch->restore_blocks(touch->user, &b->matrix);
+    return SB_OK;
+}
+
+/* ---- end ---- */
+
+SBI_API void sbi_step_touch_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        b->reaction[node] =
+            sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], touch->force[k]), b->reaction[node]);
+    }
+}
+
+SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
+{
+    sbi_touch_gather(step->body, step->body->displacement, NULL, 1);
+    if (step->touch->accept(step->touch->user, step->touch->du))
+        return SB_OK;
+    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
+                    "the body moves so far in this step that a tool may have passed through it: take a shorter one");
+}
+
+SBI_API void sbi_step_commit_touch(sbi_step *step)
+{
+    step->touch_begun = 0;
+    step->touch->commit(step->touch->user);
+}
+
+SBI_API void sbi_step_undo_touch(sbi_step *step)
+{
+    if (step->touch_begun)
+        step->touch->undo(step->touch->user);
+    step->touch_begun = 0;
 }
 
 /* ==== src/softbody/body/step_residual.c ==== */
@@ -59971,6 +60438,17 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
+/* residual -= forces of contact. That of a linearised step is without: they change while it is solved. */
+static void sbi_step_add_touch_residual(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_step_evaluate_touch(step, NULL, 1, 1);
+    memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    sbi_step_add_touch_force(step, 1, b->work);
+    sbi_step_add_touch_force(step, -1, b->residual);
+    sbi_step_raise_scale(step, b->work, SBI_STEP_ALL);
+}
+
 /* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
  * theirs. */
 static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
@@ -60002,6 +60480,8 @@ SBI_API void sbi_step_residual(sbi_step *step)
     sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
     if (b->load_count)
         sbi_step_add_loads(step);
+    if (step->touch && !step->linearised)
+        sbi_step_add_touch_residual(step);
     if (step->dynamic) {
         sbi_step_raise_scale(step, b->internal, SBI_STEP_ALL);
         sbi_step_add_dynamics(step);
@@ -60034,8 +60514,12 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     step->moves_supports = sbi_step_supports_move(step);
     if (step->body->load_count)
         sbi_loads_fill(step->body, step->body->displacement);
-    if (step->linearised) /* its residual may need K v */
+    if (step->linearised || (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
+    if (step->touch && step->iteration == 0)
+        result = sbi_step_begin_touch(step);
+    if (result != SB_OK)
+        return result;
     sbi_step_residual(step);
     if (!sb_is_finite(step->norm))
         return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "the forces are not finite");
@@ -60191,6 +60675,8 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
     else
         sbi_step_support_reactions(step);
     sbi_step_guest_reactions(step);
+    if (step->touch && step->linearised)
+        sbi_step_touch_reactions(step);
 }
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
@@ -60237,6 +60723,25 @@ static int sbi_step_condense(sbi_step *step)
     return open;
 }
 
+SBI_API void sbi_step_fill_system(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_elimination *e = b->elimination;
+    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    step->opens_gaps = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
+    if (e && step->touch)
+        sbi_step_add_touch(step);
+    if (e)
+        step->opens_gaps = sbi_step_condense(step);
+    else
+        sbi_step_keep_support_rows(b);
+    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    if (!e && step->touch)
+        sbi_step_add_touch(step);
+}
+
 SBI_API sb_result sbi_step_make_system(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -60244,15 +60749,10 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
     sb_result result;
     double begin = sbi_body_now(b);
-    step->opens_gaps = 0;
     sbi_step_predict(step);
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
-    if (e)
-        step->opens_gaps = sbi_step_condense(step);
-    else
-        sbi_step_keep_support_rows(b);
-    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    if (step->touch && step->linearised)
+        sbi_step_evaluate_touch(step, b->increment, 1, 1);
+    sbi_step_fill_system(step);
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
@@ -60260,7 +60760,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_system(sbi_step *step)
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -60268,15 +60768,12 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
     sb_result result;
-    double begin = sbi_body_now(b);
-    options.tolerance = (double)sbi_step_linear_tolerance(step);
+    options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
-    info->seconds_solve += sbi_body_now(b) - begin;
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
     info->pcg_iterations += pcg.iterations;
-    info->newton_iterations++;
     if (step->linearised)
         info->residual = (sb_real)pcg.residual;
     if (result == SB_ERROR_NOT_CONVERGED) { /* still the best increment so far: use it */
@@ -60285,6 +60782,19 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     }
     if (e)
         sbi_elimination_expand(e, b->increment, step->opens_gaps);
+    return result;
+}
+
+SBI_API sb_result sbi_step_solve_system(sbi_step *step)
+{
+    sb_result result;
+    double begin = sbi_body_now(step->body);
+    if (step->touch && step->linearised)
+        result = sbi_step_solve_touch(step);
+    else
+        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), 1);
+    step->info->seconds_solve += sbi_body_now(step->body) - begin;
+    step->info->newton_iterations++;
     return result;
 }
 
@@ -60344,6 +60854,11 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
+    if (step->touch && !step->linearised) { /* the residual has its forces, whose energy is looked at as it is */
+        sbi_touch *touch = step->touch;
+        for (int k = 0; k < touch->node_count; k++)
+            line.linear += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
+    }
     return line;
 }
 
@@ -60362,10 +60877,13 @@ static void sbi_step_trial(const sbi_step *step, sb_real t)
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
-/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
+/* Energy of a trial displacement, elastic and that of contact; 0 when it is inadmissible, with *bad the element that
+ * is. */
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
     *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
+    if (*bad < 0 && step->touch && !step->linearised)
+        *energy += sbi_step_touch_energy(step, trial);
     return *bad < 0 && sb_is_finite(*energy);
 }
 
@@ -60778,6 +61296,8 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 
 /* ---- begin and end ---- */
 
+enum { SBI_STEP_TRIES = 5 }; /* of tools: a half, a quarter, an eighth, a sixteenth of the way, none */
+
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
     sb_vec3 *state, *saved;
@@ -60905,6 +61425,7 @@ static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_i
     step->tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     step->linear_tolerance = step->linearised ? body->tolerance : 0;
     step->line_search = !(step->linearised && sbi_step_is_tame(body));
+    step->touch = is_explicit ? NULL : body->touch;
 }
 
 /* Checks the arguments and keeps what a failing step gives back. */
@@ -60951,6 +61472,8 @@ static void sbi_step_settle(sbi_step *step)
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
     sbi_step_commit_guests(step);
+    if (step->touch)
+        sbi_step_commit_touch(step);
 }
 
 static sb_result sbi_step_close(sbi_step *step, sb_result result)
@@ -60977,7 +61500,9 @@ SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *con
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
 {
-    sb_result result;
+    sb_result result = step->touch ? sbi_step_accept_touch(step) : SB_OK;
+    if (result != SB_OK)
+        return result;
     sbi_step_reactions(step);
     result = sbi_step_finish(step);
     if (result != SB_OK)
@@ -60986,18 +61511,33 @@ SBI_API sb_result sbi_step_commit(sbi_step *step)
     return sbi_step_close(step, SB_OK);
 }
 
+/* Generalised alpha extrapolates: where the material does not admit the end, the balance is tried at the end. */
+static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
+{
+    return result == SB_ERROR_INVERTED && step->body->integrator == SB_GENERALISED_ALPHA && step->level < 1;
+}
+
+/* Tools may have made the step fail, or have passed through: they go half as far each time, at last they stay. */
+static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
+{
+    return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
+}
+
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
 {
     sbi_step fresh;
-    if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
+    int later = sbi_step_can_balance_later(step, *result), less = sbi_step_can_touch_less(step, *result);
+    if (!later && !less)
         return 0;
     memset(&fresh, 0, sizeof fresh);
     sbi_step_undo_guests(step);
+    sbi_step_undo_touch(step);
+    fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
     fresh.guests = step->guests;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
-    fresh.radius = 0;
+    fresh.radius = later ? 0 : step->radius;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
@@ -61010,6 +61550,7 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
     if (!step->body) /* refused at once */
         return result;
     sbi_step_undo_guests(step);
+    sbi_step_undo_touch(step);
     sbi_step_restore(step->body);
     return sbi_step_close(step, result);
 }

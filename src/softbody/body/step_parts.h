@@ -42,6 +42,10 @@ typedef struct sbi_step {
     sbi_guests guests;     /* solved together with the body */
     int guests_begun;      /* those of them that have begun */
     int starts;            /* 1: this is no step but the search for the accelerations that it starts from */
+    struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
+    int touch_begun;
+    int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
+                * have made it fail */
 
     /* what is solved */
     sb_real dt;     /* s */
