@@ -692,6 +692,21 @@
 #define sb_recording_save_file sb_recording_save_file_f32
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
+#define sb_default_tool_def sb_default_tool_def_f32
+#define sb_default_contact_def sb_default_contact_def_f32
+#define sb_contact_create sb_contact_create_f32
+#define sb_contact_destroy sb_contact_destroy_f32
+#define sb_contact_add_tool sb_contact_add_tool_f32
+#define sb_contact_remove_tool sb_contact_remove_tool_f32
+#define sb_contact_move_tool sb_contact_move_tool_f32
+#define sb_contact_place_tool sb_contact_place_tool_f32
+#define sb_contact_bend_tool sb_contact_bend_tool_f32
+#define sb_contact_set_friction sb_contact_set_friction_f32
+#define sb_contact_wrench sb_contact_wrench_f32
+#define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_points sb_contact_points_f32
+#define sb_contact_pressures sb_contact_pressures_f32
+#define sb_contact_get_info sb_contact_get_info_f32
 #endif
 #endif
 
@@ -5483,6 +5498,193 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
 
 #endif /* SB_RECORD_H */
 
+/* ==== src/softbody/contact/tool.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool: rigid tools as signed distances, and where they stand in space. Floor 4.
+ *
+ *     sb_tool_def def = sb_default_tool_def();
+ *     def.shape = SB_TOOL_SPHERE;
+ *     def.radius = 0.005;
+ * A contact makes the tool of it and keeps it. */
+#ifndef SB_TOOL_H
+#define SB_TOOL_H
+
+
+/* Where a tool stands: a point p of its frame is at position + rotation p in space. */
+typedef struct sb_pose {
+    sb_vec3 position; /* m: of the frame's origin */
+    sb_quat rotation; /* unit quaternion, from the tool's frame to space. Any length but 0 is taken and normalised */
+} sb_pose;
+
+/* What a tool is, in its own frame:
+ *
+ *     sphere       capsules             box, from outside        plane                   mesh
+ *                                       ,------------.           frame's z
+ *      ,-.        ,------.              | ,--------. |              ^
+ *     ( o )      ( o----o \             | |  core  | | half         |  outside           what a closed surface
+ *      `-'        `-----.\ \            | `--------' |           ___o___                 has inside
+ *                        ( o )          `------------' radius    ///////  inside
+ *                         `-'
+ * o and what joins them is the skeleton, which is kept from crossing the body's faces; of a box it is the core. */
+typedef enum sb_tool_shape {
+    SB_TOOL_SPHERE = 1,   /* round the frame's origin */
+    SB_TOOL_CAPSULES = 2, /* all that is within `radius` of a chain of segments, which may bend: shafts, catheters */
+    SB_TOOL_BOX = 3,      /* round the frame's origin, along its axes, edges and corners rounded: jaws, spatulas */
+    SB_TOOL_PLANE = 4,    /* the half space below z = 0 of the frame: tables, walls. Its normal is the frame's z axis */
+    SB_TOOL_MESH = 5      /* the inside of a closed surface, as a grid of distances */
+} sb_tool_shape;
+
+enum {
+    SB_TOOL_MAX_POINTS = 64, /* of a chain */
+    SB_TOOL_MIN_CELLS = 16,  /* of a mesh's grid, along its longest side */
+    SB_TOOL_MAX_CELLS = 128
+};
+
+/* What a tool is made from. Start from sb_default_tool_def(). Fields of other shapes are not read. Lengths that a
+ * shape reads must be within 1e-9 ... 1e9 m, coordinates within 1e9 m. */
+typedef struct sb_tool_def {
+    sb_tool_shape shape;        /* default SB_TOOL_SPHERE */
+    sb_real radius;             /* m: of spheres and capsules, > 0, no default. Box: of its rounded edges, at most the
+                                 * smallest half extent; 0 (default): a tenth of that. A smaller radius needs more
+                                 * samples on the body's faces and slows the tool down, which may advance by half of it
+                                 * in each step */
+    const sb_vec3 *points;      /* capsules: [point_count] chain in the tool's frame (m), copied. Neighbours may not
+                                 * coincide; one end may touch the other */
+    int point_count;            /* in [2, SB_TOOL_MAX_POINTS] */
+    sb_vec3 half;               /* box: half extents (m), > 0, rounding included */
+    const sb_mesh *surface;     /* mesh: closed surface of tri3 looking outward (m), in the tool's frame; borrowed for
+                                 * the call */
+    int cells;                  /* mesh: cells of its grid along the longest side, in [SB_TOOL_MIN_CELLS,
+                                 * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
+    sb_real friction;           /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
+    sb_pose pose;               /* where it stands at first; default the origin, not turned */
+    sb_real coupling_stiffness; /* N/m, >= 0: the tool hangs on its pose by a spring; default 0: rigidly */
+    sb_real coupling_turning;   /* N m/rad, >= 0: likewise for rotation; default 0: rigidly */
+    sb_real max_force;          /* N, > 0: the coupling pulls with no more; default SB_REAL_MAX */
+    int partner;                /* index of the tool that is the other jaw, read with this one as a grip; default -1:
+                                 * none */
+    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
+} sb_tool_def;
+
+SB_API sb_tool_def sb_default_tool_def(void);
+
+
+#endif /* SB_TOOL_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact: tools that push, slide on and grip a body, and the forces that they feel. Floor 4.
+ *
+ *     sb_contact_def def = sb_default_contact_def();
+ *     def.body = body;
+ *     sb_contact_create(&def, &contact, &error);
+ *     sb_contact_add_tool(contact, &tool_def, &tool, &error);
+ *     each frame: sb_contact_move_tool(contact, tool, &pose);
+ *                 sb_body_step(body, dt, &info);
+ *                 sb_contact_wrench(contact, tool, &wrench);
+ *
+ * Steps and static solves of the body do contact by themselves. The surface of the body feels a pressure p = max(0, l -
+ * k g) where it overlaps a tool (gap g < 0), on samples so close that forces are smooth while it slides; k is
+ * `stiffness` times the local stiffness of the step's own matrix, so that modulus, size, mass and dt need no tuning; l
+ * remembers the pressure of the step before, so that the overlap vanishes where the surface rests. Friction is
+ * Coulomb's, anchored: what sticks does not creep. All is solved within the implicit step; the preconditioner is made
+ * once.
+ *
+ * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
+ * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
+ * is taken back and done again with half the tools' way, at last with tools that stay.
+ *
+ * Friction needs damping in the integrator: implicit Euler, or generalised alpha with a spectral radius of 0.5 or less;
+ * Newmark's average acceleration rings where the surface touches. Bodies with explicit steps are refused.
+ * Source: Wriggers, Computational Contact Mechanics (return mapping, augmented Lagrangian). */
+#ifndef SB_CONTACT_H
+#define SB_CONTACT_H
+
+
+typedef struct sb_contact sb_contact;
+
+/* What a contact is made from. Start from sb_default_contact_def(). */
+typedef struct sb_contact_def {
+    sb_body *body;      /* borrowed: destroy the contact first; one contact per body */
+    sb_real stiffness;  /* of the pressure, over the body's own, >= 3; default 10. More is stiffer and costs iterations;
+                         * 3 .. 30 is sensible */
+    int max_iterations; /* systems of contact in a linearised step, >= 1; default 4 */
+    int max_contacts;   /* samples near tools at a time, in [64, 2^20]; default 8192: memory is taken at creation. Where
+                         * there are more, faces get fewer samples for that step (info.thinned) */
+    int max_tools;      /* in [1, 64]; default 8 */
+    const sb_allocator *allocator; /* NULL (default): the body's */
+    unsigned cookie;               /* set by sb_default_contact_def; a def made without it is refused */
+} sb_contact_def;
+SB_API sb_contact_def sb_default_contact_def(void);
+
+/* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
+ * are explicit; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched. Nothing allocates
+ * afterwards but sb_contact_add_tool. */
+SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
+SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
+
+/* ---- tools ---- */
+
+/* Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it
+ * overlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or max_tools are
+ * there; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such). */
+SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error);
+/* In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is
+ * none. Nothing changes then. */
+SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool);
+/* Where it is to be at the end of the next step. */
+SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose);
+/* At once, without a way, and with its contacts forgotten. SB_ERROR_ARGUMENT: too deep in the body, as at creation. */
+SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error);
+/* Capsules: the chain at the end of the next step, points[as many as the def had] (m, in the tool's frame). */
+SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_vec3 *points);
+SB_API sb_result sb_contact_set_friction(sb_contact *contact, int tool, sb_real friction);
+
+/* ---- readings of the last step or static solve: no allocation ---- */
+
+typedef struct sb_wrench {
+    sb_vec3 force;  /* N */
+    sb_vec3 torque; /* N m about the tool's position */
+} sb_wrench;
+/* What the body does to the tool: the sum of exactly the forces put on the body's nodes, with the opposite sign. */
+SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool);
+/* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
+SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
+
+typedef struct sb_contact_point {
+    int tool;
+    int element;    /* cell behind the face */
+    int face;       /* of that cell, in the order of sb_element's faces */
+    int sticks;     /* 1: friction holds it; 0: it slips, or there is no friction */
+    sb_real gap;    /* m, negative: overlap */
+    sb_real area;   /* m^2 at rest */
+    sb_vec3 point;  /* m, in space */
+    sb_vec3 normal; /* out of the tool */
+    sb_vec3 force;  /* N, on the body */
+} sb_contact_point;
+/* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
+SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);
+/* [node_count] mean pressure (Pa at rest) that tools exert on the surface at each node: for drawing. 0 elsewhere. */
+SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
+
+typedef struct sb_contact_info {
+    int candidates; /* samples looked at */
+    int touching;   /* with pressure */
+    int sticking;   /* of these held by friction */
+    int iterations; /* systems solved */
+    int retries;    /* times that the step was taken back and done again */
+    int capped;     /* 1: max_iterations ended the iteration; `residual` says how good it is */
+    int thinned;    /* 1: faces had fewer samples than their size asks for */
+    sb_real deepest;  /* m, overlap */
+    sb_real residual; /* of contact's forces, of the largest force */
+    sb_real lag;      /* m, largest of all tools' */
+} sb_contact_info;
+SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact);
+
+#endif /* SB_CONTACT_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 #endif /* SOFTBODY_H */
 
 #if defined(SB_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION_DONE)
@@ -6177,6 +6379,95 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
 SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
                                       uint32_t version, const char *what, unsigned char **image, size_t *size,
                                       sb_error *error);
+
+/* ==== src/softbody/contact/tool.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* ---- internal: tools; contact.h is what users see of them ------------------------------------------------------ */
+
+/* A shape. Not changed after creation, so that any number of threads may ask at once. */
+typedef struct sbi_tool sbi_tool;
+
+/* Makes a tool of a def, in one block of memory (a mesh takes scratch besides, which goes back). def->pose is checked,
+ * but not kept. SB_ERROR_ARGUMENT or _NOT_FINITE (the field is named), _UNSUPPORTED (a surface of other elements than
+ * tri3, or thinner than its grid's cells), _MESH or _INDEX (what is wrong with the surface), _MEMORY; *tool is then
+ * untouched. Fast but for meshes: a distance for each node of the grid, in parallel on jobs. */
+SBI_API sb_result sbi_tool_create(const sb_tool_def *def, const sb_allocator *allocator, const sb_jobs *jobs,
+                                  sbi_tool **tool, sb_error *error);
+SBI_API void sbi_tool_destroy(sbi_tool *tool); /* accepts NULL */
+
+/* Refuses a pose that is not finite or has a rotation of length 0; `name` says in the message what it is. *unit (or
+ * NULL) is the pose with a rotation of length 1. */
+SBI_API sb_result sbi_tool_pose_check(const sb_pose *pose, const char *name, sb_pose *unit, sb_error *error);
+/* Refuses points that are no chain of capsules of this radius, as sbi_tool_create does. */
+SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real radius, const char *name,
+                                       sb_error *error);
+
+/* Distance of a point from the tool (m, negative inside), both in the tool's frame, and the unit normal out of the
+ * tool, which is the distance's gradient. chain: of capsules, [point_count] in place of the tool's own (NULL: its own),
+ * checked by the caller. Where there is no gradient (on the skeleton, but for a box on the middle of its core) the
+ * normal is `fallback`, a unit vector. Never NaN: a point that is no number, or too far off for one, has the distance
+ * SB_REAL_MAX and the normal `fallback`.
+ * Mesh: a C1 function, within a fraction of a cell of the true distance near the surface; the normal has the direction
+ * of its gradient. Where the grid ends, two cells outside the surface's box, a lower bound of the distance goes on. */
+SBI_API sb_real sbi_tool_distance(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 x, sb_vec3 fallback,
+                                  sb_vec3 *normal);
+/* The same for x[count], to the bit, faster for chains that replace the tool's own. fallback[count]; gap[count] and
+ * normal[count] are written; normal may be the array `fallback`. */
+SBI_API void sbi_tool_distances(const sbi_tool *tool, const sb_vec3 *chain, int count, const sb_vec3 *x,
+                                const sb_vec3 *fallback, sb_real *gap, sb_vec3 *normal);
+
+SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool);
+SBI_API int sbi_tool_point_count(const sbi_tool *tool); /* of its chain; 0 for other shapes */
+/* Smallest radius (m) of its surface, which says how close samples on faces must be; SB_REAL_MAX for a plane. Mesh: two
+ * cells, or its inner radius where that is smaller. */
+SBI_API sb_real sbi_tool_radius(const sbi_tool *tool);
+/* Depth (m) of the skeleton: each of its points is at least so deep inside. SB_REAL_MAX for a plane. */
+SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool);
+/* A box around the tool in space (m); that of a plane is all of it. */
+SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
+                             sb_vec3 *high);
+/* An upper bound (m) of how far any point of the skeleton moves on the way of sbi_pose_between from `from` to `to`,
+ * while its chain goes straight from chain0 to chain1 (NULL: its own); 0 for a plane. The points' speeds are bounded
+ * too: a part of the way moves them by no more than its share of the bound. Exact without rotation; with rotation by an
+ * angle a too large by up to a share of a^2 / 2. */
+SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                                const sb_pose *to);
+
+/* The skeleton in the tool's frame: how many points it has, the first `capacity` of them in points (may be NULL with
+ * capacity 0). A sphere: its centre; capsules: the chain; box: the corners of its core, that at (x, y, z) signs has the
+ * bits 1, 2, 4 set where the sign is positive; plane: none; mesh: points of its grid on the hull of what is at least
+ * the inner radius deep, at most SBI_TOOL_MAX_SKELETON. */
+enum { SBI_TOOL_MAX_SKELETON = 256 };
+SBI_API int sbi_tool_skeleton(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 *points, int capacity);
+/* Pairs of those points that a segment of the skeleton joins: of capsules and boxes (the edges of the core, of a core
+ * without thickness too). How many, the first `capacity` of them in ends. */
+SBI_API int sbi_tool_segments(const sbi_tool *tool, int (*ends)[2], int capacity);
+
+/* ---- poses ---- */
+
+SB_INLINE sb_vec3 sbi_pose_to_space(const sb_pose *pose, sb_vec3 point)
+{
+    return sb_v3_add(pose->position, sb_quat_rotate(pose->rotation, point));
+}
+SB_INLINE sb_vec3 sbi_pose_to_tool(const sb_pose *pose, sb_vec3 point)
+{
+    return sb_quat_rotate(sb_quat_conjugate(pose->rotation), sb_v3_sub(point, pose->position));
+}
+/* The same for directions. */
+SB_INLINE sb_vec3 sbi_pose_turn_to_space(const sb_pose *pose, sb_vec3 direction)
+{
+    return sb_quat_rotate(pose->rotation, direction);
+}
+SB_INLINE sb_vec3 sbi_pose_turn_to_tool(const sb_pose *pose, sb_vec3 direction)
+{
+    return sb_quat_rotate(sb_quat_conjugate(pose->rotation), direction);
+}
+/* The pose at a share in [0, 1] of the way: the position goes straight, the rotation at even speed by the smaller
+ * angle. Exactly *from at 0 and *to at 1. Both rotations have length 1. */
+SBI_API sb_pose sbi_pose_between(const sb_pose *from, const sb_pose *to, sb_real share);
+/* Rotation vector (rad) that takes from's rotation to to's, in from's frame: by the smaller angle. */
+SBI_API sb_vec3 sbi_pose_rotation(const sb_pose *from, const sb_pose *to);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/base/lanes.h ==== */
 /* lanes: four reals as one vector where compiler and processor have them, or two where doubles come without AVX. Floor
@@ -19839,49 +20130,24 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
 }
 #endif /* !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY) */
 
-/* ==== src/softbody/geometry/surface_tree.h ==== */
+/* ==== src/softbody/base/four.h ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
-#ifndef SBI_SURFACE_TREE_H
-#define SBI_SURFACE_TREE_H
+/* four: four floats at a time, at any address. Floor 0, internal. The plain code gives the same bits. */
+#ifndef SB_FOUR_H
+#define SB_FOUR_H
 
-
-#include <limits.h>
+#include <math.h>
 #include <string.h>
 
-enum {
-    SBI_SURFACE_WIDTH = 4,   /* children of a node, triangles of a leaf */
-    SBI_SURFACE_BINS = 16,   /* places a range of triangles may be cut at, per axis */
-    SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
-    SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
-    SBI_SURFACE_DEEP = 48,   /* cuts by cost up to this depth, then into halves */
-    SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
-    SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
-    SBI_SURFACE_KEPT = 48,   /* candidates of a search */
-    SBI_SURFACE_NO_TRIANGLE = INT_MIN,
-    SBI_SURFACE_OPEN = -1,       /* mate of an edge of one triangle */
-    SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
-};
-
-/* What a triangle is good for. */
-enum {
-    SBI_SURFACE_SOUND = 0,
-    SBI_SURFACE_THIN = 1, /* so thin that the usual formulas lose half their digits */
-    SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
-};
-
-#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
-#define SBI_SURFACE_FAR 1.0e5f          /* local: beyond it all boxes look the same */
-#define SBI_SURFACE_NOWHERE 1.0e17f     /* local: where the empty children lie */
-#define SBI_SURFACE_NO_LIMIT 1.0e30f    /* between the squares of the two */
-#define SBI_SURFACE_PAD 2.0e-6f         /* local: more than the rounding of boxes and of nearby points */
-#define SBI_SURFACE_SLACK 4.0e-6f       /* rounding of a distance from a leaf, per unit of |point| + 1 */
-
-/* ---- four floats at a time ----------------------------------------------------------------------------------- */
 
 #if defined(__GNUC__)
 typedef float sbi_four __attribute__((vector_size(16)));
 typedef int32_t sbi_four_mask __attribute__((vector_size(16)));
+SBI_FORCE_INLINE sbi_four sbi_four_make(float a, float b, float c, float d)
+{
+    sbi_four r = {a, b, c, d};
+    return r;
+}
 SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
 {
     sbi_four r = {x, x, x, x};
@@ -19894,6 +20160,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
     return r;
 }
 SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_add(sbi_four a, sbi_four b) { return a + b; }
 SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
 SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
 SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
@@ -19919,6 +20186,11 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
 typedef struct sbi_four {
     float v[4];
 } sbi_four;
+SBI_FORCE_INLINE sbi_four sbi_four_make(float a, float b, float c, float d)
+{
+    sbi_four r = {{a, b, c, d}};
+    return r;
+}
 SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
 {
     sbi_four r;
@@ -19933,6 +20205,12 @@ SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
     return r;
 }
 SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_add(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] += b.v[k];
+    return a;
+}
 SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b)
 {
     for (int k = 0; k < 4; k++)
@@ -19970,6 +20248,47 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
     return a;
 }
 #endif
+
+#endif /* SB_FOUR_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/geometry/surface_tree.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
+#ifndef SBI_SURFACE_TREE_H
+#define SBI_SURFACE_TREE_H
+
+
+#include <limits.h>
+#include <string.h>
+
+enum {
+    SBI_SURFACE_WIDTH = 4,   /* children of a node, triangles of a leaf */
+    SBI_SURFACE_BINS = 16,   /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
+    SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
+    SBI_SURFACE_DEEP = 48,   /* cuts by cost up to this depth, then into halves */
+    SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
+    SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
+    SBI_SURFACE_KEPT = 48,   /* candidates of a search */
+    SBI_SURFACE_NO_TRIANGLE = INT_MIN,
+    SBI_SURFACE_OPEN = -1,       /* mate of an edge of one triangle */
+    SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
+};
+
+/* What a triangle is good for. */
+enum {
+    SBI_SURFACE_SOUND = 0,
+    SBI_SURFACE_THIN = 1, /* so thin that the usual formulas lose half their digits */
+    SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
+};
+
+#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
+#define SBI_SURFACE_FAR 1.0e5f          /* local: beyond it all boxes look the same */
+#define SBI_SURFACE_NOWHERE 1.0e17f     /* local: where the empty children lie */
+#define SBI_SURFACE_NO_LIMIT 1.0e30f    /* between the squares of the two */
+#define SBI_SURFACE_PAD 2.0e-6f         /* local: more than the rounding of boxes and of nearby points */
+#define SBI_SURFACE_SLACK 4.0e-6f       /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
 /* ---- the tree ------------------------------------------------------------------------------------------------ */
 
@@ -45867,11 +46186,8 @@ typedef struct sbi_touch {
     /* matrix += K without masked axes; and what it was before, to the bit. */
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
-    /* 1: what was evaluated last may stand as the end of the step; 0: something may have passed through. */
-    int (*accept)(void *user, const sb_vec3 *du);
-    /* Loads that have come into balance in a static solve at the last evaluation: 1 when they changed so much that it
-     * must be solved again. */
-    int (*balance)(void *user, int rounds);
+    /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
+    int (*accept)(void *user, const sb_vec3 *u);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);
@@ -60221,8 +60537,7 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
 
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
 {
-    sbi_touch_gather(step->body, step->body->displacement, NULL, 1);
-    if (step->touch->accept(step->touch->user, step->touch->du))
+    if (step->touch->accept(step->touch->user, step->body->displacement))
         return SB_OK;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
@@ -65518,6 +65833,3387 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
     sbi_free(&recording->allocator, scratch.vectors);
     return result;
 }
+
+/* ==== src/softbody/contact/tool_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool_private: what a tool holds. Internal to contact, floor 4. */
+#ifndef SB_TOOL_PRIVATE_H
+#define SB_TOOL_PRIVATE_H
+
+
+/* A segment from a to a + way, not of length 0. */
+typedef struct sbi_tool_segment {
+    sb_vec3 a, way;
+    sb_real inverse; /* 1 / |way|^2 */
+} sbi_tool_segment;
+
+struct sbi_tool {
+    sb_allocator allocator;
+    sb_tool_shape shape;
+    sb_real radius, inner_radius;
+    sb_real least_square; /* m^2: points nearer to the skeleton are on it, as far as rounding lets one know */
+    int point_count;
+    sb_vec3 *points;            /* [point_count] chain of capsules */
+    sbi_tool_segment *segments; /* [point_count - 1] of it */
+    sb_vec3 core;               /* half extents of a box's core */
+};
+
+#endif /* SB_TOOL_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/tool.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool: shapes checked, made, their distances, skeletons and motion. */
+
+#define SBI_TOOL_COOKIE 0x7001u
+
+/* Lengths (m) whose squares and, in float, squares of whose rounding errors are numbers. */
+#define SBI_TOOL_LEAST_LENGTH ((sb_real)1e-9)
+#define SBI_TOOL_MOST_LENGTH ((sb_real)1e9)
+
+SB_API sb_tool_def sb_default_tool_def(void)
+{
+    sb_tool_def def;
+    memset(&def, 0, sizeof def);
+    def.shape = SB_TOOL_SPHERE;
+    def.cells = 48;
+    def.pose.rotation = sb_quat_identity();
+    def.max_force = SB_REAL_MAX;
+    def.partner = -1;
+    def.cookie = SBI_TOOL_COOKIE;
+    return def;
+}
+
+/* ---- checks ---- */
+
+SBI_API sb_result sbi_tool_pose_check(const sb_pose *pose, const char *name, sb_pose *unit, sb_error *error)
+{
+    sb_quat q;
+    if (!pose)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", name);
+    q = pose->rotation;
+    if (!sb_v3_is_finite(pose->position))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s.position is not finite", name);
+    if (!sb_is_finite(q.w) || !sb_is_finite(q.x) || !sb_is_finite(q.y) || !sb_is_finite(q.z))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s.rotation is not finite", name);
+    if (q.w == 0 && q.x == 0 && q.y == 0 && q.z == 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s.rotation is 0, no quaternion of a rotation", name);
+    if (unit) {
+        unit->position = pose->position;
+        unit->rotation = sb_quat_normalise(q);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_length(sb_real length, const char *name, sb_error *error)
+{
+    if (!sb_is_finite(length))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s is not finite", name);
+    if (!(length >= SBI_TOOL_LEAST_LENGTH) || !(length <= SBI_TOOL_MOST_LENGTH))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s %g must be in [%g, %g] m", name, (double)length,
+                        (double)SBI_TOOL_LEAST_LENGTH, (double)SBI_TOOL_MOST_LENGTH);
+    return SB_OK;
+}
+
+static sb_real sbi_tool_largest_coordinate(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z))); }
+
+SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real radius, const char *name,
+                                       sb_error *error)
+{
+    if (!points || count < 2 || count > SB_TOOL_MAX_POINTS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL, or its count %d not in [2, %d]", name, count,
+                        SB_TOOL_MAX_POINTS);
+    for (int i = 0; i < count; i++) {
+        sb_real size = sbi_tool_largest_coordinate(points[i]), least;
+        if (!sb_v3_is_finite(points[i]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s[%d] is not finite", name, i);
+        if (!(size <= SBI_TOOL_MOST_LENGTH))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "%s[%d] is farther than %g m from the tool's origin", name, i,
+                            (double)SBI_TOOL_MOST_LENGTH);
+        least = 4 * SB_EPSILON * sb_max(size, radius); /* their distance is then more than a rounding error */
+        if (i > 0 && !(sb_v3_norm(sb_v3_sub(points[i], points[i - 1])) > least))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "%s[%d] and %s[%d] coincide", name, i - 1, name, i);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_box(const sb_tool_def *def, sb_error *error)
+{
+    sb_real least = sb_min(def->half.x, sb_min(def->half.y, def->half.z));
+    sb_result result = sbi_tool_check_length(def->half.x, "def.half.x", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_length(def->half.y, "def.half.y", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_length(def->half.z, "def.half.z", error);
+    if (result == SB_OK && def->radius != 0)
+        result = sbi_tool_check_length(def->radius, "def.radius", error);
+    if (result == SB_OK && def->radius > least)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.radius %g exceeds the smallest of def.half, %g",
+                        (double)def->radius, (double)least);
+    return result;
+}
+
+static sb_result sbi_tool_check_shape(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result;
+    switch (def->shape) {
+    case SB_TOOL_SPHERE: return sbi_tool_check_length(def->radius, "def.radius", error);
+    case SB_TOOL_CAPSULES:
+        result = sbi_tool_check_length(def->radius, "def.radius", error);
+        if (result == SB_OK)
+            result = sbi_tool_chain_check(def->points, def->point_count, def->radius, "def.points", error);
+        return result;
+    case SB_TOOL_BOX: return sbi_tool_check_box(def, error);
+    case SB_TOOL_PLANE: return SB_OK;
+    case SB_TOOL_MESH: return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.shape SB_TOOL_MESH is not there yet");
+    default: return sbi_fail(error, SB_ERROR_ARGUMENT, "def.shape %d is unknown", (int)def->shape);
+    }
+}
+
+static sb_result sbi_tool_check_not_negative(sb_real value, const char *name, sb_error *error)
+{
+    if (!sb_is_finite(value))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s is not finite", name);
+    if (!(value >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s %g must be >= 0", name, (double)value);
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_TOOL_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
+    result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
+    if (result == SB_OK && !sb_is_finite(def->max_force))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.max_force is not finite");
+    if (result == SB_OK && !(def->max_force > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force %g must be > 0", (double)def->max_force);
+    if (result == SB_OK && def->partner < -1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.partner %d must be a tool, or -1", def->partner);
+    if (result == SB_OK)
+        result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
+    return result == SB_OK ? sbi_tool_check_shape(def, error) : result;
+}
+
+/* ---- life ---- */
+
+static sbi_tool_segment sbi_tool_make_segment(sb_vec3 a, sb_vec3 b)
+{
+    sbi_tool_segment segment;
+    segment.a = a;
+    segment.way = sb_v3_sub(b, a);
+    segment.inverse = (sb_real)1 / sb_v3_dot(segment.way, segment.way);
+    return segment;
+}
+
+/* The tool and its arrays in one block; the tool comes first. */
+static sbi_tool *sbi_tool_lay_out(sbi_arena *arena, int point_count)
+{
+    sbi_tool *tool = (sbi_tool *)sbi_arena_take(arena, 1, sizeof(sbi_tool));
+    sb_vec3 *points = (sb_vec3 *)sbi_arena_take(arena, (size_t)point_count, sizeof(sb_vec3));
+    sbi_tool_segment *segments =
+        (sbi_tool_segment *)sbi_arena_take(arena, (size_t)point_count, sizeof(sbi_tool_segment));
+    if (!arena->base)
+        return NULL;
+    memset(tool, 0, sizeof *tool);
+    tool->point_count = point_count;
+    tool->points = points;
+    tool->segments = segments;
+    return tool;
+}
+
+/* Two points are nearer to each other than this where that may be their rounding. */
+static sb_real sbi_tool_rounding(const sbi_tool *tool)
+{
+    sb_real size = tool->radius;
+    for (int i = 0; i < tool->point_count; i++)
+        size = sb_max(size, sbi_tool_largest_coordinate(tool->points[i]));
+    return 4 * SB_EPSILON * size;
+}
+
+static void sbi_tool_set_shape(sbi_tool *tool, const sb_tool_def *def)
+{
+    tool->shape = def->shape;
+    tool->radius = def->radius;
+    if (def->shape == SB_TOOL_PLANE)
+        tool->radius = SB_REAL_MAX;
+    if (def->shape == SB_TOOL_BOX) {
+        if (def->radius == 0)
+            tool->radius = (sb_real)0.1 * sb_min(def->half.x, sb_min(def->half.y, def->half.z));
+        tool->core = sb_v3_sub(def->half, sb_v3(tool->radius, tool->radius, tool->radius));
+    }
+    tool->inner_radius = tool->radius;
+    for (int i = 0; i < tool->point_count; i++)
+        tool->points[i] = def->points[i];
+    for (int i = 0; i + 1 < tool->point_count; i++)
+        tool->segments[i] = sbi_tool_make_segment(def->points[i], def->points[i + 1]);
+    if (def->shape != SB_TOOL_PLANE)
+        tool->least_square = sbi_tool_rounding(tool) * sbi_tool_rounding(tool);
+}
+
+SBI_API sb_result sbi_tool_create(const sb_tool_def *def, const sb_allocator *allocator, const sb_jobs *jobs,
+                                  sbi_tool **tool, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_tool *made;
+    int point_count;
+    sb_result result;
+    (void)jobs;
+    if (!def || !tool)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a required pointer is NULL");
+    result = sbi_tool_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    point_count = def->shape == SB_TOOL_CAPSULES ? def->point_count : 0;
+    sbi_tool_lay_out(&arena, point_count);
+    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, arena.used, 1);
+    if (!arena.base)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tool");
+    arena.used = 0;
+    made = sbi_tool_lay_out(&arena, point_count);
+    if (allocator)
+        made->allocator = *allocator;
+    sbi_tool_set_shape(made, def);
+    *tool = made;
+    return SB_OK;
+}
+
+SBI_API void sbi_tool_destroy(sbi_tool *tool)
+{
+    sb_allocator allocator;
+    if (!tool)
+        return;
+    allocator = tool->allocator;
+    sbi_free(&allocator, tool);
+}
+
+SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool) { return tool->shape; }
+SBI_API int sbi_tool_point_count(const sbi_tool *tool) { return tool->point_count; }
+SBI_API sb_real sbi_tool_radius(const sbi_tool *tool) { return tool->radius; }
+SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool) { return tool->inner_radius; }
+
+/* ---- distances ---- */
+
+/* The distance of a point at d from the nearest one of the skeleton where d is too short or too long for its square to
+ * be of use. */
+static sb_real sbi_tool_extreme_distance(const sbi_tool *tool, sb_vec3 d, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real size = sbi_tool_largest_coordinate(d), length;
+    *normal = fallback;
+    if (!sb_v3_is_finite(d))
+        return SB_REAL_MAX;
+    if (size <= tool->radius)
+        return -tool->radius;
+    d = sb_v3(d.x / size, d.y / size, d.z / size);
+    length = sb_v3_norm(d);
+    *normal = sb_v3_scale((sb_real)1 / length, d);
+    return size < SB_REAL_MAX / length ? size * length - tool->radius : SB_REAL_MAX;
+}
+
+/* The same for any d. */
+SBI_FORCE_INLINE sb_real sbi_tool_round_distance(const sbi_tool *tool, sb_vec3 d, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real square = sb_v3_dot(d, d), length;
+    if (!(square > tool->least_square) || !(square <= SB_REAL_MAX))
+        return sbi_tool_extreme_distance(tool, d, fallback, normal);
+    length = sb_sqrt(square);
+    *normal = sb_v3_scale((sb_real)1 / length, d);
+    return length - tool->radius;
+}
+
+/* From the point of a segment that is nearest to x, to x. */
+SBI_FORCE_INLINE sb_vec3 sbi_tool_from_segment(const sbi_tool_segment *segment, sb_vec3 x)
+{
+    sb_vec3 d = sb_v3_sub(x, segment->a);
+    sb_real share = sb_v3_dot(d, segment->way) * segment->inverse;
+    share = sb_min(sb_max(share, 0), 1);
+    return sb_v3_madd(d, -share, segment->way);
+}
+
+/* Of segments equally near, the first one counts. */
+SBI_FORCE_INLINE sb_real sbi_tool_capsules_distance(const sbi_tool *tool, const sbi_tool_segment *segments, sb_vec3 x,
+                                                    sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_vec3 nearest = sbi_tool_from_segment(segments, x);
+    sb_real least = sb_v3_dot(nearest, nearest);
+    for (int i = 1; i + 1 < tool->point_count; i++) {
+        sb_vec3 d = sbi_tool_from_segment(segments + i, x);
+        sb_real square = sb_v3_dot(d, d);
+        nearest = square < least ? d : nearest;
+        least = square < least ? square : least;
+    }
+    return sbi_tool_round_distance(tool, nearest, fallback, normal);
+}
+
+/* Inside the core of a box, or x is no number: towards its nearest side. */
+static sb_real sbi_tool_core_distance(const sbi_tool *tool, sb_vec3 x, sb_vec3 q, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real along = x.x, outward = q.x;
+    sb_vec3 axis = sb_v3(1, 0, 0);
+    if (q.y > outward)
+        along = x.y, outward = q.y, axis = sb_v3(0, 1, 0);
+    if (q.z > outward)
+        along = x.z, outward = q.z, axis = sb_v3(0, 0, 1);
+    *normal = fallback;
+    if (!sb_v3_is_finite(x))
+        return SB_REAL_MAX;
+    if (along * along > tool->least_square)
+        *normal = along < 0 ? sb_v3_scale(-1, axis) : axis;
+    return outward - tool->radius;
+}
+
+SBI_FORCE_INLINE sb_real sbi_tool_box_distance(const sbi_tool *tool, sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_vec3 q = sb_v3(sb_abs(x.x) - tool->core.x, sb_abs(x.y) - tool->core.y, sb_abs(x.z) - tool->core.z), d;
+    sb_real square;
+    d = sb_v3(q.x < 0 ? 0 : q.x, q.y < 0 ? 0 : q.y, q.z < 0 ? 0 : q.z); /* NaN stays */
+    square = sb_v3_dot(d, d);
+    if (!(square > tool->least_square))
+        return sbi_tool_core_distance(tool, x, q, fallback, normal);
+    d = sb_v3(x.x < 0 ? -d.x : d.x, x.y < 0 ? -d.y : d.y, x.z < 0 ? -d.z : d.z);
+    return sbi_tool_round_distance(tool, d, fallback, normal);
+}
+
+static sb_real sbi_tool_plane_distance(sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal)
+{
+    *normal = sb_v3_is_finite(x) ? sb_v3(0, 0, 1) : fallback;
+    return sb_v3_is_finite(x) ? x.z : SB_REAL_MAX;
+}
+
+/* Segments of a chain that replaces the tool's own, or these; memory[SB_TOOL_MAX_POINTS]. */
+static const sbi_tool_segment *sbi_tool_find_segments(const sbi_tool *tool, const sb_vec3 *chain,
+                                                      sbi_tool_segment *memory)
+{
+    if (!chain)
+        return tool->segments;
+    for (int i = 0; i + 1 < tool->point_count; i++)
+        memory[i] = sbi_tool_make_segment(chain[i], chain[i + 1]);
+    return memory;
+}
+
+SBI_API sb_real sbi_tool_distance(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 x, sb_vec3 fallback,
+                                  sb_vec3 *normal)
+{
+    sbi_tool_segment memory[SB_TOOL_MAX_POINTS];
+    switch (tool->shape) {
+    case SB_TOOL_SPHERE: return sbi_tool_round_distance(tool, x, fallback, normal);
+    case SB_TOOL_CAPSULES:
+        return sbi_tool_capsules_distance(tool, sbi_tool_find_segments(tool, chain, memory), x, fallback, normal);
+    case SB_TOOL_BOX: return sbi_tool_box_distance(tool, x, fallback, normal);
+    default: return sbi_tool_plane_distance(x, fallback, normal);
+    }
+}
+
+SBI_API void sbi_tool_distances(const sbi_tool *tool, const sb_vec3 *chain, int count, const sb_vec3 *x,
+                                const sb_vec3 *fallback, sb_real *gap, sb_vec3 *normal)
+{
+    sbi_tool_segment memory[SB_TOOL_MAX_POINTS];
+    const sbi_tool_segment *segments;
+    if (tool->shape != SB_TOOL_CAPSULES) {
+        for (int i = 0; i < count; i++)
+            gap[i] = sbi_tool_distance(tool, NULL, x[i], fallback[i], normal + i);
+        return;
+    }
+    segments = sbi_tool_find_segments(tool, chain, memory);
+    for (int i = 0; i < count; i++)
+        gap[i] = sbi_tool_capsules_distance(tool, segments, x[i], fallback[i], normal + i);
+}
+
+/* ---- skeleton, bounds, motion ---- */
+
+static sb_vec3 sbi_tool_corner(sb_vec3 half, int corner)
+{
+    return sb_v3(corner & 1 ? half.x : -half.x, corner & 2 ? half.y : -half.y, corner & 4 ? half.z : -half.z);
+}
+
+/* Point i of the skeleton. */
+static sb_vec3 sbi_tool_skeleton_point(const sbi_tool *tool, const sb_vec3 *chain, int i)
+{
+    if (tool->shape == SB_TOOL_CAPSULES)
+        return (chain ? chain : tool->points)[i];
+    return tool->shape == SB_TOOL_BOX ? sbi_tool_corner(tool->core, i) : sb_v3(0, 0, 0);
+}
+
+static int sbi_tool_skeleton_count(const sbi_tool *tool)
+{
+    switch (tool->shape) {
+    case SB_TOOL_SPHERE: return 1;
+    case SB_TOOL_CAPSULES: return tool->point_count;
+    case SB_TOOL_BOX: return 8;
+    default: return 0;
+    }
+}
+
+SBI_API int sbi_tool_skeleton(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 *points, int capacity)
+{
+    int count = sbi_tool_skeleton_count(tool);
+    for (int i = 0; i < count && i < capacity; i++)
+        points[i] = sbi_tool_skeleton_point(tool, chain, i);
+    return count;
+}
+
+SBI_API int sbi_tool_segments(const sbi_tool *tool, int (*ends)[2], int capacity)
+{
+    int count = 0;
+    for (int i = 0; i + 1 < tool->point_count; i++, count++)
+        if (count < capacity)
+            ends[count][0] = i, ends[count][1] = i + 1;
+    for (int i = 0; i < 8 && tool->shape == SB_TOOL_BOX; i++)
+        for (int axis = 1; axis < 8; axis *= 2) {
+            if (i & axis)
+                continue;
+            if (count < capacity)
+                ends[count][0] = i, ends[count][1] = i | axis;
+            count++;
+        }
+    return count;
+}
+
+SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
+                             sb_vec3 *high)
+{
+    int count = sbi_tool_skeleton_count(tool);
+    sb_real wider = tool->radius, far = 0;
+    *low = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+    *high = sb_v3_scale(-1, *low);
+    for (int i = 0; i < count; i++) {
+        sb_vec3 p = sbi_pose_to_space(pose, sbi_tool_skeleton_point(tool, chain, i));
+        *low = sb_v3(sb_min(low->x, p.x), sb_min(low->y, p.y), sb_min(low->z, p.z));
+        *high = sb_v3(sb_max(high->x, p.x), sb_max(high->y, p.y), sb_max(high->z, p.z));
+        far = sb_max(far, sbi_tool_largest_coordinate(p));
+    }
+    if (count == 0) { /* a plane */
+        *high = *low;
+        *low = sb_v3_scale(-1, *high);
+        return;
+    }
+    wider += 16 * SB_EPSILON * (far + wider); /* the corners' own rounding */
+    *low = sb_v3_sub(*low, sb_v3(wider, wider, wider));
+    *high = sb_v3_add(*high, sb_v3(wider, wider, wider));
+}
+
+/* A point c of the tool on the way p(s) = position(s) + rotation(s) c(s). With the rotation's angle a, |p''| <= m =
+ * a^2 |c| + 2 a |c1 - c0|, so that its speed differs from that of the straight way by m / 2 at most; nor is it larger
+ * than the sum of the parts' speeds. */
+static sb_real sbi_tool_point_motion(const sb_pose *from, sb_vec3 c0, const sb_pose *to, sb_vec3 c1, sb_real angle)
+{
+    sb_real bend = sb_v3_norm(sb_v3_sub(c1, c0)), size = sb_max(sb_v3_norm(c0), sb_v3_norm(c1));
+    sb_real straight = sb_v3_norm(sb_v3_sub(sbi_pose_to_space(to, c1), sbi_pose_to_space(from, c0)));
+    sb_real parts = sb_v3_norm(sb_v3_sub(to->position, from->position)) + angle * size + bend;
+    return sb_min(straight + angle * ((sb_real)0.5 * angle * size + bend), parts);
+}
+
+SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                                const sb_pose *to)
+{
+    sb_real angle = sb_v3_norm(sbi_pose_rotation(from, to)), most = 0;
+    for (int i = 0; i < sbi_tool_skeleton_count(tool); i++) /* between them all is between their motions */
+        most = sb_max(most, sbi_tool_point_motion(from, sbi_tool_skeleton_point(tool, chain0, i), to,
+                                                  sbi_tool_skeleton_point(tool, chain1, i), angle));
+    return most;
+}
+
+/* ---- poses ---- */
+
+SBI_API sb_vec3 sbi_pose_rotation(const sb_pose *from, const sb_pose *to)
+{
+    sb_quat turn = sb_quat_mul(sb_quat_conjugate(from->rotation), to->rotation);
+    sb_vec3 axis = turn.w < 0 ? sb_v3(-turn.x, -turn.y, -turn.z) : sb_v3(turn.x, turn.y, turn.z);
+    sb_real sine = sb_v3_norm(axis);
+    return sb_v3_scale(sine > 0 ? 2 * sb_atan2(sine, sb_abs(turn.w)) / sine : 2, axis);
+}
+
+SBI_API sb_pose sbi_pose_between(const sb_pose *from, const sb_pose *to, sb_real share)
+{
+    sb_pose pose;
+    sb_vec3 turn;
+    if (share <= 0)
+        return *from;
+    if (share >= 1)
+        return *to;
+    turn = sb_v3_scale(share, sbi_pose_rotation(from, to));
+    pose.position = sb_v3_madd(from->position, share, sb_v3_sub(to->position, from->position));
+    pose.rotation = sb_quat_normalise(sb_quat_mul(from->rotation, sb_quat_from_rotation_vector(turn)));
+    return pose;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/face_tree.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* face_tree: which faces of a moving surface a box in space may touch. Internal. Calls base only.
+ *
+ * Faces lie four to a leaf in the order that they are given in (along Morton's curve through the shape at rest), and
+ * leaves under a binary tree without pointers: a level has a box for each two of the level below.
+ *
+ *     level 2          [        box        ]
+ *     level 1     [   box   ]         [   box   ]
+ *     level 0   [box]     [box]     [box]     [box]      four faces each
+ *
+ * A refit makes all boxes anew from where the nodes are, and where they will be; the order stays good however far the
+ * surface moves, since neighbours stay neighbours. Boxes of single faces are made when a query asks for them: they are
+ * few, and would be most of what a refit writes.
+ *
+ * A quadratic face goes beyond the box of its nodes. It lies within the box of its control points: the coefficients of
+ * the same polynomial in Bernstein's form, which sums them with weights that are positive and sum to 1.
+ *
+ * Numbers are floats about an origin that goes with the surface; a query's box is widened by more than all rounding. */
+#ifndef SB_FACE_TREE_H
+#define SB_FACE_TREE_H
+
+
+enum {
+    SBI_FACE_TREE_LEAF = 4,   /* faces of a leaf */
+    SBI_FACE_TREE_WIDEST = 9, /* nodes of a face */
+    SBI_FACE_TREE_LEVELS = 32
+};
+
+/* The fourth numbers are 0. */
+typedef struct sbi_face_box {
+    float low[4], high[4];
+} sbi_face_box;
+
+/* What there is to be room for. */
+typedef struct sbi_face_tree_room {
+    int faces;    /* in the tree */
+    int nodes;    /* of these faces */
+    int node_end; /* nodes are numbered below */
+    int width;    /* most nodes of a face */
+} sbi_face_tree_room;
+
+/* The faces of a tree. */
+typedef struct sbi_face_tree_source {
+    int count;                  /* faces in the tree */
+    const int *faces;           /* [count] their numbers, in the order of the leaves */
+    const int *nodes;           /* of face f from nodes + f width on */
+    const unsigned char *sizes; /* [face] nodes: 3 tri3, 4 quad4, 6 tri6, 8 quad8, 9 quad9 */
+} sbi_face_tree_source;
+
+typedef struct sbi_face_tree {
+    sbi_face_tree_room room;
+    int count, leaf_count, node_count;
+    int size;             /* nodes of every face: room.width; 0: some have fewer */
+    int quadratic;        /* 1: there are quadratic faces */
+    int *faces;           /* [4 leaf_count] by place; the last leaf repeats its last face */
+    unsigned char *sizes; /* [4 leaf_count] */
+    int *corners;         /* [4 leaf_count][room.width] nodes by their numbers in `nodes` */
+    int *nodes;           /* [node_count] in the order in which the leaves need them */
+    int *numbers;         /* [room.node_end] -1 between calls */
+    sbi_face_box *ways;   /* [node_count] box of a node's way; with quadratic faces its start and end as they are */
+    sbi_face_box *boxes;  /* leaves, then the levels above */
+    int level_count, level_start[SBI_FACE_TREE_LEVELS], level_size[SBI_FACE_TREE_LEVELS];
+    int first_node;  /* lowest of all, where the origin is: so that what a query finds does not depend on the order */
+    sb_vec3 origin;  /* m */
+    sb_real spacing; /* m: more than what rounding takes from a box */
+    void *memory;
+} sbi_face_tree;
+
+/* An empty tree with room. 0: no memory. */
+SBI_API int sbi_face_tree_create(const sbi_face_tree_room *room, const sb_allocator *allocator, sbi_face_tree *tree);
+SBI_API void sbi_face_tree_free(sbi_face_tree *tree, const sb_allocator *allocator);
+/* Puts faces into a tree that has room for them; a refit has to follow. */
+SBI_API void sbi_face_tree_build(sbi_face_tree *tree, const sbi_face_tree_source *source);
+/* Boxes that hold all faces with the nodes at x + s dt v (m), for all s in [0, 1]. v NULL: at x. */
+SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
+/* Faces whose boxes meet [low, high] (m; +-SB_REAL_MAX: no bound): returns how many, and writes the first `capacity` of
+ * them in ascending order. marks: zeros for each face number, and zeros again afterwards; one for each thread that
+ * asks. */
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, unsigned char *marks, int *faces,
+                                int capacity);
+/* Box of the face at a place (below count), as a query sees it. */
+SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high);
+
+#endif /* SB_FACE_TREE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/face_tree.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* face_tree: building, refitting and asking a tree of boxes over faces. */
+
+#include <float.h>
+#include <string.h>
+
+
+/* Roundings of a box, each of half an epsilon of the largest coordinate: of a place's conversion, twice over, and
+ * twelve of a control point, whose terms sum up to nine times that coordinate. */
+#define SBI_FACE_TREE_ROUNDING ((sb_real)64 * (sb_real)FLT_EPSILON)
+
+/* ---- memory ---- */
+
+static int sbi_face_tree_leaves(int faces) { return faces / SBI_FACE_TREE_LEAF + (faces % SBI_FACE_TREE_LEAF != 0); }
+
+static void sbi_face_tree_layout(sbi_face_tree *tree, sbi_arena *arena)
+{
+    const sbi_face_tree_room *room = &tree->room;
+    size_t leaves = (size_t)sbi_face_tree_leaves(room->faces), places = leaves * SBI_FACE_TREE_LEAF;
+    /* levels shrink by half, rounded up: one more each at most */
+    tree->boxes = (sbi_face_box *)sbi_arena_take(arena, 2 * leaves + SBI_FACE_TREE_LEVELS, sizeof(sbi_face_box));
+    tree->ways = (sbi_face_box *)sbi_arena_take(arena, (size_t)room->nodes, sizeof(sbi_face_box));
+    tree->corners = (int *)sbi_arena_take(arena, places, (size_t)room->width * sizeof(int));
+    tree->faces = (int *)sbi_arena_take(arena, places, sizeof(int));
+    tree->nodes = (int *)sbi_arena_take(arena, (size_t)room->nodes, sizeof(int));
+    tree->numbers = (int *)sbi_arena_take(arena, (size_t)room->node_end, sizeof(int));
+    tree->sizes = (unsigned char *)sbi_arena_take(arena, places, 1);
+}
+
+SBI_API int sbi_face_tree_create(const sbi_face_tree_room *room, const sb_allocator *allocator, sbi_face_tree *tree)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    memset(tree, 0, sizeof *tree);
+    tree->room = *room;
+    sbi_face_tree_layout(tree, &arena);
+    tree->memory = arena.overflow ? NULL : sbi_alloc(allocator, arena.used, 1);
+    if (!tree->memory)
+        return 0;
+    arena.base = (unsigned char *)tree->memory;
+    arena.used = 0;
+    sbi_face_tree_layout(tree, &arena);
+    for (int i = 0; i < room->node_end; i++)
+        tree->numbers[i] = -1;
+    return 1;
+}
+
+SBI_API void sbi_face_tree_free(sbi_face_tree *tree, const sb_allocator *allocator)
+{
+    sbi_free(allocator, tree->memory);
+    memset(tree, 0, sizeof *tree);
+}
+
+/* ---- building ---- */
+
+static void sbi_face_tree_stack_levels(sbi_face_tree *tree)
+{
+    int start = 0, size = tree->leaf_count;
+    tree->level_count = 0;
+    while (size > 0) {
+        tree->level_start[tree->level_count] = start;
+        tree->level_size[tree->level_count++] = size;
+        start += size;
+        size = size > 1 ? size / 2 + size % 2 : 0;
+    }
+}
+
+static void sbi_face_tree_put(sbi_face_tree *tree, int place, const sbi_face_tree_source *source, int face)
+{
+    int width = tree->room.width, size = source->sizes[face];
+    const int *nodes = source->nodes + (size_t)face * (size_t)width;
+    int *corners = tree->corners + (size_t)place * (size_t)width;
+    tree->faces[place] = face;
+    tree->sizes[place] = (unsigned char)size;
+    if (size != width)
+        tree->size = 0;
+    tree->quadratic |= size > 4;
+    for (int a = 0; a < size; a++) {
+        int *number = tree->numbers + nodes[a];
+        if (*number < 0) {
+            *number = tree->node_count++;
+            tree->nodes[*number] = nodes[a];
+        }
+        corners[a] = *number;
+    }
+}
+
+SBI_API void sbi_face_tree_build(sbi_face_tree *tree, const sbi_face_tree_source *source)
+{
+    tree->count = source->count;
+    tree->leaf_count = sbi_face_tree_leaves(source->count);
+    tree->node_count = tree->quadratic = 0;
+    tree->size = tree->room.width;
+    for (int p = 0; p < SBI_FACE_TREE_LEAF * tree->leaf_count; p++)
+        sbi_face_tree_put(tree, p, source, source->faces[sbi_min_int(p, source->count - 1)]);
+    for (int i = 0; i < tree->node_count; i++) {
+        tree->first_node = i ? sbi_min_int(tree->first_node, tree->nodes[i]) : tree->nodes[i];
+        tree->numbers[tree->nodes[i]] = -1;
+    }
+    sbi_face_tree_stack_levels(tree);
+}
+
+/* ---- boxes of faces ---- */
+
+typedef struct sbi_face_span {
+    sbi_four low, high;
+} sbi_face_span;
+
+SBI_FORCE_INLINE sbi_face_span sbi_face_span_load(const sbi_face_box *box)
+{
+    sbi_face_span span;
+    span.low = sbi_four_load(box->low);
+    span.high = sbi_four_load(box->high);
+    return span;
+}
+
+SBI_FORCE_INLINE void sbi_face_span_join(sbi_face_span *span, const sbi_face_box *box)
+{
+    span->low = sbi_four_min(span->low, sbi_four_load(box->low));
+    span->high = sbi_four_max(span->high, sbi_four_load(box->high));
+}
+
+SBI_FORCE_INLINE void sbi_face_span_grow(sbi_face_span *span, sbi_four x)
+{
+    span->low = sbi_four_min(span->low, x);
+    span->high = sbi_four_max(span->high, x);
+}
+
+SBI_FORCE_INLINE void sbi_face_span_store(sbi_face_box *box, const sbi_face_span *span)
+{
+    sbi_four_store(box->low, span->low);
+    sbi_four_store(box->high, span->high);
+}
+
+/* Grows the span by the control points of a quadratic face with nodes x[size]: its corners; of an edge with ends a, b
+ * and middle m the point 2 m - (a + b) / 2; of a quad the same again across. */
+SBI_FORCE_INLINE void sbi_face_tree_add_controls(const sbi_four *x, int size, sbi_face_span *span)
+{
+    int corners = size == 6 ? 3 : 4;
+    sbi_four half = sbi_four_of(-0.5f), ends = x[0], middles = x[corners], centre;
+    for (int a = 0; a < corners; a++) {
+        sbi_four middle = x[corners + a];
+        sbi_face_span_grow(span, x[a]);
+        sbi_face_span_grow(span, sbi_four_madd(sbi_four_add(middle, middle), half,
+                                               sbi_four_add(x[a], x[a + 1 < corners ? a + 1 : 0])));
+        ends = a ? sbi_four_add(ends, x[a]) : ends;
+        middles = a ? sbi_four_add(middles, middle) : middles;
+    }
+    if (size == 6)
+        return;
+    /* quad8 has no node at its centre: its polynomial is (2 middles - ends) / 4 there */
+    if (size == 8)
+        centre = sbi_four_madd(middles, sbi_four_of(-0.75f), ends);
+    else
+        centre = sbi_four_madd(sbi_four_madd(sbi_four_mul(sbi_four_of(4), x[8]), sbi_four_of(0.25f), ends),
+                               sbi_four_of(-1), middles);
+    sbi_face_span_grow(span, centre);
+}
+
+/* Box of the face at a place. */
+SBI_FORCE_INLINE sbi_face_span sbi_face_tree_span(const sbi_face_tree *tree, int place, int size)
+{
+    const int *corners = tree->corners + (size_t)place * (size_t)tree->room.width;
+    sbi_face_span span = sbi_face_span_load(&tree->ways[corners[0]]);
+    sbi_four x[SBI_FACE_TREE_WIDEST];
+    if (tree->quadratic) { /* starts and ends lie on either side of each other */
+        sbi_four start = span.low;
+        span.low = sbi_four_min(start, span.high);
+        span.high = sbi_four_max(start, span.high);
+    }
+    for (int a = 1; a < size && size <= 4; a++) {
+        sbi_face_span_grow(&span, sbi_four_load(tree->ways[corners[a]].low));
+        sbi_face_span_grow(&span, sbi_four_load(tree->ways[corners[a]].high));
+    }
+    if (size <= 4)
+        return span;
+    for (int a = 0; a < size; a++)
+        x[a] = sbi_four_load(tree->ways[corners[a]].low);
+    sbi_face_tree_add_controls(x, size, &span);
+    for (int a = 0; a < size; a++)
+        x[a] = sbi_four_load(tree->ways[corners[a]].high);
+    sbi_face_tree_add_controls(x, size, &span);
+    return span;
+}
+
+SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high)
+{
+    sbi_face_span span = sbi_face_tree_span(tree, place, tree->sizes[place]);
+    sbi_face_box box;
+    sb_vec3 spacing = sb_v3(tree->spacing, tree->spacing, tree->spacing);
+    sbi_face_span_store(&box, &span);
+    *low = sb_v3_sub(sb_v3_add(tree->origin, sb_v3(box.low[0], box.low[1], box.low[2])), spacing);
+    *high = sb_v3_add(sb_v3_add(tree->origin, sb_v3(box.high[0], box.high[1], box.high[2])), spacing);
+}
+
+/* ---- refitting ---- */
+
+SBI_FORCE_INLINE sbi_four sbi_face_tree_place(sb_vec3 x)
+{
+    return sbi_four_make((float)x.x, (float)x.y, (float)x.z, 0);
+}
+
+SBI_FORCE_INLINE void sbi_face_tree_move(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
+                                         int quadratic)
+{
+    const sb_vec3 origin = tree->origin;
+    for (int i = 0; i < tree->node_count; i++) {
+        sb_vec3 at = sb_v3_sub(x[tree->nodes[i]], origin);
+        sbi_four start = sbi_face_tree_place(at), end = start;
+        if (v)
+            end = sbi_face_tree_place(sb_v3_madd(at, dt, v[tree->nodes[i]]));
+        sbi_four_store(tree->ways[i].low, quadratic ? start : sbi_four_min(start, end));
+        sbi_four_store(tree->ways[i].high, quadratic ? end : sbi_four_max(start, end));
+    }
+}
+
+/* Boxes of the leaves whose faces have `size` nodes, all of them linear: the boxes of their corners together. */
+SBI_FORCE_INLINE void sbi_face_tree_fit_linear(sbi_face_tree *tree, int size)
+{
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
+        const int *corners = tree->corners + (size_t)leaf * (size_t)(SBI_FACE_TREE_LEAF * size);
+        sbi_face_span span = sbi_face_span_load(&tree->ways[corners[0]]);
+        for (int a = 1; a < SBI_FACE_TREE_LEAF * size; a++)
+            sbi_face_span_join(&span, &tree->ways[corners[a]]);
+        sbi_face_span_store(&tree->boxes[leaf], &span);
+    }
+}
+
+/* Boxes of the leaves; size 0: faces differ. */
+SBI_FORCE_INLINE void sbi_face_tree_fit_leaves(sbi_face_tree *tree, int size)
+{
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
+        int place = SBI_FACE_TREE_LEAF * leaf;
+        sbi_face_span span = sbi_face_tree_span(tree, place, size ? size : tree->sizes[place]);
+        for (int k = 1; k < SBI_FACE_TREE_LEAF; k++) {
+            sbi_face_span other = sbi_face_tree_span(tree, place + k, size ? size : tree->sizes[place + k]);
+            span.low = sbi_four_min(span.low, other.low);
+            span.high = sbi_four_max(span.high, other.high);
+        }
+        sbi_face_span_store(&tree->boxes[leaf], &span);
+    }
+}
+
+static void sbi_face_tree_fit_levels(sbi_face_tree *tree)
+{
+    for (int level = 1; level < tree->level_count; level++) {
+        const sbi_face_box *below = tree->boxes + tree->level_start[level - 1];
+        int last = tree->level_size[level - 1] - 1;
+        for (int i = 0; i < tree->level_size[level]; i++) {
+            sbi_face_span span = sbi_face_span_load(&below[2 * i]);
+            sbi_face_span_join(&span, &below[sbi_min_int(2 * i + 1, last)]);
+            sbi_face_span_store(&tree->boxes[tree->level_start[level] + i], &span);
+        }
+    }
+}
+
+/* Largest coordinate of the box of all, which no node and no control point exceeds. */
+static void sbi_face_tree_measure(sbi_face_tree *tree)
+{
+    const sbi_face_box *all = &tree->boxes[tree->level_start[tree->level_count - 1]];
+    float largest = 0;
+    for (int k = 0; k < 3; k++) {
+        largest = -all->low[k] > largest ? -all->low[k] : largest;
+        largest = all->high[k] > largest ? all->high[k] : largest;
+    }
+    tree->spacing = SBI_FACE_TREE_ROUNDING * (sb_real)largest;
+}
+
+SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt)
+{
+    if (tree->count == 0)
+        return;
+    tree->origin = x[tree->first_node];
+    if (tree->quadratic)
+        sbi_face_tree_move(tree, x, v, dt, 1);
+    else
+        sbi_face_tree_move(tree, x, v, dt, 0);
+    switch (tree->size) { /* loops of known length */
+    case 3: sbi_face_tree_fit_linear(tree, 3); break;
+    case 4: sbi_face_tree_fit_linear(tree, 4); break;
+    case 6: sbi_face_tree_fit_leaves(tree, 6); break;
+    case 8: sbi_face_tree_fit_leaves(tree, 8); break;
+    case 9: sbi_face_tree_fit_leaves(tree, 9); break;
+    default: sbi_face_tree_fit_leaves(tree, 0); break;
+    }
+    sbi_face_tree_fit_levels(tree);
+    sbi_face_tree_measure(tree);
+}
+
+/* ---- asking ---- */
+
+/* A coordinate of a query's box about the origin; beyond all floats is as good as at their end. */
+static float sbi_face_tree_bound(sb_real x, sb_real origin, sb_real spacing)
+{
+    const sb_real most = (sb_real)FLT_MAX / 4;
+    return (float)(sb_max(sb_min(x, most), -most) - origin + spacing);
+}
+
+SBI_FORCE_INLINE int sbi_face_tree_meets(const sbi_face_box *a, const sbi_face_box *b)
+{
+    return !((a->low[0] > b->high[0]) | (a->low[1] > b->high[1]) | (a->low[2] > b->high[2]) | (a->high[0] < b->low[0]) |
+             (a->high[1] < b->low[1]) | (a->high[2] < b->low[2]));
+}
+
+/* Faces that were marked, and the range of their numbers. */
+typedef struct sbi_face_marks {
+    unsigned char *marks;
+    int count, low, high;
+} sbi_face_marks;
+
+static void sbi_face_tree_mark_leaf(const sbi_face_tree *tree, int leaf, const sbi_face_box *wanted,
+                                    sbi_face_marks *found)
+{
+    int place = SBI_FACE_TREE_LEAF * leaf, end = sbi_min_int(place + SBI_FACE_TREE_LEAF, tree->count);
+    for (; place < end; place++) {
+        sbi_face_span span = sbi_face_tree_span(tree, place, tree->sizes[place]);
+        sbi_face_box box;
+        int face = tree->faces[place];
+        sbi_face_span_store(&box, &span);
+        if (!sbi_face_tree_meets(&box, wanted))
+            continue;
+        found->marks[face] = 1;
+        found->low = found->count ? sbi_min_int(found->low, face) : face;
+        found->high = found->count ? sbi_max_int(found->high, face) : face;
+        found->count++;
+    }
+}
+
+static void sbi_face_tree_mark(const sbi_face_tree *tree, const sbi_face_box *wanted, sbi_face_marks *found)
+{
+    int levels[SBI_FACE_TREE_LEVELS + 1], nodes[SBI_FACE_TREE_LEVELS + 1], top = 0;
+    levels[top] = tree->level_count - 1;
+    nodes[top++] = 0;
+    while (top > 0) {
+        int level = levels[--top], node = nodes[top];
+        if (!sbi_face_tree_meets(&tree->boxes[tree->level_start[level] + node], wanted))
+            continue;
+        if (level == 0) {
+            sbi_face_tree_mark_leaf(tree, node, wanted, found);
+            continue;
+        }
+        for (int child = sbi_min_int(2 * node + 1, tree->level_size[level - 1] - 1); child >= 2 * node; child--) {
+            levels[top] = level - 1;
+            nodes[top++] = child;
+        }
+    }
+}
+
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, unsigned char *marks, int *faces,
+                                int capacity)
+{
+    const sb_vec3 origin = tree->origin;
+    const sb_real spacing = tree->spacing;
+    sbi_face_marks found;
+    sbi_face_box wanted;
+    unsigned char *at, *end;
+    if (tree->count == 0)
+        return 0;
+    memset(&wanted, 0, sizeof wanted);
+    wanted.low[0] = sbi_face_tree_bound(low.x, origin.x, -spacing);
+    wanted.low[1] = sbi_face_tree_bound(low.y, origin.y, -spacing);
+    wanted.low[2] = sbi_face_tree_bound(low.z, origin.z, -spacing);
+    wanted.high[0] = sbi_face_tree_bound(high.x, origin.x, spacing);
+    wanted.high[1] = sbi_face_tree_bound(high.y, origin.y, spacing);
+    wanted.high[2] = sbi_face_tree_bound(high.z, origin.z, spacing);
+    memset(&found, 0, sizeof found);
+    found.marks = marks;
+    sbi_face_tree_mark(tree, &wanted, &found);
+    at = marks + found.low;
+    end = marks + found.high + 1;
+    for (int i = 0; i < found.count; i++, at++) {
+        at = (unsigned char *)memchr(at, 1, (size_t)(end - at));
+        *at = 0;
+        if (i < capacity)
+            faces[i] = (int)(at - marks);
+    }
+    return found.count;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_faces.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
+ *
+ * A face is a slot: a number that it keeps while it exists. Samples are not stored: a face cut into n parts a side has
+ * those of its type's rule for n, which is made once.
+ *
+ *     type           samples of n parts a side                     parts no longer than   n
+ *     tri3           n^2: centroids of equal triangles             r / 2                  2 .. 16
+ *     tri6           3 n^2: the 3-point rule of each triangle      r                      1 .. 8
+ *     quad4, 8, 9    4 n^2: 2 x 2 Gauss points of each cell        0.85 r                 1 .. 8
+ *
+ * r is the smallest radius of the tool. Any point of a flat face then has a sample within 0.36 r, and sums over samples
+ * are exact for what a uniform pressure gives the nodes of a flat face with straight edges: linear functions (tri3),
+ * quadratic ones (tri6), biquadratic ones times the face's linear Jacobian (quads). Centroids would not be: they leave
+ * -1/(9 n^2) of a tri6 at each corner where nothing belongs, and miss the Jacobian of a quad that is no parallelogram.
+ */
+#ifndef SB_CONTACT_FACES_H
+#define SB_CONTACT_FACES_H
+
+
+enum { SBI_CONTACT_MOST_PARTS = 16 };
+
+/* Samples of a face type with n parts a side. */
+typedef struct sbi_contact_rule {
+    int count;        /* samples */
+    sb_real measure;  /* of each, in the face's parameters */
+    sb_real *weights; /* [count][nodes] shape functions at the samples: they sum to 1 */
+    sb_real *slopes;  /* [count][2][nodes] their derivatives by both parameters */
+} sbi_contact_rule;
+
+/* A face type; nodes 0: no face is of it. */
+typedef struct sbi_contact_kind {
+    sb_element_type type;
+    int nodes, corners;
+    int least, most;                   /* parts a side */
+    sb_real part;                      /* longest part, as a share of the tool's radius */
+    sb_real shares[SB_MAX_FACE_NODES]; /* of a quadratic face's area that are its nodes' */
+    sbi_contact_rule rules[SBI_CONTACT_MOST_PARTS + 1];
+} sbi_contact_kind;
+
+/* All arrays by face have face_room entries; those of free slots are 0. */
+typedef struct sbi_contact_faces {
+    sb_allocator allocator;
+    int face_end;   /* slots in use or free lie below */
+    int face_count; /* in use */
+    int flat_count; /* of these without area: they have no samples, and no query finds them */
+    int face_room, node_room;
+    int width;                                     /* nodes per slot: most of any face */
+    unsigned char *sizes;                          /* nodes of each face; 0: a free slot */
+    unsigned char *sides;                          /* its number among the faces of its element */
+    int *nodes;                                    /* [slot][width] counter-clockwise seen from outside */
+    int *elements;                                 /* the cell behind it */
+    int *regions;                                  /* index of its material in the body */
+    sb_real *areas;                                /* m^2 at rest */
+    sb_real *lengths;                              /* m at rest: what is cut into parts, see sbi_contact_face_parts */
+    int *blocks;                                   /* [slot][width * width] once they were asked for */
+    int *versions;                                 /* pattern that the blocks are of; -1: of none */
+    sb_real *node_areas;                           /* [node_room] (m^2), see sbi_contact_node_area */
+    sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
+    sbi_face_tree tree;
+    unsigned char *marks; /* [face_room] zeros between queries */
+    void *memory, *rule_memory;
+} sbi_contact_faces;
+
+/* The boundary faces of a body's mesh, with boxes at its present place. SB_ERROR_MESH: none of them has an
+ * area. SB_ERROR_MEMORY (also when there are more than 2^31-1 places). allocator NULL: malloc. On failure *faces is
+ * untouched. */
+SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocator *allocator,
+                                           sbi_contact_faces **faces, sb_error *error);
+SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces); /* NULL is fine */
+
+/* Boxes anew, for the way from x to x + dt v (m); v NULL: at x. */
+SBI_API void sbi_contact_faces_refit(sbi_contact_faces *faces, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
+/* Faces whose boxes meet [low, high] (m): returns how many, and writes the first `capacity` of them, ascending. One
+ * thread at a time. */
+SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_vec3 high, int *found, int capacity);
+
+/* Parts a side of a face for a tool of radius r (m): a constant of the two, so that no sample comes or goes. */
+SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius);
+/* Smallest radius (m) that no face needs more parts for than there are rules; *face (may be NULL): which needs most. */
+SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face);
+/* Area of a sample (m^2 at rest). */
+SBI_API sb_real sbi_contact_sample_area(const sbi_contact_faces *faces, const sb_body *body, int face, int parts,
+                                        int sample);
+/* [nodes][nodes] positions of the face's blocks in the body's matrix as it is now, valid until the next change of its
+ * pattern. Found when they are first asked for: one thread at a time. */
+SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_body *body, int face);
+
+SB_INLINE const int *sbi_contact_face_nodes(const sbi_contact_faces *faces, int face)
+{
+    return faces->nodes + (size_t)face * (size_t)faces->width;
+}
+SB_INLINE sb_element_type sbi_contact_face_type(const sbi_contact_faces *faces, int face)
+{
+    return faces->kinds[faces->sizes[face]].type;
+}
+SB_INLINE const sbi_contact_rule *sbi_contact_face_rule(const sbi_contact_faces *faces, int face, int parts)
+{
+    return &faces->kinds[faces->sizes[face]].rules[parts];
+}
+/* [nodes of the face] shape functions at a sample. */
+SB_INLINE const sb_real *sbi_contact_sample_weights(const sbi_contact_faces *faces, int face, int parts, int sample)
+{
+    return sbi_contact_face_rule(faces, face, parts)->weights + (size_t)sample * (size_t)faces->sizes[face];
+}
+/* Area of the surface that is a node's (m^2 at rest), 0 off the surface: the integral of its shape function; of
+ * quadratic faces, where that is zero (tri6) or negative (quad8) at corners, its share of the integrals of all |N|,
+ * times the area. Their sum is the area. */
+SB_INLINE sb_real sbi_contact_node_area(const sbi_contact_faces *faces, int node) { return faces->node_areas[node]; }
+
+#endif /* SB_CONTACT_FACES_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_faces.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_faces: what faces a body has, their samples, areas and places in the matrix. */
+
+#include <string.h>
+
+
+/* ---- rules of samples ---- */
+
+/* Points of a part: of a triangle in the parts' triangle (0, 0), (1, 0), (0, 1), and of the one that fills its cell. */
+static const sb_real sbi_contact_centroids[2][1][2] = {{{(sb_real)1 / 3, (sb_real)1 / 3}},
+                                                       {{(sb_real)2 / 3, (sb_real)2 / 3}}};
+static const sb_real sbi_contact_threes[2][3][2] = {
+    {{(sb_real)1 / 6, (sb_real)1 / 6}, {(sb_real)2 / 3, (sb_real)1 / 6}, {(sb_real)1 / 6, (sb_real)2 / 3}},
+    {{(sb_real)5 / 6, (sb_real)5 / 6}, {(sb_real)1 / 3, (sb_real)5 / 6}, {(sb_real)5 / 6, (sb_real)1 / 3}}};
+/* (1 -+ 1 / sqrt(3)) / 2 */
+static const sb_real sbi_contact_gauss[2] = {(sb_real)0.21132486540518711775, (sb_real)0.78867513459481288225};
+
+static int sbi_contact_is_triangle(const sbi_contact_kind *kind) { return kind->corners == 3; }
+
+/* Samples in a part. */
+static int sbi_contact_points(const sbi_contact_kind *kind)
+{
+    return !sbi_contact_is_triangle(kind) ? 4 : kind->nodes == 3 ? 1 : 3;
+}
+
+/* Parameters of sample `sample` of n parts a side. Parts of a triangle are numbered along its rows, of which row j has
+ * n - j upright ones and between them n - j - 1 others. */
+static void sbi_contact_sample_point(const sbi_contact_kind *kind, int n, int sample, sb_real xi[3])
+{
+    int points = sbi_contact_points(kind), part = sample / points, point = sample % points, row = 0;
+    const sb_real side = (sb_real)1 / (sb_real)n;
+    const sb_real *at;
+    xi[2] = 0;
+    if (!sbi_contact_is_triangle(kind)) {
+        xi[0] = 2 * side * ((sb_real)(part % n) + sbi_contact_gauss[point % 2]) - 1;
+        xi[1] = 2 * side * ((sb_real)(part / n) + sbi_contact_gauss[point / 2]) - 1;
+        return;
+    }
+    while (part >= 2 * (n - row) - 1)
+        part -= 2 * (n - row++) - 1;
+    at = points == 1 ? sbi_contact_centroids[part % 2][point] : sbi_contact_threes[part % 2][point];
+    xi[0] = side * ((sb_real)(part / 2) + at[0]);
+    xi[1] = side * ((sb_real)row + at[1]);
+}
+
+static sbi_contact_kind sbi_contact_make_kind(sb_element_type type)
+{
+    sbi_contact_kind kind;
+    memset(&kind, 0, sizeof kind);
+    kind.type = type;
+    kind.nodes = sb_element_node_count(type);
+    kind.corners = sb_element_corner_count(type);
+    kind.least = type == SB_TRI3 ? 2 : 1;
+    kind.most = type == SB_TRI3 ? SBI_CONTACT_MOST_PARTS : SBI_CONTACT_MOST_PARTS / 2;
+    kind.part = type == SB_TRI3 ? (sb_real)0.5 : type == SB_TRI6 ? (sb_real)1 : (sb_real)0.85;
+    return kind;
+}
+
+/* Takes the tables of a kind (measuring or for real). */
+static void sbi_contact_layout_rules(sbi_contact_kind *kind, sbi_arena *arena)
+{
+    for (int n = kind->least; n <= kind->most; n++) {
+        sbi_contact_rule *rule = &kind->rules[n];
+        size_t values;
+        rule->count = sbi_contact_points(kind) * n * n;
+        rule->measure = (sb_real)(sbi_contact_is_triangle(kind) ? 0.5 : 4.0) / (sb_real)rule->count;
+        values = (size_t)rule->count * (size_t)kind->nodes;
+        rule->weights = (sb_real *)sbi_arena_take(arena, values, sizeof(sb_real));
+        rule->slopes = (sb_real *)sbi_arena_take(arena, 2 * values, sizeof(sb_real));
+    }
+}
+
+static void sbi_contact_fill_rule(const sbi_contact_kind *kind, int n)
+{
+    const sbi_contact_rule *rule = &kind->rules[n];
+    sb_real *weights = rule->weights, *slopes = rule->slopes;
+    for (int i = 0; i < rule->count; i++, weights += kind->nodes, slopes += 2 * kind->nodes) {
+        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3];
+        sbi_contact_sample_point(kind, n, i, xi);
+        sb_element_shape(kind->type, xi, weights, gradient);
+        for (int a = 0; a < kind->nodes; a++) {
+            slopes[a] = gradient[a][0];
+            slopes[kind->nodes + a] = gradient[a][1];
+        }
+    }
+}
+
+/* Shares of a face's area, in its parameters, by the integrals of |N|. */
+static void sbi_contact_fill_shares(sbi_contact_kind *kind)
+{
+    const sbi_contact_rule *rule = &kind->rules[kind->most];
+    sb_real sum = 0;
+    for (int i = 0; i < rule->count * kind->nodes; i++) {
+        kind->shares[i % kind->nodes] += sb_abs(rule->weights[i]);
+        sum += sb_abs(rule->weights[i]);
+    }
+    for (int a = 0; a < kind->nodes; a++)
+        kind->shares[a] /= sum;
+}
+
+/* Kinds and rules of an element's faces. 0: no memory. */
+static int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    for (int side = 0; side < sbi_element_face_count(element); side++) {
+        int local[SB_MAX_FACE_NODES];
+        sb_element_type type = SB_NO_ELEMENT;
+        int size = sbi_element_face(element, side, local, &type);
+        if (!faces->kinds[size].nodes)
+            faces->kinds[size] = sbi_contact_make_kind(type);
+        faces->width = sbi_max_int(faces->width, size);
+    }
+    for (int pass = 0; pass < 2; pass++) {
+        for (int size = 1; size <= SB_MAX_FACE_NODES; size++)
+            if (faces->kinds[size].nodes)
+                sbi_contact_layout_rules(&faces->kinds[size], &arena);
+        if (pass == 1)
+            break;
+        faces->rule_memory = arena.overflow ? NULL : sbi_alloc(&faces->allocator, arena.used, 1);
+        if (!faces->rule_memory)
+            return 0;
+        arena.base = (unsigned char *)faces->rule_memory;
+        arena.used = 0;
+    }
+    for (int size = 1; size <= SB_MAX_FACE_NODES; size++) {
+        sbi_contact_kind *kind = &faces->kinds[size];
+        for (int n = kind->least; n <= kind->most && kind->nodes; n++)
+            sbi_contact_fill_rule(kind, n);
+        if (kind->nodes > 4)
+            sbi_contact_fill_shares(kind);
+    }
+    return 1;
+}
+
+/* ---- faces that have nothing on their other side ---- */
+
+/* 1 when the corners run through the face the way round in which the second least follows the least: of two faces that
+ * touch, one does. */
+static int sbi_contact_ascends(const int *corners, int count)
+{
+    int least = 0;
+    for (int a = 1; a < count; a++)
+        if (corners[a] < corners[least])
+            least = a;
+    return corners[(least + 1) % count] < corners[(least + count - 1) % count];
+}
+
+static int sbi_contact_side_ascends(const sb_body *body, int cell, int side)
+{
+    const sb_domain *domain = &body->domain;
+    const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
+    int local[SB_MAX_FACE_NODES], corners[SB_MAX_FACE_NODES], count;
+    sb_element_type type = SB_NO_ELEMENT;
+    sbi_element_face(sbi_element_make(domain->element_type, domain->table), side, local, &type);
+    count = sb_element_corner_count(type);
+    for (int a = 0; a < count; a++)
+        corners[a] = nodes[local[a]];
+    return sbi_contact_ascends(corners, count);
+}
+
+/* outer[cell * sides + side] = 1 for the boundary: where all cells with these corners lie on one side, as those of an
+ * immersed grid that share all their nodes do, the first of them. Returns how many, -1: no memory. */
+static int sbi_contact_find_outer(const sb_body *body, const sb_allocator *allocator, unsigned char *outer,
+                                  unsigned char *skip)
+{
+    sb_mesh mesh = sbi_body_mesh_view(body);
+    sbi_mesh_keys keys;
+    int count = 0;
+    for (int e = 0; e < mesh.element_count; e++)
+        skip[e] = !sb_body_cell_in_use(body, e);
+    if (!sbi_mesh_keys_make(&mesh, SBI_MESH_SIDES, skip, allocator, &keys))
+        return -1;
+    memset(outer, 0, (size_t)keys.count);
+    for (int begin = 0, end; begin < keys.sorted; begin = end) {
+        int first = keys.order[begin], lone = 1, per = keys.per_element;
+        end = sbi_mesh_run_end(&keys, begin);
+        for (int i = begin + 1; i < end && lone; i++)
+            lone = sbi_contact_side_ascends(body, keys.order[i] / per, keys.order[i] % per) ==
+                   sbi_contact_side_ascends(body, first / per, first % per);
+        outer[first] = (unsigned char)lone;
+        count += lone;
+    }
+    sbi_mesh_keys_free(allocator, &keys);
+    return count;
+}
+
+/* ---- a face ---- */
+
+/* |x_r cross x_s| at a sample. */
+static sb_real sbi_contact_stretch(const sb_real *slopes, const sb_vec3 *x, int nodes)
+{
+    sb_vec3 r = sb_v3(0, 0, 0), s = sb_v3(0, 0, 0);
+    for (int a = 0; a < nodes; a++) {
+        r = sb_v3_madd(r, slopes[a], x[a]);
+        s = sb_v3_madd(s, slopes[nodes + a], x[a]);
+    }
+    return sb_v3_norm(sb_v3_cross(r, s));
+}
+
+static void sbi_contact_gather(const sbi_contact_faces *faces, const sb_body *body, int face, sb_vec3 *x)
+{
+    for (int a = 0; a < faces->sizes[face]; a++)
+        x[a] = body->reference[sbi_contact_face_nodes(faces, face)[a]];
+}
+
+/* Edges through their middle nodes; of quads also the diagonals of a square with such edges. */
+static sb_real sbi_contact_length(const sbi_contact_kind *kind, const sb_vec3 *x)
+{
+    const sb_real square = sb_sqrt((sb_real)0.5);
+    sb_real longest = 0;
+    for (int a = 0; a < kind->corners; a++) {
+        sb_vec3 from = x[a], to = x[(a + 1) % kind->corners];
+        sb_vec3 middle = kind->nodes > kind->corners ? x[kind->corners + a] : to;
+        longest = sb_max(longest, sb_v3_norm(sb_v3_sub(middle, from)) + sb_v3_norm(sb_v3_sub(to, middle)));
+    }
+    for (int a = 0; a < 2 && kind->corners == 4; a++)
+        longest = sb_max(longest, square * sb_v3_norm(sb_v3_sub(x[a + 2], x[a])));
+    return longest;
+}
+
+/* Two parts a side: enough for the areas of faces and nodes of straight faces to be exact. */
+enum { SBI_CONTACT_AREA_PARTS = 2 };
+
+/* Area of a face and, added to them, those of its nodes; all 0 where it is so flat that its normal is rounding. */
+static void sbi_contact_measure(sbi_contact_faces *faces, const sb_body *body, int face)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    const sbi_contact_rule *rule = &kind->rules[SBI_CONTACT_AREA_PARTS];
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    sb_real area = 0, of_nodes[SB_MAX_FACE_NODES] = {0}, length;
+    sbi_contact_gather(faces, body, face, x);
+    faces->lengths[face] = length = sbi_contact_length(kind, x);
+    for (int i = 0; i < rule->count; i++) {
+        const sb_real *weights = rule->weights + i * kind->nodes;
+        sb_real part = rule->measure * sbi_contact_stretch(rule->slopes + 2 * i * kind->nodes, x, kind->nodes);
+        area += part;
+        for (int a = 0; a < kind->nodes; a++)
+            of_nodes[a] += part * weights[a];
+    }
+    faces->areas[face] = area > 16 * SB_EPSILON * length * length ? area : 0;
+    faces->flat_count += faces->areas[face] == 0;
+    for (int a = 0; a < kind->nodes && faces->areas[face] > 0; a++)
+        faces->node_areas[nodes[a]] += kind->nodes > 4 ? area * kind->shares[a] : of_nodes[a];
+}
+
+static void sbi_contact_put_face(sbi_contact_faces *faces, const sb_body *body, int face, int cell, int side)
+{
+    const sb_domain *domain = &body->domain;
+    const int *corners = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
+    int local[SB_MAX_FACE_NODES], *nodes = faces->nodes + (size_t)face * (size_t)faces->width;
+    int size = sbi_element_face(sbi_element_make(domain->element_type, domain->table), side, local, NULL);
+    for (int a = 0; a < size; a++)
+        nodes[a] = corners[local[a]];
+    faces->sizes[face] = (unsigned char)size;
+    faces->sides[face] = (unsigned char)side;
+    faces->elements[face] = cell;
+    faces->regions[face] = body->cell_material[cell];
+    faces->versions[face] = -1;
+    faces->face_count++;
+}
+
+/* ---- creation ---- */
+
+/* Takes the arrays by face and by node (measuring or for real). */
+static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
+{
+    size_t room = (size_t)faces->face_room, width = (size_t)faces->width;
+    faces->areas = (sb_real *)sbi_arena_take(arena, room, sizeof(sb_real));
+    faces->lengths = (sb_real *)sbi_arena_take(arena, room, sizeof(sb_real));
+    faces->node_areas = (sb_real *)sbi_arena_take(arena, (size_t)faces->node_room, sizeof(sb_real));
+    faces->nodes = (int *)sbi_arena_take(arena, room, width * sizeof(int));
+    faces->blocks = (int *)sbi_arena_take(arena, room, width * width * sizeof(int));
+    faces->elements = (int *)sbi_arena_take(arena, room, sizeof(int));
+    faces->regions = (int *)sbi_arena_take(arena, room, sizeof(int));
+    faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
+    faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
+    faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
+    faces->marks = (unsigned char *)sbi_arena_take(arena, room, 1);
+}
+
+static int sbi_contact_take_arrays(sbi_contact_faces *faces)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_layout(faces, &arena);
+    faces->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&faces->allocator, arena.used, 1);
+    if (!faces->memory)
+        return 0;
+    arena.base = (unsigned char *)faces->memory;
+    arena.used = 0;
+    sbi_contact_layout(faces, &arena);
+    return 1;
+}
+
+static sb_result sbi_contact_no_memory(int faces, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", faces);
+}
+
+/* Scratch for the tree's order. */
+typedef struct sbi_contact_order {
+    sb_vec3 *centres;  /* [faces] */
+    uint32_t *scratch; /* [faces][3] */
+    int *faces, *order;
+} sbi_contact_order;
+
+static void sbi_contact_layout_order(int count, sbi_contact_order *order, sbi_arena *arena)
+{
+    order->centres = (sb_vec3 *)sbi_arena_take(arena, (size_t)count, sizeof(sb_vec3));
+    order->scratch = (uint32_t *)sbi_arena_take(arena, (size_t)count, 3 * sizeof(uint32_t));
+    order->faces = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+    order->order = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+}
+
+/* Puts the faces with area into the tree, along Morton's curve through their corners' centres at rest. */
+static void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order)
+{
+    sbi_face_tree_source source;
+    int count = 0;
+    for (int f = 0; f < faces->face_end; f++) {
+        const int *nodes = sbi_contact_face_nodes(faces, f);
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        int corners = faces->kinds[faces->sizes[f]].corners;
+        if (!(faces->areas[f] > 0))
+            continue;
+        for (int a = 0; a < corners; a++)
+            sum = sb_v3_add(sum, body->reference[nodes[a]]);
+        order->centres[count] = sb_v3_scale((sb_real)1 / (sb_real)corners, sum);
+        order->faces[count++] = f;
+    }
+    sbi_embed_sort(order->centres, count, order->order, order->scratch);
+    for (int i = 0; i < count; i++)
+        order->order[i] = order->faces[order->order[i]];
+    source.count = count;
+    source.faces = order->order;
+    source.nodes = faces->nodes;
+    source.sizes = faces->sizes;
+    sbi_face_tree_build(&faces->tree, &source);
+}
+
+/* How many nodes have faces; uses `scratch` [node_count]. */
+static int sbi_contact_count_nodes(const sbi_contact_faces *faces, unsigned char *scratch)
+{
+    int count = 0;
+    memset(scratch, 0, (size_t)faces->node_room);
+    for (int f = 0; f < faces->face_end; f++)
+        for (int a = 0; a < faces->sizes[f]; a++) {
+            unsigned char *seen = scratch + sbi_contact_face_nodes(faces, f)[a];
+            count += !*seen;
+            *seen = 1;
+        }
+    return count;
+}
+
+static sb_result sbi_contact_make_tree(sbi_contact_faces *faces, const sb_body *body, unsigned char *scratch,
+                                       sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_order order;
+    sbi_face_tree_room room;
+    room.faces = faces->face_count;
+    room.nodes = sbi_contact_count_nodes(faces, scratch);
+    room.node_end = faces->node_room;
+    room.width = faces->width;
+    sbi_contact_layout_order(faces->face_count, &order, &arena);
+    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&faces->allocator, arena.used, 1);
+    if (!arena.base || !sbi_face_tree_create(&room, &faces->allocator, &faces->tree)) {
+        sbi_free(&faces->allocator, arena.base);
+        return sbi_contact_no_memory(faces->face_count, error);
+    }
+    arena.used = 0;
+    sbi_contact_layout_order(faces->face_count, &order, &arena);
+    sbi_contact_build_tree(faces, body, &order);
+    sbi_free(&faces->allocator, arena.base);
+    return SB_OK;
+}
+
+/* Arrays, faces in the order of cells and sides, and the tree; outer: what sbi_contact_find_outer found. */
+static sb_result sbi_contact_take_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer,
+                                        unsigned char *scratch, sb_error *error)
+{
+    int sides = sbi_element_face_count(sbi_element_make(body->domain.element_type, body->domain.table));
+    if (!sbi_contact_take_arrays(faces))
+        return sbi_contact_no_memory(faces->face_room, error);
+    for (int p = 0; p < body->domain.cell_count * sides; p++)
+        if (outer[p])
+            sbi_contact_put_face(faces, body, faces->face_end++, p / sides, p % sides);
+    for (int f = 0; f < faces->face_end; f++)
+        sbi_contact_measure(faces, body, f);
+    if (faces->flat_count == faces->face_count)
+        return sbi_fail(error, SB_ERROR_MESH,
+                        "no face of the body's surface has an area: contact has nothing to act on");
+    return sbi_contact_make_tree(faces, body, scratch, error);
+}
+
+static sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sbi_element element = sbi_element_make(domain->element_type, domain->table);
+    size_t sides = (size_t)domain->cell_count * (size_t)sbi_element_face_count(element);
+    unsigned char *outer = (unsigned char *)sbi_alloc(&faces->allocator, sides, 1);
+    unsigned char *scratch =
+        (unsigned char *)sbi_alloc(&faces->allocator, (size_t)sbi_max_int(domain->cell_count, domain->node_count), 1);
+    sb_result result = SB_ERROR_MEMORY;
+    faces->node_room = domain->node_count;
+    faces->face_room = outer && scratch ? sbi_contact_find_outer(body, &faces->allocator, outer, scratch) : -1;
+    if (faces->face_room < 0 || !sbi_contact_make_rules(faces, element))
+        result =
+            sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body of %d elements", domain->cell_count);
+    else
+        result = sbi_contact_take_faces(faces, body, outer, scratch, error);
+    sbi_free(&faces->allocator, outer);
+    sbi_free(&faces->allocator, scratch);
+    return result;
+}
+
+SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocator *allocator,
+                                           sbi_contact_faces **faces, sb_error *error)
+{
+    sbi_contact_faces *made = (sbi_contact_faces *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    sb_result result;
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body");
+    if (allocator)
+        made->allocator = *allocator;
+    result = sbi_contact_fill(made, body, error);
+    if (result != SB_OK) {
+        sbi_contact_faces_destroy(made);
+        return result;
+    }
+    sbi_contact_faces_refit(made, body->position, NULL, 0);
+    *faces = made;
+    return SB_OK;
+}
+
+SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces)
+{
+    sb_allocator allocator;
+    if (!faces)
+        return;
+    allocator = faces->allocator;
+    sbi_face_tree_free(&faces->tree, &allocator);
+    sbi_free(&allocator, faces->rule_memory);
+    sbi_free(&allocator, faces->memory);
+    sbi_free(&allocator, faces);
+}
+
+/* ---- boxes ---- */
+
+SBI_API void sbi_contact_faces_refit(sbi_contact_faces *faces, const sb_vec3 *x, const sb_vec3 *v, sb_real dt)
+{
+    sbi_face_tree_refit(&faces->tree, x, v, dt);
+}
+
+SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_vec3 high, int *found, int capacity)
+{
+    return sbi_face_tree_query(&faces->tree, low, high, faces->marks, found, capacity);
+}
+
+/* ---- samples and blocks ---- */
+
+SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    sb_real parts = faces->lengths[face] / (kind->part * radius);
+    int n = kind->least;
+    while (n < kind->most && (sb_real)n < parts)
+        n++;
+    return n;
+}
+
+SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face)
+{
+    sb_real radius = 0;
+    for (int f = 0; f < faces->face_end; f++) {
+        const sbi_contact_kind *kind = &faces->kinds[faces->sizes[f]];
+        sb_real needed = faces->areas[f] > 0 ? faces->lengths[f] / (kind->part * (sb_real)kind->most) : 0;
+        if (needed > radius) {
+            radius = needed;
+            if (face)
+                *face = f;
+        }
+    }
+    return radius;
+}
+
+SBI_API sb_real sbi_contact_sample_area(const sbi_contact_faces *faces, const sb_body *body, int face, int parts,
+                                        int sample)
+{
+    int nodes = faces->sizes[face];
+    const sbi_contact_rule *rule = &faces->kinds[nodes].rules[parts];
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    if (nodes == 3)
+        return faces->areas[face] / (sb_real)rule->count;
+    sbi_contact_gather(faces, body, face, x);
+    return rule->measure * sbi_contact_stretch(rule->slopes + 2 * sample * nodes, x, nodes);
+}
+
+SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_body *body, int face)
+{
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    int size = faces->sizes[face], *blocks = faces->blocks + (size_t)face * (size_t)(faces->width * faces->width);
+    if (faces->versions[face] == body->pattern_version)
+        return blocks;
+    for (int a = 0; a < size; a++)
+        for (int b = 0; b < size; b++)
+            blocks[a * size + b] = sb_matrix_find(&body->matrix, nodes[a], nodes[b]);
+    faces->versions[face] = body->pattern_version;
+    return blocks;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_law.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_law: pressure and friction at one sample, and their stiffness. Internal, pure functions.
+ *
+ *     p = max(0, l - k g)                                       n out of the tool, g the gap (m, negative: overlap)
+ *     tau = P t' - kt s,  t = tau if |tau| <= B, else B tau/|tau|
+ *     K = k n n^T + kt (I - n n^T)                              sticks
+ *     K = k n n^T + kt B/|tau| (I - n n^T - d d^T), d = tau/|tau|     slips
+ *
+ * l, t' are remembered pressure and traction of the step before, P turns the latter into the tangent plane, s is the
+ * slip, B = mu p the bound of friction of the last renewal. Without the curvature of the tool and dB/dp, K is symmetric
+ * and positive semidefinite. Gradient and tangent of the potential (B fixed)
+ *     p^2 / (2 k) + (|tau|^2 / (2 kt), or (B |tau| - B^2/2) / kt).
+ * Source: Wriggers, Computational Contact Mechanics, ch. 5 and 6. */
+#ifndef SB_CONTACT_LAW_H
+#define SB_CONTACT_LAW_H
+
+
+/* Tangential over normal stiffness while it sticks. */
+#define SBI_CONTACT_TANGENTIAL ((sb_real)0.5)
+
+typedef enum sbi_contact_state { SBI_CONTACT_OFF = 0, SBI_CONTACT_STICKS = 1, SBI_CONTACT_SLIPS = 2 } sbi_contact_state;
+
+typedef struct sbi_contact_answer {
+    sbi_contact_state state;
+    sb_real pressure;        /* Pa */
+    sb_vec3 traction;        /* Pa, tangential, on the body */
+    sb_vec3 direction;       /* d of a sample that slips, or 0 */
+    sb_real normal, tangent; /* Pa/m: K = normal n n^T + tangent (I - n n^T - d d^T) */
+    sb_real energy;          /* J/m^2 */
+} sbi_contact_answer;
+
+/* v without its part along the unit vector n. */
+SB_INLINE sb_vec3 sbi_contact_tangential(sb_vec3 v, sb_vec3 n) { return sb_v3_madd(v, -sb_v3_dot(v, n), n); }
+
+/* v turned into the plane across n: its projection with the length of v. */
+SB_INLINE sb_vec3 sbi_contact_carry(sb_vec3 v, sb_vec3 n)
+{
+    sb_vec3 flat = sbi_contact_tangential(v, n);
+    sb_real length = sb_v3_norm(v), now = sb_v3_norm(flat);
+    return now > 0 ? sb_v3_scale(length / now, flat) : sb_v3(0, 0, 0);
+}
+
+/* memory: l (Pa); remembered: t' (Pa); slip: any part along n is left out; bound: B (Pa), of a tool without friction 0. */
+SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real memory, sb_vec3 n, sb_vec3 slip,
+                                             sb_vec3 remembered, sb_real bound)
+{
+    sbi_contact_answer a;
+    sb_real kt = SBI_CONTACT_TANGENTIAL * k, size;
+    sb_vec3 tau;
+    a.state = SBI_CONTACT_OFF;
+    a.pressure = memory - k * gap;
+    a.traction = a.direction = sb_v3(0, 0, 0);
+    a.normal = a.tangent = a.energy = 0;
+    if (!(a.pressure > 0)) {
+        a.pressure = 0; /* friction of a bound that is still to be renewed stays, for the sake of the potential */
+    } else {
+        a.state = SBI_CONTACT_SLIPS;
+        a.normal = k;
+        a.energy = a.pressure * a.pressure / (2 * k);
+    }
+    if (!(bound > 0))
+        return a;
+    tau = sb_v3_madd(sbi_contact_carry(remembered, n), -kt, sbi_contact_tangential(slip, n));
+    size = sb_v3_norm(tau);
+    if (size <= bound) {
+        a.state = SBI_CONTACT_STICKS;
+        a.traction = tau;
+        a.tangent = kt;
+        a.energy += size * size / (2 * kt);
+        return a;
+    }
+    a.direction = sb_v3_scale(1 / size, tau);
+    a.traction = sb_v3_scale(bound, a.direction);
+    a.tangent = kt * bound / size;
+    a.energy += (bound * size - bound * bound / 2) / kt;
+    return a;
+}
+
+/* factor times K, row-major. */
+SB_INLINE void sbi_contact_stiffness(const sbi_contact_answer *a, sb_vec3 n, sb_real factor, sb_real out[9])
+{
+    sb_real normal = factor * (a->normal - a->tangent), tangent = factor * a->tangent;
+    const sb_real u[3] = {n.x, n.y, n.z}, d[3] = {a->direction.x, a->direction.y, a->direction.z};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            out[3 * i + j] = normal * u[i] * u[j] + (i == j ? tangent : 0) - tangent * d[i] * d[j];
+}
+
+#endif /* SB_CONTACT_LAW_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_private: what is inside an sb_contact. Internal: the files contact*.c share it.
+ *
+ * Data of a step flow one way: sweep (how far each tool goes) -> patches (faces near a tool, one for each tool that
+ * they are near) -> samples of patches, with what the step before remembers of them -> law -> forces and blocks by
+ * patch -> entries (samples in touch), which are what is read, saved and remembered. */
+#ifndef SB_CONTACT_PRIVATE_H
+#define SB_CONTACT_PRIVATE_H
+
+
+/* A tool's place in the list. Chains are of capsules, [point count]. */
+typedef struct sbi_contact_tool {
+    sbi_tool *shape; /* NULL: the place is free */
+    sb_real friction;
+    int partner;
+    sb_pose reached, wanted;    /* at the end of the last step; where it is sent */
+    sb_pose next, balance;      /* of the step: at its end, and where its forces balance */
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    int face_count;              /* of its faces in sb_contact.near */
+    sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;                 /* m */
+} sbi_contact_tool;
+
+/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
+typedef struct sbi_contact_entry {
+    int tool, face, parts, sample, sticks;
+    sb_real memory;                       /* l (Pa) */
+    sb_real gap, area;                    /* m, m^2 at rest */
+    sb_vec3 traction;                     /* t (Pa) on the body */
+    sb_vec3 point, normal, force;         /* m, out of the tool, N on the body */
+} sbi_contact_entry;
+
+/* A face near a tool. */
+typedef struct sbi_contact_patch {
+    int tool, face, parts;
+    int first, count;             /* its samples */
+    int touching;                 /* of them at the last evaluation */
+    int nodes[SB_MAX_FACE_NODES]; /* places in the list of nodes */
+} sbi_contact_patch;
+
+typedef struct sbi_contact_sample {
+    int patch, sample;
+    const sb_real *weights;   /* [nodes of the face] */
+    sb_real area;             /* m^2 at rest */
+    sb_real k;                /* Pa/m */
+    sb_real memory;           /* l (Pa), remembered */
+    sb_vec3 remembered;       /* t (Pa) */
+    sb_vec3 carried;          /* where the tool's own motion takes it over the step (m) */
+    sb_vec3 normal;           /* of the last evaluation, out of the tool in space */
+    sb_vec3 point;            /* m */
+    sb_real gap, slip, bound; /* m, m, Pa */
+    sbi_contact_answer answer;
+} sbi_contact_sample;
+
+/* A block of the matrix before contact was added. */
+typedef struct sbi_contact_saved {
+    int block;
+    sb_real values[9];
+} sbi_contact_saved;
+
+struct sb_contact {
+    sb_allocator allocator;
+    sb_body *body;
+    sb_real stiffness;
+    int max_tools, max_contacts;
+    sbi_contact_faces *faces;
+    sbi_contact_tool *tools; /* [max_tools] */
+    sbi_touch touch;
+    sb_contact_info info, step_info; /* of the last step; of the one under way */
+
+    /* of the step */
+    int *near;           /* [max_tools][face_room] faces by tool */
+    int *scratch;        /* [face_room] outside of steps */
+    int patch_count;
+    sbi_contact_patch *patches;
+    int patch_room;
+    sbi_contact_sample *samples; /* [max_contacts] */
+    int sample_count;
+    int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
+    int *nodes;          /* [node_room] */
+    sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
+    sb_real *region_sum; /* [max_tools][regions] of k while it is summed, then k (Pa/m) */
+    int *region_count;
+    int region_room;
+    sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
+    sb_real (*blocks)[9];  /* [patch_room][width^2] sums of K by patch */
+    int blocks_current;
+    sbi_contact_saved *saved; /* [patch_room width^2] */
+    int saved_count;
+
+    /* of the last step */
+    sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
+    int entry_count;
+    void *memory;
+};
+
+/* ---- contact_tool.c ---- */
+/* Gives a tool back; a free place is fine. */
+SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
+
+/* ---- contact_sweep.c ---- */
+/* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
+SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
+/* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross a
+ * face. u [rows]: displacements at the end. */
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
+/* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
+SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                                  int *element);
+
+/* ---- contact_step.c ---- */
+/* What the body calls in its steps. */
+SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* ---- contact_state.c ---- */
+/* What a recording keeps of calls: codes stand in files. */
+typedef enum sbi_contact_command {
+    SBI_CONTACT_ADD = 1,      /* cannot be played */
+    SBI_CONTACT_REMOVE = 2,   /* likewise */
+    SBI_CONTACT_MOVE = 3,     /* reals: pose */
+    SBI_CONTACT_PLACE = 4,    /* reals: pose */
+    SBI_CONTACT_BEND = 5,     /* reals: chain */
+    SBI_CONTACT_FRICTION = 6  /* reals: mu */
+} sbi_contact_command;
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count);
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose);
+/* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
+SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_leave_state(const sb_contact *contact);
+
+/* Place of a sample with these weights. */
+SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int a = 0; a < count; a++)
+        sum = sb_v3_madd(sum, weights[a], values[nodes[a]]);
+    return sum;
+}
+
+#endif /* SB_CONTACT_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_sweep.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
+ *
+ * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
+ * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
+ * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was at
+ * least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+#include <math.h>
+#include <string.h>
+
+
+#define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
+#define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample near the tool against it */
+enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
+
+/* ---- faces near a tool ---- */
+
+/* Box of a tool on the way between two poses, grown by its radius and by what the straight line between the two misses
+ * of a turn. */
+static void sbi_sweep_box(const sbi_tool *shape, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                          const sb_pose *to, sb_vec3 *low, sb_vec3 *high)
+{
+    sb_vec3 low1, high1, sides;
+    sb_real turn = sb_v3_norm(sbi_pose_rotation(from, to)), grow;
+    sbi_tool_bounds(shape, chain0, from, low, high);
+    sbi_tool_bounds(shape, chain1, to, &low1, &high1);
+    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
+        return;
+    sides = sb_v3(sb_max(high->x - low->x, high1.x - low1.x), sb_max(high->y - low->y, high1.y - low1.y),
+                  sb_max(high->z - low->z, high1.z - low1.z));
+    grow = sbi_tool_radius(shape) + sb_v3_norm(sides) * sb_min((sb_real)1, turn * turn / 8);
+    *low = sb_v3(sb_min(low->x, low1.x) - grow, sb_min(low->y, low1.y) - grow, sb_min(low->z, low1.z) - grow);
+    *high = sb_v3(sb_max(high->x, high1.x) + grow, sb_max(high->y, high1.y) + grow, sb_max(high->z, high1.z) + grow);
+}
+
+static int *sbi_sweep_near(const sb_contact *contact, int tool)
+{
+    return contact->near + (size_t)tool * (size_t)contact->faces->face_room;
+}
+
+static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_vec3 low, high;
+    sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
+    tool->face_count = sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number),
+                                               contact->faces->face_room);
+}
+
+/* ---- the way ---- */
+
+/* chain = a share of the way between two. */
+static void sbi_sweep_bend(const sbi_contact_tool *tool, sb_real share, const sb_vec3 *to, sb_vec3 *chain)
+{
+    for (int i = 0; i < sbi_tool_point_count(tool->shape); i++) {
+        sb_vec3 way = sb_v3_sub(to[i], tool->chain_reached[i]);
+        chain[i] = share == 1 ? to[i] : sb_v3_madd(tool->chain_reached[i], share, way);
+    }
+}
+
+/* Least gap of the faces near a tool at a pose, where the body is. */
+static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                             const int *near, int count, int *deepest)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body), up = {0, 0, 1};
+    sb_real least = SB_REAL_MAX, radius = sbi_tool_radius(shape);
+    for (int f = 0; f < count; f++) {
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        for (int s = 0; s < rule->count; s++) {
+            sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)s * faces->sizes[face],
+                                          sbi_contact_face_nodes(faces, face), faces->sizes[face], x);
+            sb_vec3 normal;
+            sb_real gap = sbi_tool_distance(shape, chain, sbi_pose_to_tool(pose, at), up, &normal);
+            if (gap < least && deepest)
+                *deepest = face;
+            least = sb_min(least, gap);
+        }
+    }
+    return least;
+}
+
+/* Share of the way to where it is sent that a tool may go: free up to the body, and some into it. */
+static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real inner = sbi_tool_inner_radius(tool->shape), share = 0;
+    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), less = 1;
+    for (int i = 0; i < step->tries; i++)
+        less *= (sb_real)0.5;
+    if (step->tries >= SBI_SWEEP_LAST_TRY)
+        return 0;
+    if (way <= SBI_SWEEP_ADVANCE * inner || step->dt == 0)
+        return less;
+    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted);
+    for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
+        sb_pose at = sbi_pose_between(&tool->reached, &tool->wanted, share);
+        sb_real gap;
+        sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+        gap = sbi_sweep_gap(contact, tool->shape, tool->chain_next, &at, sbi_sweep_near(contact, number),
+                            tool->face_count, NULL);
+        if (!(gap > clear))
+            break;
+        share += gap / way;
+    }
+    return less * sb_min((sb_real)1, share + SBI_SWEEP_ADVANCE * inner / way);
+}
+
+static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step *step)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+    tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
+    sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+}
+
+SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
+{
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), step->velocity, step->dt);
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape)
+            sbi_sweep_tool(contact, i, step);
+}
+
+/* ---- afterwards ---- */
+
+/* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
+static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
+{
+    const sb_vec3 up = {0, 0, 1};
+    sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
+    sb_real inner = sbi_tool_inner_radius(tool->shape), before;
+    sb_real gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
+    if (!(gap < SBI_SWEEP_DEEPEST * inner))
+        return 0;
+    if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
+        return 1;
+    if (gap > -SBI_SWEEP_DEEPEST * inner)
+        return 0;
+    before = sbi_tool_distance(tool->shape, tool->chain_reached, sbi_pose_to_tool(&tool->reached, x0), up, &normal);
+    return !(gap > before); /* a body that was put deep into a tool may come out */
+}
+
+static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    const sbi_contact_tool *tool = contact->tools + number;
+    const int *near = sbi_sweep_near(contact, number);
+    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+        return 1;
+    for (int f = 0; f < tool->face_count; f++) {
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(tool->shape));
+        int count = faces->sizes[face];
+        const int *nodes = sbi_contact_face_nodes(faces, face);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        for (int s = 0; s < rule->count; s++) {
+            const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+            sb_vec3 x1 = sb_v3_add(sbi_contact_mean(weights, nodes, count, rest),
+                                   sbi_contact_mean(weights, nodes, count, u));
+            if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
+{
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape && !sbi_sweep_tool_is_safe(contact, i, u))
+            return 0;
+    return 1;
+}
+
+SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                                  int *element)
+{
+    sb_vec3 low, high;
+    int *near = contact->scratch, count, face = -1;
+    sb_real gap;
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+    sbi_tool_bounds(shape, chain, pose, &low, &high);
+    count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);
+    gap = sbi_sweep_gap(contact, shape, chain, pose, near, count, &face);
+    *element = face >= 0 ? contact->faces->elements[face] : -1;
+    return gap < 0 ? -gap : 0;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_step.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_step: contact within a step: samples near tools, their stiffness and memory, forces and blocks. */
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
+
+/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
+ * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+#define SBI_CONTACT_REMEMBERS ((sb_real)3)
+
+/* ---- nodes and patches ---- */
+
+static int sbi_contact_place_node(sb_contact *contact, int node)
+{
+    if (contact->node_place[node] < 0) {
+        contact->node_place[node] = contact->touch.node_count;
+        contact->positions[contact->touch.node_count] = sb_body_positions(contact->body)[node];
+        contact->nodes[contact->touch.node_count++] = node;
+    }
+    return contact->node_place[node];
+}
+
+static void sbi_contact_forget_nodes(sb_contact *contact)
+{
+    for (int k = 0; k < contact->touch.node_count; k++)
+        contact->node_place[contact->nodes[k]] = -1;
+    contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+}
+
+/* What the samples of a face are looked at with. */
+typedef struct sbi_contact_view {
+    const sbi_contact_tool *tool;
+    int number, face, parts;
+    const sb_vec3 *velocity; /* [rows] */
+    sb_real dt, reach;       /* s; m */
+} sbi_contact_view;
+
+/* Unit normal of a face out of its body, at the start of the step; 0 where it is flat. */
+static sb_vec3 sbi_contact_face_normal(const sb_contact *contact, int face)
+{
+    const int *n = sbi_contact_face_nodes(contact->faces, face);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    sb_vec3 cross = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
+    sb_real size = sb_v3_norm(cross);
+    return size > 0 ? sb_v3_scale(1 / size, cross) : sb_v3(0, 0, 1);
+}
+
+/* Takes the samples of a face that are near the tool, where they are or where they would go. 0: no room is left. */
+static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *view)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, view->face);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, view->face, view->parts);
+    int count = faces->sizes[view->face];
+    sb_vec3 out = sb_v3_scale(-1, sbi_contact_face_normal(contact, view->face));
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&view->tool->balance, out);
+    for (int s = 0; s < rule->count; s++) {
+        const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+        sb_vec3 at = sbi_contact_mean(weights, nodes, count, x), normal, ahead, carried;
+        sbi_contact_sample *sample = contact->samples + contact->sample_count;
+        sb_real gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
+                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal);
+        if (gap >= view->reach && view->dt > 0) {
+            ahead = sb_v3_madd(at, view->dt, sbi_contact_mean(weights, nodes, count, view->velocity));
+            gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
+                                    sbi_pose_to_tool(&view->tool->balance, ahead), fallback, &normal);
+        }
+        if (!(gap < view->reach))
+            continue;
+        if (contact->sample_count == contact->max_contacts)
+            return 0;
+        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->reached, at));
+        memset(sample, 0, sizeof *sample);
+        sample->patch = contact->patch_count;
+        sample->sample = s;
+        sample->weights = weights;
+        sample->carried = sb_v3_sub(carried, at);
+        sample->normal = out;
+        contact->sample_count++;
+    }
+    return 1;
+}
+
+/* A patch of a face with samples near the tool, if there are any. 0: no room is left. */
+static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *view)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_contact_patch *patch = contact->patches + contact->patch_count;
+    const int *nodes = sbi_contact_face_nodes(faces, view->face);
+    int first = contact->sample_count;
+    if (contact->patch_count == contact->patch_room)
+        return 0;
+    if (!sbi_contact_add_samples(contact, view))
+        return 0;
+    if (contact->sample_count == first)
+        return 1;
+    memset(patch, 0, sizeof *patch);
+    patch->tool = view->number;
+    patch->face = view->face;
+    patch->parts = view->parts;
+    patch->first = first;
+    patch->count = contact->sample_count - first;
+    for (int a = 0; a < faces->sizes[view->face]; a++)
+        patch->nodes[a] = sbi_contact_place_node(contact, nodes[a]);
+    for (int i = first; i < contact->sample_count; i++)
+        contact->samples[i].area =
+            sbi_contact_sample_area(faces, contact->body, view->face, view->parts, contact->samples[i].sample);
+    contact->patch_count++;
+    return 1;
+}
+
+/* How near (m) a sample counts: as far as it may move against the tool in a step, and of a plane, which moves as it
+ * will, half a face. */
+static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_tool *shape, int face)
+{
+    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
+        return (sb_real)0.5 * contact->faces->lengths[face];
+    return sbi_tool_inner_radius(shape);
+}
+
+/* All patches, with 1/2^thin of the parts that faces should have. 0: no room is left. */
+static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *step, int thin)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sbi_contact_forget_nodes(contact);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        const int *near = contact->near + (size_t)t * (size_t)faces->face_room;
+        for (int f = 0; tool->shape && f < tool->face_count; f++) {
+            sbi_contact_view view;
+            const sbi_contact_kind *kind = &faces->kinds[faces->sizes[near[f]]];
+            view.tool = tool;
+            view.number = t;
+            view.face = near[f];
+            view.parts = sbi_max_int(kind->least,
+                                     sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
+            view.velocity = step->velocity;
+            view.dt = step->dt;
+            view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
+            if (!sbi_contact_add_patch(contact, &view))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+/* ---- stiffness ---- */
+
+/* tr A_aa / 3 over the node's area, by place; 0 where it has no area or no stiffness. */
+static void sbi_contact_measure_nodes(sb_contact *contact, const sb_matrix *matrix)
+{
+    for (int k = 0; k < contact->touch.node_count; k++) {
+        int node = contact->nodes[k];
+        const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
+        sb_real trace = (a[0] + a[4] + a[8]) / 3, area = sbi_contact_node_area(contact->faces, node);
+        contact->stiffness_by_node[k] = trace > 0 && area > 0 ? trace / area : 0;
+    }
+}
+
+/* One stiffness for a tool and a region: so a plane that is pressed on a body has the same pressure everywhere. */
+static void sbi_contact_measure_regions(sb_contact *contact)
+{
+    size_t places = (size_t)contact->max_tools * (size_t)contact->region_room;
+    memset(contact->region_sum, 0, places * sizeof(sb_real));
+    memset(contact->region_count, 0, places * sizeof(int));
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        size_t place = (size_t)patch->tool * (size_t)contact->region_room +
+                       (size_t)contact->faces->regions[patch->face];
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+            if (contact->stiffness_by_node[patch->nodes[a]] > 0) {
+                contact->region_sum[place] += contact->stiffness_by_node[patch->nodes[a]];
+                contact->region_count[place]++;
+            }
+    }
+    for (size_t i = 0; i < places; i++)
+        if (contact->region_count[i] > 0)
+            contact->region_sum[i] *= contact->stiffness / (sb_real)contact->region_count[i];
+}
+
+static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
+{
+    sbi_contact_measure_nodes(contact, matrix);
+    sbi_contact_measure_regions(contact);
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_patch *patch = contact->patches + contact->samples[i].patch;
+        contact->samples[i].k = contact->region_sum[(size_t)patch->tool * (size_t)contact->region_room +
+                                                    (size_t)contact->faces->regions[patch->face]];
+    }
+}
+
+/* ---- memory ---- */
+
+/* Order of samples: by tool, face, number. */
+static int sbi_contact_compare(const sbi_contact_patch *patch, const sbi_contact_sample *sample,
+                               const sbi_contact_entry *entry)
+{
+    if (patch->tool != entry->tool)
+        return patch->tool < entry->tool ? -1 : 1;
+    if (patch->face != entry->face)
+        return patch->face < entry->face ? -1 : 1;
+    return sample->sample < entry->sample ? -1 : sample->sample > entry->sample;
+}
+
+/* Hands what the last step left over to the samples: both lists are in the same order. */
+static void sbi_contact_remember(sb_contact *contact)
+{
+    int e = 0;
+    for (int i = 0; i < contact->sample_count; i++) {
+        sbi_contact_sample *sample = contact->samples + i;
+        const sbi_contact_patch *patch = contact->patches + sample->patch;
+        while (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) > 0)
+            e++;
+        if (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) == 0 &&
+            contact->entries[e].parts == patch->parts) {
+            sample->memory = contact->entries[e].memory;
+            sample->remembered = contact->entries[e].traction;
+            sample->normal = contact->entries[e].normal;
+        }
+    }
+}
+
+/* ---- begin ---- */
+
+static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    int thin = 0;
+    sbi_contact_sweep(contact, step);
+    while (!sbi_contact_find_patches(contact, step, thin)) {
+        if (thin++ == SBI_CONTACT_THINNEST) {
+            sbi_contact_forget_nodes(contact);
+            return sbi_fail(error, SB_ERROR_MEMORY,
+                            "more than max_contacts = %d samples of the surface are near tools", contact->max_contacts);
+        }
+    }
+    sbi_contact_stiffen(contact, step->matrix);
+    sbi_contact_remember(contact);
+    contact->touch.nodes = contact->nodes;
+    contact->step_info.candidates = contact->sample_count;
+    contact->step_info.retries = step->tries;
+    contact->step_info.thinned = thin > 0;
+    contact->blocks_current = 0;
+    contact->saved_count = 0;
+    return SB_OK;
+}
+
+/* ---- evaluation ---- */
+
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du;
+    int renew;
+} sbi_contact_work;
+
+static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
+                                        sbi_contact_sample *s)
+{
+    const sb_contact *contact = work->contact;
+    const sbi_contact_tool *tool = contact->tools + patch->tool;
+    int count = contact->faces->sizes[patch->face];
+    sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
+    sb_vec3 slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
+                               &normal);
+    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
+    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
+    if (work->renew)
+        s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
+}
+
+static void sbi_contact_evaluate_chunk(void *user, int chunk)
+{
+    const sbi_contact_work *work = (const sbi_contact_work *)user;
+    sb_contact *contact = work->contact;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
+    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+        sbi_contact_patch *patch = contact->patches + p;
+        patch->touching = 0;
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            sbi_contact_evaluate_sample(work, patch, contact->samples + i);
+            patch->touching += contact->samples[i].answer.state != SBI_CONTACT_OFF;
+        }
+    }
+}
+
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* Forces on the nodes, in the order of samples. */
+static void sbi_contact_sum_forces(sb_contact *contact)
+{
+    sb_vec3 *force = contact->touch.force;
+    memset(force, 0, (size_t)contact->touch.node_count * sizeof *force);
+    contact->touch.touching = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        int count = contact->faces->sizes[patch->face];
+        contact->touch.touching += patch->touching;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 f = sb_v3_scale(s->area, sbi_contact_stress(s));
+            for (int a = 0; s->answer.state != SBI_CONTACT_OFF && a < count; a++)
+                force[patch->nodes[a]] = sb_v3_madd(force[patch->nodes[a]], s->weights[a], f);
+        }
+    }
+}
+
+static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_work work;
+    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
+    work.contact = contact;
+    work.du = du;
+    work.renew = renew;
+    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    sbi_contact_sum_forces(contact);
+    contact->blocks_current = 0;
+}
+
+static double sbi_contact_energy(void *user)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    double sum = 0;
+    for (int i = 0; i < contact->sample_count; i++)
+        sum += (double)contact->samples[i].area * (double)contact->samples[i].answer.energy;
+    return sum;
+}
+
+/* ---- stiffness as blocks ---- */
+
+/* blocks [count][count] of a patch: K of its samples with their nodes' weights. */
+static void sbi_contact_patch_blocks(const sb_contact *contact, const sbi_contact_patch *patch, sb_real (*blocks)[9])
+{
+    int count = contact->faces->sizes[patch->face];
+    memset(blocks, 0, (size_t)(count * count) * sizeof *blocks);
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real k[9];
+        if (s->answer.state == SBI_CONTACT_OFF)
+            continue;
+        sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+        for (int a = 0; a < count; a++)
+            for (int b = 0; b < count; b++) {
+                sb_real w = s->weights[a] * s->weights[b];
+                for (int c = 0; c < 9; c++)
+                    blocks[a * count + b][c] += w * k[c];
+            }
+    }
+}
+
+static void sbi_contact_make_chunk(void *user, int chunk)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
+    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++)
+        if (contact->patches[p].touching)
+            sbi_contact_patch_blocks(contact, contact->patches + p, contact->blocks + (size_t)p * width * width);
+}
+
+static void sbi_contact_make_blocks(sb_contact *contact)
+{
+    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
+    if (!contact->blocks_current)
+        sbi_run(sbi_body_jobs(contact->body), sbi_contact_make_chunk, contact, chunks);
+    contact->blocks_current = 1;
+}
+
+/* v without masked axes. */
+SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
+{
+    return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
+}
+
+static sb_vec3 sbi_contact_times(const sb_real *m, sb_vec3 v)
+{
+    return sb_v3(m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
+                 m[6] * v.x + m[7] * v.y + m[8] * v.z);
+}
+
+static void sbi_contact_multiply(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_contact *contact = (sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    sbi_contact_make_blocks(contact);
+    memset(out, 0, (size_t)contact->touch.node_count * sizeof *out);
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
+        int count = contact->faces->sizes[patch->face];
+        for (int b = 0; patch->touching && b < count; b++) {
+            unsigned axes = masked ? masked[contact->nodes[patch->nodes[b]]] : 0u;
+            sb_vec3 v = sbi_contact_unmasked(axes, x[patch->nodes[b]]);
+            for (int a = 0; a < count; a++)
+                out[patch->nodes[a]] = sb_v3_add(out[patch->nodes[a]], sbi_contact_times(blocks[a * count + b], v));
+        }
+    }
+    for (int k = 0; masked && k < contact->touch.node_count; k++)
+        out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
+}
+
+/* values += block without masked rows and columns. */
+static void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (!(rows >> i & 1u) && !(columns >> j & 1u))
+                values[3 * i + j] += block[3 * i + j];
+}
+
+static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_matrix *matrix)
+{
+    sb_contact *contact = (sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    sbi_contact_make_blocks(contact);
+    contact->saved_count = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
+        int count = contact->faces->sizes[patch->face];
+        const int *places = patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
+        for (int i = 0; places && i < count * count; i++) {
+            sbi_contact_saved *saved = contact->saved + contact->saved_count++;
+            unsigned rows = masked ? masked[contact->nodes[patch->nodes[i / count]]] : 0u;
+            unsigned columns = masked ? masked[contact->nodes[patch->nodes[i % count]]] : 0u;
+            saved->block = places[i];
+            memcpy(saved->values, matrix->blocks[places[i]], sizeof saved->values);
+            sbi_contact_add_block(matrix->blocks[places[i]], blocks[i], rows, columns);
+        }
+    }
+}
+
+/* Backwards, since faces share blocks. */
+static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
+{
+    sb_contact *contact = (sb_contact *)user;
+    while (contact->saved_count > 0) {
+        const sbi_contact_saved *saved = contact->saved + --contact->saved_count;
+        memcpy(matrix->blocks[saved->block], saved->values, sizeof saved->values);
+    }
+}
+
+/* ---- end ---- */
+
+static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
+
+/* 1: pressures may be remembered here, see SBI_CONTACT_REMEMBERS. */
+static int sbi_contact_remembers(const sb_contact *contact, const sbi_contact_patch *patch, sb_real k)
+{
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+        if (!(k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
+            return 0;
+    return 1;
+}
+
+/* A sample in touch becomes an entry. What it remembers fades where it slips, within the distance of its neighbour. */
+static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const sbi_contact_patch *patch,
+                                                const sbi_contact_sample *s)
+{
+    sbi_contact_entry entry;
+    sb_real fade = 1 - s->slip / sb_sqrt(s->area);
+    memset(&entry, 0, sizeof entry);
+    entry.tool = patch->tool;
+    entry.face = patch->face;
+    entry.parts = patch->parts;
+    entry.sample = s->sample;
+    entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
+    if (fade > 0 && sbi_contact_remembers(contact, patch, s->k))
+        entry.memory = fade * s->answer.pressure;
+    entry.traction = s->answer.traction;
+    entry.gap = s->gap;
+    entry.area = s->area;
+    entry.point = s->point;
+    entry.normal = s->normal;
+    entry.force = sb_v3_scale(s->area, sbi_contact_stress(s));
+    return entry;
+}
+
+static void sbi_contact_sum_wrenches(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].force = contact->tools[t].torque = sb_v3(0, 0, 0);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sbi_contact_tool *tool = contact->tools + entry->tool;
+        sb_vec3 arm = sb_v3_sub(entry->point, tool->balance.position);
+        tool->force = sb_v3_add(tool->force, entry->force);
+        tool->torque = sb_v3_add(tool->torque, sb_v3_cross(arm, entry->force));
+    }
+}
+
+/* Entries of the samples that touch. */
+static void sbi_contact_keep_entries(sb_contact *contact)
+{
+    sbi_contact_entry *fresh = contact->spare;
+    int count = 0;
+    contact->step_info.touching = contact->step_info.sticking = 0;
+    contact->step_info.deepest = 0;
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        if (!(s->answer.pressure > 0))
+            continue;
+        fresh[count] = sbi_contact_make_entry(contact, contact->patches + s->patch, s);
+        contact->step_info.touching++;
+        contact->step_info.sticking += fresh[count++].sticks;
+        contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
+    }
+    contact->spare = contact->entries;
+    contact->entries = fresh;
+    contact->entry_count = count;
+}
+
+/* Tools are where they went. */
+static void sbi_contact_arrive(sb_contact *contact)
+{
+    contact->step_info.lag = 0;
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        if (!tool->shape)
+            continue;
+        tool->reached = tool->next;
+        for (int i = 0; i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_reached[i] = tool->chain_next[i];
+        tool->lag = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+        contact->step_info.lag = sb_max(contact->step_info.lag, tool->lag);
+    }
+}
+
+static void sbi_contact_commit(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_entries(contact);
+    sbi_contact_sum_wrenches(contact);
+    sbi_contact_arrive(contact);
+    contact->step_info.iterations = contact->touch.iterations;
+    contact->step_info.capped = contact->touch.capped;
+    contact->step_info.residual = contact->touch.residual;
+    contact->info = contact->step_info;
+    sbi_contact_forget_nodes(contact);
+}
+
+static void sbi_contact_undo(void *user) { sbi_contact_forget_nodes((sb_contact *)user); }
+
+SBI_API void sbi_contact_join(sb_contact *contact)
+{
+    sbi_touch *touch = &contact->touch;
+    touch->user = contact;
+    touch->begin = sbi_contact_begin;
+    touch->evaluate = sbi_contact_evaluate;
+    touch->energy = sbi_contact_energy;
+    touch->multiply = sbi_contact_multiply;
+    touch->add_blocks = sbi_contact_add_blocks;
+    touch->restore_blocks = sbi_contact_restore_blocks;
+    touch->accept = sbi_contact_accept;
+    touch->commit = sbi_contact_commit;
+    touch->undo = sbi_contact_undo;
+    sbi_body_set_touch(contact->body, touch);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_tool.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_tool: the tools of a contact: made, moved, removed. */
+#include <string.h>
+
+
+/* ---- memory ---- */
+
+SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool)
+{
+    sbi_contact_tool *t = contact->tools + tool;
+    sbi_tool_destroy(t->shape);
+    sbi_free(&contact->allocator, t->chain_reached);
+    memset(t, 0, sizeof *t);
+}
+
+/* Chains of the tool at all of its poses. */
+static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *tool, const sb_tool_def *def,
+                                         sb_error *error)
+{
+    size_t count = (size_t)sbi_tool_point_count(tool->shape);
+    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance};
+    size_t copies = sizeof chains / sizeof *chains;
+    sb_vec3 *points;
+    if (count == 0)
+        return SB_OK;
+    points = (sb_vec3 *)sbi_alloc(&contact->allocator, copies * count, sizeof *points);
+    if (!points)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a chain of %d points", (int)count);
+    for (size_t i = 0; i < copies; i++) {
+        *chains[i] = points + i * count;
+        memcpy(*chains[i], def->points, count * sizeof *points);
+    }
+    return SB_OK;
+}
+
+/* ---- checks ---- */
+
+static sb_result sbi_contact_check_thickness(const sb_contact *contact, const sbi_tool *shape, sb_error *error)
+{
+    int face;
+    sb_real thinnest = sbi_contact_faces_thinnest(contact->faces, &face);
+    if (sbi_tool_radius(shape) >= thinnest)
+        return SB_OK;
+    return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, contact->faces->elements[face],
+                            "a tool of radius %g m is too thin for the face of element %d: it needs %g m, or a finer "
+                            "surface (a needle is needle.h's)",
+                            (double)sbi_tool_radius(shape), contact->faces->elements[face], (double)thinnest);
+}
+
+static sb_result sbi_contact_check_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain,
+                                         const sb_pose *pose, sb_error *error)
+{
+    int element;
+    sb_real depth = sbi_contact_depth(contact, shape, chain, pose, &element);
+    if (!(depth > (sb_real)0.5 * sbi_tool_inner_radius(shape)))
+        return SB_OK;
+    return sbi_fail_element(error, SB_ERROR_ARGUMENT, element,
+                            "the tool lies %g m deep in the body at element %d: more than half its inner radius",
+                            (double)depth, element);
+}
+
+static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *def, sbi_contact_tool *made,
+                                       sb_error *error)
+{
+    sb_result result = sbi_tool_create(def, &contact->allocator, sbi_body_jobs(contact->body), &made->shape, error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_tool_pose_check(&def->pose, "def.pose", &made->reached, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_thickness(contact, made->shape, error);
+    if (result == SB_OK)
+        result = sbi_contact_take_chains(contact, made, def, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
+    made->wanted = made->next = made->balance = made->reached;
+    made->friction = def->friction;
+    made->partner = def->partner;
+    return result;
+}
+
+/* ---- calls ---- */
+
+SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error)
+{
+    int place = 0;
+    sb_result result;
+    if (!contact || !def || !tool)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tool needs a contact, a def and a place for its number");
+    while (place < contact->max_tools && contact->tools[place].shape)
+        place++;
+    if (place == contact->max_tools)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the contact has max_tools = %d already", contact->max_tools);
+    result = sbi_contact_make_tool(contact, def, contact->tools + place, error);
+    if (result != SB_OK)
+        sbi_contact_free_tool(contact, place);
+    if (result == SB_OK) {
+        *tool = place;
+        sbi_contact_tell(contact, SBI_CONTACT_ADD, place, NULL, 0);
+    }
+    return result;
+}
+
+static sbi_contact_tool *sbi_contact_find_tool(const sb_contact *contact, int tool)
+{
+    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape ? contact->tools + tool : NULL;
+}
+
+/* Contacts of a tool are no more. */
+static void sbi_contact_forget(sb_contact *contact, int tool)
+{
+    int count = 0;
+    for (int e = 0; e < contact->entry_count; e++)
+        if (contact->entries[e].tool != tool)
+            contact->entries[count++] = contact->entries[e];
+    contact->entry_count = count;
+    contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+}
+
+SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool)
+{
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    if (!sbi_contact_find_tool(contact, tool))
+        return SB_ERROR_INDEX;
+    sbi_contact_forget(contact, tool);
+    sbi_contact_free_tool(contact, tool);
+    sbi_contact_tell(contact, SBI_CONTACT_REMOVE, tool, NULL, 0);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose)
+{
+    sbi_contact_tool *t;
+    sb_result result;
+    if (!contact || !pose)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    result = sbi_tool_pose_check(pose, "the pose", &t->wanted, NULL);
+    if (result == SB_OK)
+        sbi_contact_tell_pose(contact, SBI_CONTACT_MOVE, tool, pose);
+    return result;
+}
+
+SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error)
+{
+    sbi_contact_tool *t;
+    sb_pose unit;
+    sb_result result;
+    if (!contact || !pose)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tool is placed by a contact and a pose");
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return sbi_fail(error, SB_ERROR_INDEX, "there is no tool %d", tool);
+    result = sbi_tool_pose_check(pose, "the pose", &unit, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
+    if (result != SB_OK)
+        return result;
+    t->reached = t->wanted = t->next = t->balance = unit;
+    sbi_contact_forget(contact, tool);
+    sbi_contact_tell_pose(contact, SBI_CONTACT_PLACE, tool, pose);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_vec3 *points)
+{
+    sbi_contact_tool *t;
+    sb_result result;
+    int count;
+    if (!contact || !points)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    count = sbi_tool_point_count(t->shape);
+    if (count == 0)
+        return SB_ERROR_ARGUMENT;
+    result = sbi_tool_chain_check(points, count, sbi_tool_radius(t->shape), "points", NULL);
+    if (result != SB_OK)
+        return result;
+    memcpy(t->chain_wanted, points, (size_t)count * sizeof *points);
+    sbi_contact_tell(contact, SBI_CONTACT_BEND, tool, &points[0].x, 3 * count);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_set_friction(sb_contact *contact, int tool, sb_real friction)
+{
+    sbi_contact_tool *t;
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    if (!sb_is_finite(friction))
+        return SB_ERROR_NOT_FINITE;
+    if (!(friction >= 0))
+        return SB_ERROR_ARGUMENT;
+    t->friction = friction;
+    sbi_contact_tell(contact, SBI_CONTACT_FRICTION, tool, &friction, 1);
+    return SB_OK;
+}
+
+/* ---- readings of a tool ---- */
+
+SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool)
+{
+    const sbi_contact_tool *t;
+    if (!contact || !on_tool)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    on_tool->force = sb_v3_scale(-1, t->force);
+    on_tool->torque = sb_v3_scale(-1, t->torque);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag)
+{
+    const sbi_contact_tool *t;
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    if (pose)
+        *pose = t->reached;
+    if (lag)
+        *lag = sbi_tool_motion(t->shape, t->chain_reached, &t->reached, t->chain_wanted, &t->wanted);
+    return SB_OK;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_state.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state is
+ * loaded into a body whose contact has the same tools. Faces are named by cell and side. */
+#include <string.h>
+
+
+static const char sbi_contact_name[] = "contact";
+enum { SBI_CONTACT_VERSION = 1 };
+
+/* ---- words ---- */
+
+static void sbi_contact_put_int(sbi_state_out *out, int value)
+{
+    unsigned char bytes[8];
+    sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 8);
+    sbi_state_put(out, bytes, sizeof bytes);
+}
+
+static void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        unsigned char bytes[8];
+        sbi_put_bytes(bytes, sbi_real_bits(values[i]), 8);
+        sbi_state_put(out, bytes, sizeof bytes);
+    }
+}
+
+/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
+typedef struct sbi_contact_in {
+    const unsigned char *bytes;
+    size_t left;
+    int bad;
+} sbi_contact_in;
+
+static uint64_t sbi_contact_get_word(sbi_contact_in *in)
+{
+    uint64_t word = 0;
+    if (in->left < 8) {
+        in->bad = 1;
+        return 0;
+    }
+    word = sbi_get_bytes(in->bytes, 8);
+    in->bytes += 8;
+    in->left -= 8;
+    return word;
+}
+
+static int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
+
+static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        values[i] = sbi_real_of(sbi_contact_get_word(in));
+        in->bad |= !sb_is_finite(values[i]);
+    }
+}
+
+/* ---- what goes from step to step ---- */
+
+enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
+
+static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+
+static void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
+{
+    sbi_contact_pack_vector(pose->position, out);
+    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
+}
+
+static sb_pose sbi_contact_unpack_pose(const sb_real *in)
+{
+    sb_pose pose;
+    pose.position = sb_v3(in[0], in[1], in[2]);
+    pose.rotation = sb_quat_make(in[3], in[4], in[5], in[6]);
+    return pose;
+}
+
+static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *out)
+{
+    sb_real reals[SBI_CONTACT_TOOL_REALS];
+    int points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    sbi_contact_put_int(out, tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0);
+    if (!tool->shape)
+        return;
+    sbi_contact_put_int(out, points);
+    reals[0] = tool->friction;
+    sbi_contact_pack_pose(&tool->reached, reals + 1);
+    sbi_contact_pack_pose(&tool->wanted, reals + 8);
+    sbi_contact_pack_vector(tool->force, reals + 15);
+    sbi_contact_pack_vector(tool->torque, reals + 18);
+    sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
+    for (int i = 0; i < points; i++) {
+        sbi_contact_pack_vector(tool->chain_reached[i], reals);
+        sbi_contact_pack_vector(tool->chain_wanted[i], reals + 3);
+        sbi_contact_put_reals(out, reals, 6);
+    }
+}
+
+static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_entry *entry, sbi_state_out *out)
+{
+    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->memory, entry->gap, entry->area};
+    sbi_contact_put_int(out, entry->tool);
+    sbi_contact_put_int(out, contact->faces->elements[entry->face]);
+    sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    sbi_contact_put_int(out, entry->parts);
+    sbi_contact_put_int(out, entry->sample);
+    sbi_contact_put_int(out, entry->sticks);
+    sbi_contact_pack_vector(entry->traction, reals + 3);
+    sbi_contact_pack_vector(entry->point, reals + 6);
+    sbi_contact_pack_vector(entry->normal, reals + 9);
+    sbi_contact_pack_vector(entry->force, reals + 12);
+    sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
+}
+
+static void sbi_contact_save(const void *user, sbi_state_out *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    sbi_contact_put_int(out, contact->max_tools);
+    for (int t = 0; t < contact->max_tools; t++)
+        sbi_contact_put_tool(contact->tools + t, out);
+    sbi_contact_put_int(out, contact->entry_count);
+    for (int e = 0; e < contact->entry_count; e++)
+        sbi_contact_put_entry(contact, contact->entries + e, out);
+}
+
+/* ---- loading: a check without effect, then the same walk with it ---- */
+
+static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_contact_in *in, int takes, sb_error *error)
+{
+    sbi_contact_tool *tool = contact->tools + number, read = *tool;
+    sb_real reals[SBI_CONTACT_TOOL_REALS];
+    int shape = sbi_contact_get_int(in), points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    if (shape != (tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0))
+        return sbi_fail(error, SB_ERROR_STATE, "the state has another tool %d than the contact: make the same first",
+                        number);
+    if (!tool->shape)
+        return SB_OK;
+    if (sbi_contact_get_int(in) != points)
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state has another number of points", number);
+    sbi_contact_get_reals(in, reals, SBI_CONTACT_TOOL_REALS);
+    read.friction = reals[0];
+    read.reached = sbi_contact_unpack_pose(reals + 1);
+    read.wanted = sbi_contact_unpack_pose(reals + 8);
+    read.force = sb_v3(reals[15], reals[16], reals[17]);
+    read.torque = sb_v3(reals[18], reals[19], reals[20]);
+    read.next = read.balance = read.reached;
+    in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+    for (int i = 0; i < points; i++) {
+        sbi_contact_get_reals(in, reals, 6);
+        if (takes) {
+            tool->chain_reached[i] = sb_v3(reals[0], reals[1], reals[2]);
+            tool->chain_wanted[i] = sb_v3(reals[3], reals[4], reals[5]);
+        }
+    }
+    if (takes)
+        *tool = read;
+    return SB_OK;
+}
+
+/* The face of a cell's side, or -1. */
+static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
+{
+    for (int f = 0; f < faces->face_end; f++)
+        if (faces->sizes[f] && faces->elements[f] == element && faces->sides[f] == side)
+            return f;
+    return -1;
+}
+
+/* entry->face: -1 where the mesh has no such face, or the face no such sample. */
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_contact_entry *entry)
+{
+    sb_real reals[SBI_CONTACT_ENTRY_REALS];
+    int element, side;
+    memset(entry, 0, sizeof *entry);
+    entry->tool = sbi_contact_get_int(in);
+    element = sbi_contact_get_int(in);
+    side = sbi_contact_get_int(in);
+    entry->parts = sbi_contact_get_int(in);
+    entry->sample = sbi_contact_get_int(in);
+    entry->sticks = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
+    entry->memory = reals[0], entry->gap = reals[1], entry->area = reals[2];
+    entry->traction = sb_v3(reals[3], reals[4], reals[5]);
+    entry->point = sb_v3(reals[6], reals[7], reals[8]);
+    entry->normal = sb_v3(reals[9], reals[10], reals[11]);
+    entry->force = sb_v3(reals[12], reals[13], reals[14]);
+    in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
+               element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
+               entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
+    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
+    if (entry->face >= 0 &&
+        entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
+        entry->face = -1;
+}
+
+static sb_result sbi_contact_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                   sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    sb_result result = SB_OK;
+    int count;
+    (void)body;
+    if (sbi_contact_get_int(&in) != contact->max_tools)
+        return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
+                        contact->max_tools);
+    for (int t = 0; t < contact->max_tools && result == SB_OK; t++)
+        result = sbi_contact_get_tool(contact, t, &in, 0, error);
+    if (result != SB_OK)
+        return result;
+    count = sbi_contact_get_int(&in);
+    if (count > contact->max_contacts)
+        return sbi_fail(error, SB_ERROR_STATE, "the state has %d contacts, max_contacts is %d", count,
+                        contact->max_contacts);
+    for (int e = 0; e < count && !in.bad; e++) {
+        sbi_contact_entry entry;
+        sbi_contact_get_entry(contact, &in, 0, &entry);
+    }
+    if (in.bad || count < 0 || in.left != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
+    return SB_OK;
+}
+
+static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
+{
+    if (a->tool != b->tool)
+        return a->tool < b->tool;
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+static void sbi_contact_insert(sb_contact *contact, const sbi_contact_entry *entry)
+{
+    int at = contact->entry_count++;
+    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
+        contact->entries[at] = contact->entries[at - 1];
+    contact->entries[at] = *entry;
+}
+
+static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    int count;
+    (void)sbi_contact_get_int(&in);
+    for (int t = 0; t < contact->max_tools; t++)
+        (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
+    count = sbi_contact_get_int(&in);
+    contact->entry_count = 0;
+    memset(&contact->info, 0, sizeof contact->info);
+    for (int e = 0; e < count; e++) {
+        sbi_contact_entry entry;
+        sbi_contact_get_entry(contact, &in, 1, &entry);
+        if (entry.face >= 0)
+            sbi_contact_insert(contact, &entry);
+    }
+}
+
+/* ---- recording ---- */
+
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = tool;
+    sbi_body_tell_part(contact->body, sbi_contact_name, ints, 2, reals, (size_t)count);
+}
+
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose)
+{
+    sb_real reals[SBI_CONTACT_POSE_REALS];
+    sbi_contact_pack_pose(pose, reals);
+    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
+}
+
+static sb_result sbi_contact_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                    size_t real_count, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_result result = SB_ERROR_FORMAT;
+    sb_pose pose;
+    if (int_count == 2 && (ints[0] == SBI_CONTACT_ADD || ints[0] == SBI_CONTACT_REMOVE))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "tool %d was %s during the recording, which cannot be played: begin it afterwards", ints[1],
+                        ints[0] == SBI_CONTACT_ADD ? "added" : "removed");
+    if (int_count == 2 && ints[0] == SBI_CONTACT_FRICTION && real_count == 1)
+        result = sb_contact_set_friction(contact, ints[1], reals[0]);
+    if (int_count == 2 && ints[0] == SBI_CONTACT_BEND && ints[1] >= 0 && ints[1] < contact->max_tools &&
+        contact->tools[ints[1]].shape &&
+        real_count == 3 * (size_t)sbi_tool_point_count(contact->tools[ints[1]].shape) && real_count > 0)
+        result = sb_contact_bend_tool(contact, ints[1], (const sb_vec3 *)(const void *)reals);
+    if (int_count == 2 && real_count == SBI_CONTACT_POSE_REALS) {
+        pose = sbi_contact_unpack_pose(reals);
+        if (ints[0] == SBI_CONTACT_MOVE)
+            result = sb_contact_move_tool(contact, ints[1], &pose);
+        if (ints[0] == SBI_CONTACT_PLACE)
+            return sb_contact_place_tool(contact, ints[1], &pose, error);
+    }
+    return result == SB_OK ? SB_OK : sbi_fail(error, result, "a recorded command to a tool cannot be played");
+}
+
+SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
+{
+    sbi_state_part part;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, sbi_contact_name, sizeof sbi_contact_name);
+    part.version = SBI_CONTACT_VERSION;
+    part.user = contact;
+    part.save = sbi_contact_save;
+    part.check = sbi_contact_check;
+    part.load = sbi_contact_load;
+    part.replay = sbi_contact_replay;
+    return sbi_body_join(contact->body, &part, error);
+}
+
+SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, sbi_contact_name); }
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_read.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_read: what a contact says of the last step, besides its tools' wrenches. */
+#include <string.h>
+
+
+SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity)
+{
+    if (!contact)
+        return 0;
+    for (int e = 0; points && e < contact->entry_count && e < capacity; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sb_contact_point *point = points + e;
+        memset(point, 0, sizeof *point);
+        point->tool = entry->tool;
+        point->element = contact->faces->elements[entry->face];
+        point->face = contact->faces->sides[entry->face];
+        point->sticks = entry->sticks;
+        point->gap = entry->gap;
+        point->area = entry->area;
+        point->point = entry->point;
+        point->normal = entry->normal;
+        point->force = entry->force;
+    }
+    return contact->entry_count;
+}
+
+SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures)
+{
+    const sbi_contact_faces *faces;
+    int nodes;
+    if (!contact || !pressures)
+        return SB_ERROR_ARGUMENT;
+    faces = contact->faces;
+    nodes = sb_body_node_count(contact->body);
+    memset(pressures, 0, (size_t)nodes * sizeof *pressures);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *list = sbi_contact_face_nodes(faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(faces, entry->face, entry->parts, entry->sample);
+        sb_real push = sb_v3_dot(entry->force, entry->normal);
+        for (int a = 0; a < faces->sizes[entry->face]; a++)
+            pressures[list[a]] += weights[a] * push;
+    }
+    for (int i = 0; i < nodes; i++) {
+        sb_real area = sbi_contact_node_area(faces, i);
+        pressures[i] = area > 0 ? pressures[i] / area : 0;
+    }
+    return SB_OK;
+}
+
+SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact)
+{
+    sb_contact_info none;
+    memset(&none, 0, sizeof none);
+    return contact ? contact->info : none;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact: making a contact, its tools. */
+
+#include <string.h>
+
+
+#define SBI_CONTACT_COOKIE 0xc0117ac7u
+enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+
+SB_API sb_contact_def sb_default_contact_def(void)
+{
+    sb_contact_def def;
+    memset(&def, 0, sizeof def);
+    def.stiffness = 10;
+    def.max_iterations = 4;
+    def.max_contacts = 8192;
+    def.max_tools = 8;
+    def.cookie = SBI_CONTACT_COOKIE;
+    return def;
+}
+
+/* ---- creation ---- */
+
+static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *error)
+{
+    if (!def || def->cookie != SBI_CONTACT_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_contact_def");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a contact needs a body");
+    if (!(def->stiffness >= 3) || !sb_is_finite(def->stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.stiffness is %g, it must be at least 3", (double)def->stiffness);
+    if (def->max_iterations < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations is %d, it must be at least 1",
+                        def->max_iterations);
+    if (def->max_contacts < 64 || def->max_contacts > 1 << 20)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_contacts is %d, it must be in [64, 2^20]",
+                        def->max_contacts);
+    if (def->max_tools < 1 || def->max_tools > 64)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_tools is %d, it must be in [1, 64]", def->max_tools);
+    if (sbi_body_get_touch(def->body))
+        return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
+    if (!sbi_body_is_implicit(def->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
+    return SB_OK;
+}
+
+static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions};
+    c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
+    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
+    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
+    c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
+    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
+    c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
+    c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
+    c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
+    c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
+    c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
+}
+
+static int sbi_contact_take_memory(sb_contact *c)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_lay_out(c, &arena);
+    if (arena.overflow)
+        return 0;
+    c->memory = sbi_alloc_zeroed(&c->allocator, arena.used, 1);
+    if (!c->memory)
+        return 0;
+    arena.base = (unsigned char *)c->memory;
+    arena.used = 0;
+    sbi_contact_lay_out(c, &arena);
+    for (int i = 0; i < c->faces->node_room; i++)
+        c->node_place[i] = -1;
+    return 1;
+}
+
+static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, sb_error *error)
+{
+    sb_result result = sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
+    if (result != SB_OK)
+        return result;
+    c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
+    for (int f = 0; f < c->faces->face_end; f++)
+        c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
+    c->touch.max_iterations = def->max_iterations;
+    if (!sbi_contact_take_memory(c))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
+    return SB_OK;
+}
+
+static void sbi_contact_release(sb_contact *contact)
+{
+    sb_allocator allocator = contact->allocator;
+    for (int t = 0; contact->tools && t < contact->max_tools; t++)
+        sbi_contact_free_tool(contact, t);
+    sbi_contact_faces_destroy(contact->faces);
+    sbi_free(&allocator, contact->memory);
+    sbi_free(&allocator, contact);
+}
+
+SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error)
+{
+    sb_contact *made;
+    sb_result result = sbi_contact_check_def(def, error);
+    if (result == SB_OK && !contact)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the contact");
+    if (result != SB_OK)
+        return result;
+    made = (sb_contact *)sbi_alloc_zeroed(def->allocator ? def->allocator : sbi_body_allocator(def->body), 1,
+                                          sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact");
+    made->allocator = def->allocator ? *def->allocator : *sbi_body_allocator(def->body);
+    made->body = def->body;
+    made->stiffness = def->stiffness;
+    made->max_tools = def->max_tools;
+    made->max_contacts = def->max_contacts;
+    result = sbi_contact_fill_in(made, def, error);
+    if (result != SB_OK) {
+        sbi_contact_release(made);
+        return result;
+    }
+    result = sbi_contact_join_state(made, error);
+    if (result != SB_OK) {
+        sbi_contact_release(made);
+        return result;
+    }
+    sbi_contact_join(made);
+    *contact = made;
+    return SB_OK;
+}
+
+SB_API void sb_contact_destroy(sb_contact *contact)
+{
+    if (!contact)
+        return;
+    sbi_body_set_touch(contact->body, NULL);
+    sbi_contact_leave_state(contact);
+    sbi_contact_release(contact);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 #endif /* SB_IMPLEMENTATION */
 

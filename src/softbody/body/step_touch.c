@@ -297,8 +297,7 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
 
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
 {
-    sbi_touch_gather(step->body, step->body->displacement, NULL, 1);
-    if (step->touch->accept(step->touch->user, step->touch->du))
+    if (step->touch->accept(step->touch->user, step->body->displacement))
         return SB_OK;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");

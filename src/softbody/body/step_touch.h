@@ -59,11 +59,8 @@ typedef struct sbi_touch {
     /* matrix += K without masked axes; and what it was before, to the bit. */
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
-    /* 1: what was evaluated last may stand as the end of the step; 0: something may have passed through. */
-    int (*accept)(void *user, const sb_vec3 *du);
-    /* Loads that have come into balance in a static solve at the last evaluation: 1 when they changed so much that it
-     * must be solved again. */
-    int (*balance)(void *user, int rounds);
+    /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
+    int (*accept)(void *user, const sb_vec3 *u);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);
