@@ -692,6 +692,7 @@
 #define sb_recording_save_file sb_recording_save_file_f32
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
+#define sb_default_tool_def sb_default_tool_def_f32
 #endif
 #endif
 
@@ -5483,6 +5484,80 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
 
 #endif /* SB_RECORD_H */
 
+/* ==== src/softbody/contact/tool.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool: rigid tools as signed distances, and where they stand in space. Floor 4.
+ *
+ *     sb_tool_def def = sb_default_tool_def();
+ *     def.shape = SB_TOOL_SPHERE;
+ *     def.radius = 0.005;
+ * A contact makes the tool of it and keeps it. */
+#ifndef SB_TOOL_H
+#define SB_TOOL_H
+
+
+/* Where a tool stands: a point p of its frame is at position + rotation p in space. */
+typedef struct sb_pose {
+    sb_vec3 position; /* m: of the frame's origin */
+    sb_quat rotation; /* unit quaternion, from the tool's frame to space. Any length but 0 is taken and normalised */
+} sb_pose;
+
+/* What a tool is, in its own frame:
+ *
+ *     sphere       capsules             box, from outside        plane                   mesh
+ *                                       ,------------.           frame's z
+ *      ,-.        ,------.              | ,--------. |              ^
+ *     ( o )      ( o----o \             | |  core  | | half         |  outside           what a closed surface
+ *      `-'        `-----.\ \            | `--------' |           ___o___                 has inside
+ *                        ( o )          `------------' radius    ///////  inside
+ *                         `-'
+ * o and what joins them is the skeleton, which is kept from crossing the body's faces; of a box it is the core. */
+typedef enum sb_tool_shape {
+    SB_TOOL_SPHERE = 1,   /* round the frame's origin */
+    SB_TOOL_CAPSULES = 2, /* all that is within `radius` of a chain of segments, which may bend: shafts, catheters */
+    SB_TOOL_BOX = 3,      /* round the frame's origin, along its axes, edges and corners rounded: jaws, spatulas */
+    SB_TOOL_PLANE = 4,    /* the half space below z = 0 of the frame: tables, walls. Its normal is the frame's z axis */
+    SB_TOOL_MESH = 5      /* the inside of a closed surface, as a grid of distances */
+} sb_tool_shape;
+
+enum {
+    SB_TOOL_MAX_POINTS = 64, /* of a chain */
+    SB_TOOL_MIN_CELLS = 16,  /* of a mesh's grid, along its longest side */
+    SB_TOOL_MAX_CELLS = 128
+};
+
+/* What a tool is made from. Start from sb_default_tool_def(). Fields of other shapes are not read. Lengths that a
+ * shape reads must be within 1e-9 ... 1e9 m, coordinates within 1e9 m. */
+typedef struct sb_tool_def {
+    sb_tool_shape shape;        /* default SB_TOOL_SPHERE */
+    sb_real radius;             /* m: of spheres and capsules, > 0, no default. Box: of its rounded edges, at most the
+                                 * smallest half extent; 0 (default): a tenth of that. A smaller radius needs more
+                                 * samples on the body's faces and slows the tool down, which may advance by half of it
+                                 * in each step */
+    const sb_vec3 *points;      /* capsules: [point_count] chain in the tool's frame (m), copied. Neighbours may not
+                                 * coincide; one end may touch the other */
+    int point_count;            /* in [2, SB_TOOL_MAX_POINTS] */
+    sb_vec3 half;               /* box: half extents (m), > 0, rounding included */
+    const sb_mesh *surface;     /* mesh: closed surface of tri3 looking outward (m), in the tool's frame; borrowed for
+                                 * the call */
+    int cells;                  /* mesh: cells of its grid along the longest side, in [SB_TOOL_MIN_CELLS,
+                                 * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
+    sb_real friction;           /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
+    sb_pose pose;               /* where it stands at first; default the origin, not turned */
+    sb_real coupling_stiffness; /* N/m, >= 0: the tool hangs on its pose by a spring; default 0: rigidly */
+    sb_real coupling_turning;   /* N m/rad, >= 0: likewise for rotation; default 0: rigidly */
+    sb_real max_force;          /* N, > 0: the coupling pulls with no more; default SB_REAL_MAX */
+    int partner;                /* index of the tool that is the other jaw, read with this one as a grip; default -1:
+                                 * none */
+    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
+} sb_tool_def;
+
+SB_API sb_tool_def sb_default_tool_def(void);
+
+
+#endif /* SB_TOOL_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 #endif /* SOFTBODY_H */
 
 #if defined(SB_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION_DONE)
@@ -6176,6 +6251,95 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
 SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
                                       uint32_t version, const char *what, unsigned char **image, size_t *size,
                                       sb_error *error);
+
+/* ==== src/softbody/contact/tool.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* ---- internal: tools; contact.h is what users see of them ------------------------------------------------------ */
+
+/* A shape. Not changed after creation, so that any number of threads may ask at once. */
+typedef struct sbi_tool sbi_tool;
+
+/* Makes a tool of a def, in one block of memory (a mesh takes scratch besides, which goes back). def->pose is checked,
+ * but not kept. SB_ERROR_ARGUMENT or _NOT_FINITE (the field is named), _UNSUPPORTED (a surface of other elements than
+ * tri3, or thinner than its grid's cells), _MESH or _INDEX (what is wrong with the surface), _MEMORY; *tool is then
+ * untouched. Fast but for meshes: a distance for each node of the grid, in parallel on jobs. */
+SBI_API sb_result sbi_tool_create(const sb_tool_def *def, const sb_allocator *allocator, const sb_jobs *jobs,
+                                  sbi_tool **tool, sb_error *error);
+SBI_API void sbi_tool_destroy(sbi_tool *tool); /* accepts NULL */
+
+/* Refuses a pose that is not finite or has a rotation of length 0; `name` says in the message what it is. *unit (or
+ * NULL) is the pose with a rotation of length 1. */
+SBI_API sb_result sbi_tool_pose_check(const sb_pose *pose, const char *name, sb_pose *unit, sb_error *error);
+/* Refuses points that are no chain of capsules of this radius, as sbi_tool_create does. */
+SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real radius, const char *name,
+                                       sb_error *error);
+
+/* Distance of a point from the tool (m, negative inside), both in the tool's frame, and the unit normal out of the
+ * tool, which is the distance's gradient. chain: of capsules, [point_count] in place of the tool's own (NULL: its own),
+ * checked by the caller. Where there is no gradient (on the skeleton, but for a box on the middle of its core) the
+ * normal is `fallback`, a unit vector. Never NaN: a point that is no number, or too far off for one, has the distance
+ * SB_REAL_MAX and the normal `fallback`.
+ * Mesh: a C1 function, within a fraction of a cell of the true distance near the surface; the normal has the direction
+ * of its gradient. Where the grid ends, two cells outside the surface's box, a lower bound of the distance goes on. */
+SBI_API sb_real sbi_tool_distance(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 x, sb_vec3 fallback,
+                                  sb_vec3 *normal);
+/* The same for x[count], to the bit, faster for chains that replace the tool's own. fallback[count]; gap[count] and
+ * normal[count] are written; normal may be the array `fallback`. */
+SBI_API void sbi_tool_distances(const sbi_tool *tool, const sb_vec3 *chain, int count, const sb_vec3 *x,
+                                const sb_vec3 *fallback, sb_real *gap, sb_vec3 *normal);
+
+SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool);
+SBI_API int sbi_tool_point_count(const sbi_tool *tool); /* of its chain; 0 for other shapes */
+/* Smallest radius (m) of its surface, which says how close samples on faces must be; SB_REAL_MAX for a plane. Mesh: two
+ * cells, or its inner radius where that is smaller. */
+SBI_API sb_real sbi_tool_radius(const sbi_tool *tool);
+/* Depth (m) of the skeleton: each of its points is at least so deep inside. SB_REAL_MAX for a plane. */
+SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool);
+/* A box around the tool in space (m); that of a plane is all of it. */
+SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
+                             sb_vec3 *high);
+/* An upper bound (m) of how far any point of the skeleton moves on the way of sbi_pose_between from `from` to `to`,
+ * while its chain goes straight from chain0 to chain1 (NULL: its own); 0 for a plane. The points' speeds are bounded
+ * too: a part of the way moves them by no more than its share of the bound. Exact without rotation; with rotation by an
+ * angle a too large by up to a share of a^2 / 2. */
+SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                                const sb_pose *to);
+
+/* The skeleton in the tool's frame: how many points it has, the first `capacity` of them in points (may be NULL with
+ * capacity 0). A sphere: its centre; capsules: the chain; box: the corners of its core, that at (x, y, z) signs has the
+ * bits 1, 2, 4 set where the sign is positive; plane: none; mesh: points of its grid on the hull of what is at least
+ * the inner radius deep, at most SBI_TOOL_MAX_SKELETON. */
+enum { SBI_TOOL_MAX_SKELETON = 256 };
+SBI_API int sbi_tool_skeleton(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 *points, int capacity);
+/* Pairs of those points that a segment of the skeleton joins: of capsules and boxes (the edges of the core, of a core
+ * without thickness too). How many, the first `capacity` of them in ends. */
+SBI_API int sbi_tool_segments(const sbi_tool *tool, int (*ends)[2], int capacity);
+
+/* ---- poses ---- */
+
+SB_INLINE sb_vec3 sbi_pose_to_space(const sb_pose *pose, sb_vec3 point)
+{
+    return sb_v3_add(pose->position, sb_quat_rotate(pose->rotation, point));
+}
+SB_INLINE sb_vec3 sbi_pose_to_tool(const sb_pose *pose, sb_vec3 point)
+{
+    return sb_quat_rotate(sb_quat_conjugate(pose->rotation), sb_v3_sub(point, pose->position));
+}
+/* The same for directions. */
+SB_INLINE sb_vec3 sbi_pose_turn_to_space(const sb_pose *pose, sb_vec3 direction)
+{
+    return sb_quat_rotate(pose->rotation, direction);
+}
+SB_INLINE sb_vec3 sbi_pose_turn_to_tool(const sb_pose *pose, sb_vec3 direction)
+{
+    return sb_quat_rotate(sb_quat_conjugate(pose->rotation), direction);
+}
+/* The pose at a share in [0, 1] of the way: the position goes straight, the rotation at even speed by the smaller
+ * angle. Exactly *from at 0 and *to at 1. Both rotations have length 1. */
+SBI_API sb_pose sbi_pose_between(const sb_pose *from, const sb_pose *to, sb_real share);
+/* Rotation vector (rad) that takes from's rotation to to's, in from's frame: by the smaller angle. */
+SBI_API sb_vec3 sbi_pose_rotation(const sb_pose *from, const sb_pose *to);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/base/lanes.h ==== */
 /* lanes: four reals as one vector where compiler and processor have them, or two where doubles come without AVX. Floor
@@ -19838,49 +20002,24 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
 }
 #endif /* !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY) */
 
-/* ==== src/softbody/geometry/surface_tree.h ==== */
+/* ==== src/softbody/base/four.h ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
-#ifndef SBI_SURFACE_TREE_H
-#define SBI_SURFACE_TREE_H
+/* four: four floats at a time, at any address. Floor 0, internal. The plain code gives the same bits. */
+#ifndef SB_FOUR_H
+#define SB_FOUR_H
 
-
-#include <limits.h>
+#include <math.h>
 #include <string.h>
 
-enum {
-    SBI_SURFACE_WIDTH = 4,   /* children of a node, triangles of a leaf */
-    SBI_SURFACE_BINS = 16,   /* places a range of triangles may be cut at, per axis */
-    SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
-    SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
-    SBI_SURFACE_DEEP = 48,   /* cuts by cost up to this depth, then into halves */
-    SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
-    SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
-    SBI_SURFACE_KEPT = 48,   /* candidates of a search */
-    SBI_SURFACE_NO_TRIANGLE = INT_MIN,
-    SBI_SURFACE_OPEN = -1,       /* mate of an edge of one triangle */
-    SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
-};
-
-/* What a triangle is good for. */
-enum {
-    SBI_SURFACE_SOUND = 0,
-    SBI_SURFACE_THIN = 1, /* so thin that the usual formulas lose half their digits */
-    SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
-};
-
-#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
-#define SBI_SURFACE_FAR 1.0e5f          /* local: beyond it all boxes look the same */
-#define SBI_SURFACE_NOWHERE 1.0e17f     /* local: where the empty children lie */
-#define SBI_SURFACE_NO_LIMIT 1.0e30f    /* between the squares of the two */
-#define SBI_SURFACE_PAD 2.0e-6f         /* local: more than the rounding of boxes and of nearby points */
-#define SBI_SURFACE_SLACK 4.0e-6f       /* rounding of a distance from a leaf, per unit of |point| + 1 */
-
-/* ---- four floats at a time ----------------------------------------------------------------------------------- */
 
 #if defined(__GNUC__)
 typedef float sbi_four __attribute__((vector_size(16)));
 typedef int32_t sbi_four_mask __attribute__((vector_size(16)));
+SBI_FORCE_INLINE sbi_four sbi_four_make(float a, float b, float c, float d)
+{
+    sbi_four r = {a, b, c, d};
+    return r;
+}
 SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
 {
     sbi_four r = {x, x, x, x};
@@ -19893,6 +20032,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
     return r;
 }
 SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_add(sbi_four a, sbi_four b) { return a + b; }
 SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
 SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
 SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
@@ -19918,6 +20058,11 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
 typedef struct sbi_four {
     float v[4];
 } sbi_four;
+SBI_FORCE_INLINE sbi_four sbi_four_make(float a, float b, float c, float d)
+{
+    sbi_four r = {{a, b, c, d}};
+    return r;
+}
 SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
 {
     sbi_four r;
@@ -19932,6 +20077,12 @@ SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
     return r;
 }
 SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
+SBI_FORCE_INLINE sbi_four sbi_four_add(sbi_four a, sbi_four b)
+{
+    for (int k = 0; k < 4; k++)
+        a.v[k] += b.v[k];
+    return a;
+}
 SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b)
 {
     for (int k = 0; k < 4; k++)
@@ -19969,6 +20120,47 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
     return a;
 }
 #endif
+
+#endif /* SB_FOUR_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/geometry/surface_tree.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
+#ifndef SBI_SURFACE_TREE_H
+#define SBI_SURFACE_TREE_H
+
+
+#include <limits.h>
+#include <string.h>
+
+enum {
+    SBI_SURFACE_WIDTH = 4,   /* children of a node, triangles of a leaf */
+    SBI_SURFACE_BINS = 16,   /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
+    SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
+    SBI_SURFACE_DEEP = 48,   /* cuts by cost up to this depth, then into halves */
+    SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
+    SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
+    SBI_SURFACE_KEPT = 48,   /* candidates of a search */
+    SBI_SURFACE_NO_TRIANGLE = INT_MIN,
+    SBI_SURFACE_OPEN = -1,       /* mate of an edge of one triangle */
+    SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
+};
+
+/* What a triangle is good for. */
+enum {
+    SBI_SURFACE_SOUND = 0,
+    SBI_SURFACE_THIN = 1, /* so thin that the usual formulas lose half their digits */
+    SBI_SURFACE_FLAT = 2  /* a segment or a point, to rounding: it has no normal */
+};
+
+#define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
+#define SBI_SURFACE_FAR 1.0e5f          /* local: beyond it all boxes look the same */
+#define SBI_SURFACE_NOWHERE 1.0e17f     /* local: where the empty children lie */
+#define SBI_SURFACE_NO_LIMIT 1.0e30f    /* between the squares of the two */
+#define SBI_SURFACE_PAD 2.0e-6f         /* local: more than the rounding of boxes and of nearby points */
+#define SBI_SURFACE_SLACK 4.0e-6f       /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
 /* ---- the tree ------------------------------------------------------------------------------------------------ */
 
@@ -64977,6 +65169,1609 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
     sbi_free(&recording->allocator, scratch.vectors);
     return result;
 }
+
+/* ==== src/softbody/contact/tool_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool_private: what a tool holds. Internal to contact, floor 4. */
+#ifndef SB_TOOL_PRIVATE_H
+#define SB_TOOL_PRIVATE_H
+
+
+/* A segment from a to a + way, not of length 0. */
+typedef struct sbi_tool_segment {
+    sb_vec3 a, way;
+    sb_real inverse; /* 1 / |way|^2 */
+} sbi_tool_segment;
+
+struct sbi_tool {
+    sb_allocator allocator;
+    sb_tool_shape shape;
+    sb_real radius, inner_radius;
+    sb_real least_square; /* m^2: points nearer to the skeleton are on it, as far as rounding lets one know */
+    int point_count;
+    sb_vec3 *points;            /* [point_count] chain of capsules */
+    sbi_tool_segment *segments; /* [point_count - 1] of it */
+    sb_vec3 core;               /* half extents of a box's core */
+};
+
+#endif /* SB_TOOL_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/tool.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool: shapes checked, made, their distances, skeletons and motion. */
+
+#define SBI_TOOL_COOKIE 0x7001u
+
+/* Lengths (m) whose squares and, in float, squares of whose rounding errors are numbers. */
+#define SBI_TOOL_LEAST_LENGTH ((sb_real)1e-9)
+#define SBI_TOOL_MOST_LENGTH ((sb_real)1e9)
+
+SB_API sb_tool_def sb_default_tool_def(void)
+{
+    sb_tool_def def;
+    memset(&def, 0, sizeof def);
+    def.shape = SB_TOOL_SPHERE;
+    def.cells = 48;
+    def.pose.rotation = sb_quat_identity();
+    def.max_force = SB_REAL_MAX;
+    def.partner = -1;
+    def.cookie = SBI_TOOL_COOKIE;
+    return def;
+}
+
+/* ---- checks ---- */
+
+SBI_API sb_result sbi_tool_pose_check(const sb_pose *pose, const char *name, sb_pose *unit, sb_error *error)
+{
+    sb_quat q;
+    if (!pose)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", name);
+    q = pose->rotation;
+    if (!sb_v3_is_finite(pose->position))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s.position is not finite", name);
+    if (!sb_is_finite(q.w) || !sb_is_finite(q.x) || !sb_is_finite(q.y) || !sb_is_finite(q.z))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s.rotation is not finite", name);
+    if (q.w == 0 && q.x == 0 && q.y == 0 && q.z == 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s.rotation is 0, no quaternion of a rotation", name);
+    if (unit) {
+        unit->position = pose->position;
+        unit->rotation = sb_quat_normalise(q);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_length(sb_real length, const char *name, sb_error *error)
+{
+    if (!sb_is_finite(length))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s is not finite", name);
+    if (!(length >= SBI_TOOL_LEAST_LENGTH) || !(length <= SBI_TOOL_MOST_LENGTH))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s %g must be in [%g, %g] m", name, (double)length,
+                        (double)SBI_TOOL_LEAST_LENGTH, (double)SBI_TOOL_MOST_LENGTH);
+    return SB_OK;
+}
+
+static sb_real sbi_tool_largest_coordinate(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z))); }
+
+SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real radius, const char *name,
+                                       sb_error *error)
+{
+    if (!points || count < 2 || count > SB_TOOL_MAX_POINTS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL, or its count %d not in [2, %d]", name, count,
+                        SB_TOOL_MAX_POINTS);
+    for (int i = 0; i < count; i++) {
+        sb_real size = sbi_tool_largest_coordinate(points[i]), least;
+        if (!sb_v3_is_finite(points[i]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s[%d] is not finite", name, i);
+        if (!(size <= SBI_TOOL_MOST_LENGTH))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "%s[%d] is farther than %g m from the tool's origin", name, i,
+                            (double)SBI_TOOL_MOST_LENGTH);
+        least = 4 * SB_EPSILON * sb_max(size, radius); /* their distance is then more than a rounding error */
+        if (i > 0 && !(sb_v3_norm(sb_v3_sub(points[i], points[i - 1])) > least))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "%s[%d] and %s[%d] coincide", name, i - 1, name, i);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_box(const sb_tool_def *def, sb_error *error)
+{
+    sb_real least = sb_min(def->half.x, sb_min(def->half.y, def->half.z));
+    sb_result result = sbi_tool_check_length(def->half.x, "def.half.x", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_length(def->half.y, "def.half.y", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_length(def->half.z, "def.half.z", error);
+    if (result == SB_OK && def->radius != 0)
+        result = sbi_tool_check_length(def->radius, "def.radius", error);
+    if (result == SB_OK && def->radius > least)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.radius %g exceeds the smallest of def.half, %g",
+                        (double)def->radius, (double)least);
+    return result;
+}
+
+static sb_result sbi_tool_check_shape(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result;
+    switch (def->shape) {
+    case SB_TOOL_SPHERE: return sbi_tool_check_length(def->radius, "def.radius", error);
+    case SB_TOOL_CAPSULES:
+        result = sbi_tool_check_length(def->radius, "def.radius", error);
+        if (result == SB_OK)
+            result = sbi_tool_chain_check(def->points, def->point_count, def->radius, "def.points", error);
+        return result;
+    case SB_TOOL_BOX: return sbi_tool_check_box(def, error);
+    case SB_TOOL_PLANE: return SB_OK;
+    case SB_TOOL_MESH: return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.shape SB_TOOL_MESH is not there yet");
+    default: return sbi_fail(error, SB_ERROR_ARGUMENT, "def.shape %d is unknown", (int)def->shape);
+    }
+}
+
+static sb_result sbi_tool_check_not_negative(sb_real value, const char *name, sb_error *error)
+{
+    if (!sb_is_finite(value))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s is not finite", name);
+    if (!(value >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s %g must be >= 0", name, (double)value);
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_TOOL_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
+    result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
+    if (result == SB_OK && !sb_is_finite(def->max_force))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.max_force is not finite");
+    if (result == SB_OK && !(def->max_force > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force %g must be > 0", (double)def->max_force);
+    if (result == SB_OK && def->partner < -1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.partner %d must be a tool, or -1", def->partner);
+    if (result == SB_OK)
+        result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
+    return result == SB_OK ? sbi_tool_check_shape(def, error) : result;
+}
+
+/* ---- life ---- */
+
+static sbi_tool_segment sbi_tool_make_segment(sb_vec3 a, sb_vec3 b)
+{
+    sbi_tool_segment segment;
+    segment.a = a;
+    segment.way = sb_v3_sub(b, a);
+    segment.inverse = (sb_real)1 / sb_v3_dot(segment.way, segment.way);
+    return segment;
+}
+
+/* The tool and its arrays in one block; the tool comes first. */
+static sbi_tool *sbi_tool_lay_out(sbi_arena *arena, int point_count)
+{
+    sbi_tool *tool = (sbi_tool *)sbi_arena_take(arena, 1, sizeof(sbi_tool));
+    sb_vec3 *points = (sb_vec3 *)sbi_arena_take(arena, (size_t)point_count, sizeof(sb_vec3));
+    sbi_tool_segment *segments =
+        (sbi_tool_segment *)sbi_arena_take(arena, (size_t)point_count, sizeof(sbi_tool_segment));
+    if (!arena->base)
+        return NULL;
+    memset(tool, 0, sizeof *tool);
+    tool->point_count = point_count;
+    tool->points = points;
+    tool->segments = segments;
+    return tool;
+}
+
+/* Two points are nearer to each other than this where that may be their rounding. */
+static sb_real sbi_tool_rounding(const sbi_tool *tool)
+{
+    sb_real size = tool->radius;
+    for (int i = 0; i < tool->point_count; i++)
+        size = sb_max(size, sbi_tool_largest_coordinate(tool->points[i]));
+    return 4 * SB_EPSILON * size;
+}
+
+static void sbi_tool_set_shape(sbi_tool *tool, const sb_tool_def *def)
+{
+    tool->shape = def->shape;
+    tool->radius = def->radius;
+    if (def->shape == SB_TOOL_PLANE)
+        tool->radius = SB_REAL_MAX;
+    if (def->shape == SB_TOOL_BOX) {
+        if (def->radius == 0)
+            tool->radius = (sb_real)0.1 * sb_min(def->half.x, sb_min(def->half.y, def->half.z));
+        tool->core = sb_v3_sub(def->half, sb_v3(tool->radius, tool->radius, tool->radius));
+    }
+    tool->inner_radius = tool->radius;
+    for (int i = 0; i < tool->point_count; i++)
+        tool->points[i] = def->points[i];
+    for (int i = 0; i + 1 < tool->point_count; i++)
+        tool->segments[i] = sbi_tool_make_segment(def->points[i], def->points[i + 1]);
+    if (def->shape != SB_TOOL_PLANE)
+        tool->least_square = sbi_tool_rounding(tool) * sbi_tool_rounding(tool);
+}
+
+SBI_API sb_result sbi_tool_create(const sb_tool_def *def, const sb_allocator *allocator, const sb_jobs *jobs,
+                                  sbi_tool **tool, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_tool *made;
+    int point_count;
+    sb_result result;
+    (void)jobs;
+    if (!def || !tool)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a required pointer is NULL");
+    result = sbi_tool_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    point_count = def->shape == SB_TOOL_CAPSULES ? def->point_count : 0;
+    sbi_tool_lay_out(&arena, point_count);
+    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, arena.used, 1);
+    if (!arena.base)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tool");
+    arena.used = 0;
+    made = sbi_tool_lay_out(&arena, point_count);
+    if (allocator)
+        made->allocator = *allocator;
+    sbi_tool_set_shape(made, def);
+    *tool = made;
+    return SB_OK;
+}
+
+SBI_API void sbi_tool_destroy(sbi_tool *tool)
+{
+    sb_allocator allocator;
+    if (!tool)
+        return;
+    allocator = tool->allocator;
+    sbi_free(&allocator, tool);
+}
+
+SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool) { return tool->shape; }
+SBI_API int sbi_tool_point_count(const sbi_tool *tool) { return tool->point_count; }
+SBI_API sb_real sbi_tool_radius(const sbi_tool *tool) { return tool->radius; }
+SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool) { return tool->inner_radius; }
+
+/* ---- distances ---- */
+
+/* The distance of a point at d from the nearest one of the skeleton where d is too short or too long for its square to
+ * be of use. */
+static sb_real sbi_tool_extreme_distance(const sbi_tool *tool, sb_vec3 d, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real size = sbi_tool_largest_coordinate(d), length;
+    *normal = fallback;
+    if (!sb_v3_is_finite(d))
+        return SB_REAL_MAX;
+    if (size <= tool->radius)
+        return -tool->radius;
+    d = sb_v3(d.x / size, d.y / size, d.z / size);
+    length = sb_v3_norm(d);
+    *normal = sb_v3_scale((sb_real)1 / length, d);
+    return size < SB_REAL_MAX / length ? size * length - tool->radius : SB_REAL_MAX;
+}
+
+/* The same for any d. */
+SBI_FORCE_INLINE sb_real sbi_tool_round_distance(const sbi_tool *tool, sb_vec3 d, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real square = sb_v3_dot(d, d), length;
+    if (!(square > tool->least_square) || !(square <= SB_REAL_MAX))
+        return sbi_tool_extreme_distance(tool, d, fallback, normal);
+    length = sb_sqrt(square);
+    *normal = sb_v3_scale((sb_real)1 / length, d);
+    return length - tool->radius;
+}
+
+/* From the point of a segment that is nearest to x, to x. */
+SBI_FORCE_INLINE sb_vec3 sbi_tool_from_segment(const sbi_tool_segment *segment, sb_vec3 x)
+{
+    sb_vec3 d = sb_v3_sub(x, segment->a);
+    sb_real share = sb_v3_dot(d, segment->way) * segment->inverse;
+    share = sb_min(sb_max(share, 0), 1);
+    return sb_v3_madd(d, -share, segment->way);
+}
+
+/* Of segments equally near, the first one counts. */
+SBI_FORCE_INLINE sb_real sbi_tool_capsules_distance(const sbi_tool *tool, const sbi_tool_segment *segments, sb_vec3 x,
+                                                    sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_vec3 nearest = sbi_tool_from_segment(segments, x);
+    sb_real least = sb_v3_dot(nearest, nearest);
+    for (int i = 1; i + 1 < tool->point_count; i++) {
+        sb_vec3 d = sbi_tool_from_segment(segments + i, x);
+        sb_real square = sb_v3_dot(d, d);
+        nearest = square < least ? d : nearest;
+        least = square < least ? square : least;
+    }
+    return sbi_tool_round_distance(tool, nearest, fallback, normal);
+}
+
+/* Inside the core of a box, or x is no number: towards its nearest side. */
+static sb_real sbi_tool_core_distance(const sbi_tool *tool, sb_vec3 x, sb_vec3 q, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real along = x.x, outward = q.x;
+    sb_vec3 axis = sb_v3(1, 0, 0);
+    if (q.y > outward)
+        along = x.y, outward = q.y, axis = sb_v3(0, 1, 0);
+    if (q.z > outward)
+        along = x.z, outward = q.z, axis = sb_v3(0, 0, 1);
+    *normal = fallback;
+    if (!sb_v3_is_finite(x))
+        return SB_REAL_MAX;
+    if (along * along > tool->least_square)
+        *normal = along < 0 ? sb_v3_scale(-1, axis) : axis;
+    return outward - tool->radius;
+}
+
+SBI_FORCE_INLINE sb_real sbi_tool_box_distance(const sbi_tool *tool, sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_vec3 q = sb_v3(sb_abs(x.x) - tool->core.x, sb_abs(x.y) - tool->core.y, sb_abs(x.z) - tool->core.z), d;
+    sb_real square;
+    d = sb_v3(q.x < 0 ? 0 : q.x, q.y < 0 ? 0 : q.y, q.z < 0 ? 0 : q.z); /* NaN stays */
+    square = sb_v3_dot(d, d);
+    if (!(square > tool->least_square))
+        return sbi_tool_core_distance(tool, x, q, fallback, normal);
+    d = sb_v3(x.x < 0 ? -d.x : d.x, x.y < 0 ? -d.y : d.y, x.z < 0 ? -d.z : d.z);
+    return sbi_tool_round_distance(tool, d, fallback, normal);
+}
+
+static sb_real sbi_tool_plane_distance(sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal)
+{
+    *normal = sb_v3_is_finite(x) ? sb_v3(0, 0, 1) : fallback;
+    return sb_v3_is_finite(x) ? x.z : SB_REAL_MAX;
+}
+
+/* Segments of a chain that replaces the tool's own, or these; memory[SB_TOOL_MAX_POINTS]. */
+static const sbi_tool_segment *sbi_tool_find_segments(const sbi_tool *tool, const sb_vec3 *chain,
+                                                      sbi_tool_segment *memory)
+{
+    if (!chain)
+        return tool->segments;
+    for (int i = 0; i + 1 < tool->point_count; i++)
+        memory[i] = sbi_tool_make_segment(chain[i], chain[i + 1]);
+    return memory;
+}
+
+SBI_API sb_real sbi_tool_distance(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 x, sb_vec3 fallback,
+                                  sb_vec3 *normal)
+{
+    sbi_tool_segment memory[SB_TOOL_MAX_POINTS];
+    switch (tool->shape) {
+    case SB_TOOL_SPHERE: return sbi_tool_round_distance(tool, x, fallback, normal);
+    case SB_TOOL_CAPSULES:
+        return sbi_tool_capsules_distance(tool, sbi_tool_find_segments(tool, chain, memory), x, fallback, normal);
+    case SB_TOOL_BOX: return sbi_tool_box_distance(tool, x, fallback, normal);
+    default: return sbi_tool_plane_distance(x, fallback, normal);
+    }
+}
+
+SBI_API void sbi_tool_distances(const sbi_tool *tool, const sb_vec3 *chain, int count, const sb_vec3 *x,
+                                const sb_vec3 *fallback, sb_real *gap, sb_vec3 *normal)
+{
+    sbi_tool_segment memory[SB_TOOL_MAX_POINTS];
+    const sbi_tool_segment *segments;
+    if (tool->shape != SB_TOOL_CAPSULES) {
+        for (int i = 0; i < count; i++)
+            gap[i] = sbi_tool_distance(tool, NULL, x[i], fallback[i], normal + i);
+        return;
+    }
+    segments = sbi_tool_find_segments(tool, chain, memory);
+    for (int i = 0; i < count; i++)
+        gap[i] = sbi_tool_capsules_distance(tool, segments, x[i], fallback[i], normal + i);
+}
+
+/* ---- skeleton, bounds, motion ---- */
+
+static sb_vec3 sbi_tool_corner(sb_vec3 half, int corner)
+{
+    return sb_v3(corner & 1 ? half.x : -half.x, corner & 2 ? half.y : -half.y, corner & 4 ? half.z : -half.z);
+}
+
+/* Point i of the skeleton. */
+static sb_vec3 sbi_tool_skeleton_point(const sbi_tool *tool, const sb_vec3 *chain, int i)
+{
+    if (tool->shape == SB_TOOL_CAPSULES)
+        return (chain ? chain : tool->points)[i];
+    return tool->shape == SB_TOOL_BOX ? sbi_tool_corner(tool->core, i) : sb_v3(0, 0, 0);
+}
+
+static int sbi_tool_skeleton_count(const sbi_tool *tool)
+{
+    switch (tool->shape) {
+    case SB_TOOL_SPHERE: return 1;
+    case SB_TOOL_CAPSULES: return tool->point_count;
+    case SB_TOOL_BOX: return 8;
+    default: return 0;
+    }
+}
+
+SBI_API int sbi_tool_skeleton(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 *points, int capacity)
+{
+    int count = sbi_tool_skeleton_count(tool);
+    for (int i = 0; i < count && i < capacity; i++)
+        points[i] = sbi_tool_skeleton_point(tool, chain, i);
+    return count;
+}
+
+SBI_API int sbi_tool_segments(const sbi_tool *tool, int (*ends)[2], int capacity)
+{
+    int count = 0;
+    for (int i = 0; i + 1 < tool->point_count; i++, count++)
+        if (count < capacity)
+            ends[count][0] = i, ends[count][1] = i + 1;
+    for (int i = 0; i < 8 && tool->shape == SB_TOOL_BOX; i++)
+        for (int axis = 1; axis < 8; axis *= 2) {
+            if (i & axis)
+                continue;
+            if (count < capacity)
+                ends[count][0] = i, ends[count][1] = i | axis;
+            count++;
+        }
+    return count;
+}
+
+SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
+                             sb_vec3 *high)
+{
+    int count = sbi_tool_skeleton_count(tool);
+    sb_real wider = tool->radius, far = 0;
+    *low = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+    *high = sb_v3_scale(-1, *low);
+    for (int i = 0; i < count; i++) {
+        sb_vec3 p = sbi_pose_to_space(pose, sbi_tool_skeleton_point(tool, chain, i));
+        *low = sb_v3(sb_min(low->x, p.x), sb_min(low->y, p.y), sb_min(low->z, p.z));
+        *high = sb_v3(sb_max(high->x, p.x), sb_max(high->y, p.y), sb_max(high->z, p.z));
+        far = sb_max(far, sbi_tool_largest_coordinate(p));
+    }
+    if (count == 0) { /* a plane */
+        *high = *low;
+        *low = sb_v3_scale(-1, *high);
+        return;
+    }
+    wider += 16 * SB_EPSILON * (far + wider); /* the corners' own rounding */
+    *low = sb_v3_sub(*low, sb_v3(wider, wider, wider));
+    *high = sb_v3_add(*high, sb_v3(wider, wider, wider));
+}
+
+/* A point c of the tool on the way p(s) = position(s) + rotation(s) c(s). With the rotation's angle a, |p''| <= m =
+ * a^2 |c| + 2 a |c1 - c0|, so that its speed differs from that of the straight way by m / 2 at most; nor is it larger
+ * than the sum of the parts' speeds. */
+static sb_real sbi_tool_point_motion(const sb_pose *from, sb_vec3 c0, const sb_pose *to, sb_vec3 c1, sb_real angle)
+{
+    sb_real bend = sb_v3_norm(sb_v3_sub(c1, c0)), size = sb_max(sb_v3_norm(c0), sb_v3_norm(c1));
+    sb_real straight = sb_v3_norm(sb_v3_sub(sbi_pose_to_space(to, c1), sbi_pose_to_space(from, c0)));
+    sb_real parts = sb_v3_norm(sb_v3_sub(to->position, from->position)) + angle * size + bend;
+    return sb_min(straight + angle * ((sb_real)0.5 * angle * size + bend), parts);
+}
+
+SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                                const sb_pose *to)
+{
+    sb_real angle = sb_v3_norm(sbi_pose_rotation(from, to)), most = 0;
+    for (int i = 0; i < sbi_tool_skeleton_count(tool); i++) /* between them all is between their motions */
+        most = sb_max(most, sbi_tool_point_motion(from, sbi_tool_skeleton_point(tool, chain0, i), to,
+                                                  sbi_tool_skeleton_point(tool, chain1, i), angle));
+    return most;
+}
+
+/* ---- poses ---- */
+
+SBI_API sb_vec3 sbi_pose_rotation(const sb_pose *from, const sb_pose *to)
+{
+    sb_quat turn = sb_quat_mul(sb_quat_conjugate(from->rotation), to->rotation);
+    sb_vec3 axis = turn.w < 0 ? sb_v3(-turn.x, -turn.y, -turn.z) : sb_v3(turn.x, turn.y, turn.z);
+    sb_real sine = sb_v3_norm(axis);
+    return sb_v3_scale(sine > 0 ? 2 * sb_atan2(sine, sb_abs(turn.w)) / sine : 2, axis);
+}
+
+SBI_API sb_pose sbi_pose_between(const sb_pose *from, const sb_pose *to, sb_real share)
+{
+    sb_pose pose;
+    sb_vec3 turn;
+    if (share <= 0)
+        return *from;
+    if (share >= 1)
+        return *to;
+    turn = sb_v3_scale(share, sbi_pose_rotation(from, to));
+    pose.position = sb_v3_madd(from->position, share, sb_v3_sub(to->position, from->position));
+    pose.rotation = sb_quat_normalise(sb_quat_mul(from->rotation, sb_quat_from_rotation_vector(turn)));
+    return pose;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/face_tree.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* face_tree: which faces of a moving surface a box in space may touch. Internal. Calls base only.
+ *
+ * Faces lie four to a leaf in the order that they are given in (along Morton's curve through the shape at rest), and
+ * leaves under a binary tree without pointers: a level has a box for each two of the level below.
+ *
+ *     level 2          [        box        ]
+ *     level 1     [   box   ]         [   box   ]
+ *     level 0   [box]     [box]     [box]     [box]      four faces each
+ *
+ * A refit makes all boxes anew from where the nodes are, and where they will be; the order stays good however far the
+ * surface moves, since neighbours stay neighbours. Boxes of single faces are made when a query asks for them: they are
+ * few, and would be most of what a refit writes.
+ *
+ * A quadratic face goes beyond the box of its nodes. It lies within the box of its control points: the coefficients of
+ * the same polynomial in Bernstein's form, which sums them with weights that are positive and sum to 1.
+ *
+ * Numbers are floats about an origin that goes with the surface; a query's box is widened by more than all rounding. */
+#ifndef SB_FACE_TREE_H
+#define SB_FACE_TREE_H
+
+
+enum {
+    SBI_FACE_TREE_LEAF = 4,   /* faces of a leaf */
+    SBI_FACE_TREE_WIDEST = 9, /* nodes of a face */
+    SBI_FACE_TREE_LEVELS = 32
+};
+
+/* The fourth numbers are 0. */
+typedef struct sbi_face_box {
+    float low[4], high[4];
+} sbi_face_box;
+
+/* What there is to be room for. */
+typedef struct sbi_face_tree_room {
+    int faces;    /* in the tree */
+    int nodes;    /* of these faces */
+    int node_end; /* nodes are numbered below */
+    int width;    /* most nodes of a face */
+} sbi_face_tree_room;
+
+/* The faces of a tree. */
+typedef struct sbi_face_tree_source {
+    int count;                  /* faces in the tree */
+    const int *faces;           /* [count] their numbers, in the order of the leaves */
+    const int *nodes;           /* of face f from nodes + f width on */
+    const unsigned char *sizes; /* [face] nodes: 3 tri3, 4 quad4, 6 tri6, 8 quad8, 9 quad9 */
+} sbi_face_tree_source;
+
+typedef struct sbi_face_tree {
+    sbi_face_tree_room room;
+    int count, leaf_count, node_count;
+    int size;             /* nodes of every face: room.width; 0: some have fewer */
+    int quadratic;        /* 1: there are quadratic faces */
+    int *faces;           /* [4 leaf_count] by place; the last leaf repeats its last face */
+    unsigned char *sizes; /* [4 leaf_count] */
+    int *corners;         /* [4 leaf_count][room.width] nodes by their numbers in `nodes` */
+    int *nodes;           /* [node_count] in the order in which the leaves need them */
+    int *numbers;         /* [room.node_end] -1 between calls */
+    sbi_face_box *ways;   /* [node_count] box of a node's way; with quadratic faces its start and end as they are */
+    sbi_face_box *boxes;  /* leaves, then the levels above */
+    int level_count, level_start[SBI_FACE_TREE_LEVELS], level_size[SBI_FACE_TREE_LEVELS];
+    int first_node;  /* lowest of all, where the origin is: so that what a query finds does not depend on the order */
+    sb_vec3 origin;  /* m */
+    sb_real spacing; /* m: more than what rounding takes from a box */
+    void *memory;
+} sbi_face_tree;
+
+/* An empty tree with room. 0: no memory. */
+SBI_API int sbi_face_tree_create(const sbi_face_tree_room *room, const sb_allocator *allocator, sbi_face_tree *tree);
+SBI_API void sbi_face_tree_free(sbi_face_tree *tree, const sb_allocator *allocator);
+/* Puts faces into a tree that has room for them; a refit has to follow. */
+SBI_API void sbi_face_tree_build(sbi_face_tree *tree, const sbi_face_tree_source *source);
+/* Boxes that hold all faces with the nodes at x + s dt v (m), for all s in [0, 1]. v NULL: at x. */
+SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
+/* Faces whose boxes meet [low, high] (m; +-SB_REAL_MAX: no bound): returns how many, and writes the first `capacity` of
+ * them in ascending order. marks: zeros for each face number, and zeros again afterwards; one for each thread that
+ * asks. */
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, unsigned char *marks, int *faces,
+                                int capacity);
+/* Box of the face at a place (below count), as a query sees it. */
+SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high);
+
+#endif /* SB_FACE_TREE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/face_tree.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* face_tree: building, refitting and asking a tree of boxes over faces. */
+
+#include <float.h>
+#include <string.h>
+
+
+/* Roundings of a box, each of half an epsilon of the largest coordinate: of a place's conversion, twice over, and
+ * twelve of a control point, whose terms sum up to nine times that coordinate. */
+#define SBI_FACE_TREE_ROUNDING ((sb_real)64 * (sb_real)FLT_EPSILON)
+
+/* ---- memory ---- */
+
+static int sbi_face_tree_leaves(int faces) { return faces / SBI_FACE_TREE_LEAF + (faces % SBI_FACE_TREE_LEAF != 0); }
+
+static void sbi_face_tree_layout(sbi_face_tree *tree, sbi_arena *arena)
+{
+    const sbi_face_tree_room *room = &tree->room;
+    size_t leaves = (size_t)sbi_face_tree_leaves(room->faces), places = leaves * SBI_FACE_TREE_LEAF;
+    /* levels shrink by half, rounded up: one more each at most */
+    tree->boxes = (sbi_face_box *)sbi_arena_take(arena, 2 * leaves + SBI_FACE_TREE_LEVELS, sizeof(sbi_face_box));
+    tree->ways = (sbi_face_box *)sbi_arena_take(arena, (size_t)room->nodes, sizeof(sbi_face_box));
+    tree->corners = (int *)sbi_arena_take(arena, places, (size_t)room->width * sizeof(int));
+    tree->faces = (int *)sbi_arena_take(arena, places, sizeof(int));
+    tree->nodes = (int *)sbi_arena_take(arena, (size_t)room->nodes, sizeof(int));
+    tree->numbers = (int *)sbi_arena_take(arena, (size_t)room->node_end, sizeof(int));
+    tree->sizes = (unsigned char *)sbi_arena_take(arena, places, 1);
+}
+
+SBI_API int sbi_face_tree_create(const sbi_face_tree_room *room, const sb_allocator *allocator, sbi_face_tree *tree)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    memset(tree, 0, sizeof *tree);
+    tree->room = *room;
+    sbi_face_tree_layout(tree, &arena);
+    tree->memory = arena.overflow ? NULL : sbi_alloc(allocator, arena.used, 1);
+    if (!tree->memory)
+        return 0;
+    arena.base = (unsigned char *)tree->memory;
+    arena.used = 0;
+    sbi_face_tree_layout(tree, &arena);
+    for (int i = 0; i < room->node_end; i++)
+        tree->numbers[i] = -1;
+    return 1;
+}
+
+SBI_API void sbi_face_tree_free(sbi_face_tree *tree, const sb_allocator *allocator)
+{
+    sbi_free(allocator, tree->memory);
+    memset(tree, 0, sizeof *tree);
+}
+
+/* ---- building ---- */
+
+static void sbi_face_tree_stack_levels(sbi_face_tree *tree)
+{
+    int start = 0, size = tree->leaf_count;
+    tree->level_count = 0;
+    while (size > 0) {
+        tree->level_start[tree->level_count] = start;
+        tree->level_size[tree->level_count++] = size;
+        start += size;
+        size = size > 1 ? size / 2 + size % 2 : 0;
+    }
+}
+
+static void sbi_face_tree_put(sbi_face_tree *tree, int place, const sbi_face_tree_source *source, int face)
+{
+    int width = tree->room.width, size = source->sizes[face];
+    const int *nodes = source->nodes + (size_t)face * (size_t)width;
+    int *corners = tree->corners + (size_t)place * (size_t)width;
+    tree->faces[place] = face;
+    tree->sizes[place] = (unsigned char)size;
+    if (size != width)
+        tree->size = 0;
+    tree->quadratic |= size > 4;
+    for (int a = 0; a < size; a++) {
+        int *number = tree->numbers + nodes[a];
+        if (*number < 0) {
+            *number = tree->node_count++;
+            tree->nodes[*number] = nodes[a];
+        }
+        corners[a] = *number;
+    }
+}
+
+SBI_API void sbi_face_tree_build(sbi_face_tree *tree, const sbi_face_tree_source *source)
+{
+    tree->count = source->count;
+    tree->leaf_count = sbi_face_tree_leaves(source->count);
+    tree->node_count = tree->quadratic = 0;
+    tree->size = tree->room.width;
+    for (int p = 0; p < SBI_FACE_TREE_LEAF * tree->leaf_count; p++)
+        sbi_face_tree_put(tree, p, source, source->faces[sbi_min_int(p, source->count - 1)]);
+    for (int i = 0; i < tree->node_count; i++) {
+        tree->first_node = i ? sbi_min_int(tree->first_node, tree->nodes[i]) : tree->nodes[i];
+        tree->numbers[tree->nodes[i]] = -1;
+    }
+    sbi_face_tree_stack_levels(tree);
+}
+
+/* ---- boxes of faces ---- */
+
+typedef struct sbi_face_span {
+    sbi_four low, high;
+} sbi_face_span;
+
+SBI_FORCE_INLINE sbi_face_span sbi_face_span_load(const sbi_face_box *box)
+{
+    sbi_face_span span;
+    span.low = sbi_four_load(box->low);
+    span.high = sbi_four_load(box->high);
+    return span;
+}
+
+SBI_FORCE_INLINE void sbi_face_span_join(sbi_face_span *span, const sbi_face_box *box)
+{
+    span->low = sbi_four_min(span->low, sbi_four_load(box->low));
+    span->high = sbi_four_max(span->high, sbi_four_load(box->high));
+}
+
+SBI_FORCE_INLINE void sbi_face_span_grow(sbi_face_span *span, sbi_four x)
+{
+    span->low = sbi_four_min(span->low, x);
+    span->high = sbi_four_max(span->high, x);
+}
+
+SBI_FORCE_INLINE void sbi_face_span_store(sbi_face_box *box, const sbi_face_span *span)
+{
+    sbi_four_store(box->low, span->low);
+    sbi_four_store(box->high, span->high);
+}
+
+/* Grows the span by the control points of a quadratic face with nodes x[size]: its corners; of an edge with ends a, b
+ * and middle m the point 2 m - (a + b) / 2; of a quad the same again across. */
+SBI_FORCE_INLINE void sbi_face_tree_add_controls(const sbi_four *x, int size, sbi_face_span *span)
+{
+    int corners = size == 6 ? 3 : 4;
+    sbi_four half = sbi_four_of(-0.5f), ends = x[0], middles = x[corners], centre;
+    for (int a = 0; a < corners; a++) {
+        sbi_four middle = x[corners + a];
+        sbi_face_span_grow(span, x[a]);
+        sbi_face_span_grow(span, sbi_four_madd(sbi_four_add(middle, middle), half,
+                                               sbi_four_add(x[a], x[a + 1 < corners ? a + 1 : 0])));
+        ends = a ? sbi_four_add(ends, x[a]) : ends;
+        middles = a ? sbi_four_add(middles, middle) : middles;
+    }
+    if (size == 6)
+        return;
+    /* quad8 has no node at its centre: its polynomial is (2 middles - ends) / 4 there */
+    if (size == 8)
+        centre = sbi_four_madd(middles, sbi_four_of(-0.75f), ends);
+    else
+        centre = sbi_four_madd(sbi_four_madd(sbi_four_mul(sbi_four_of(4), x[8]), sbi_four_of(0.25f), ends),
+                               sbi_four_of(-1), middles);
+    sbi_face_span_grow(span, centre);
+}
+
+/* Box of the face at a place. */
+SBI_FORCE_INLINE sbi_face_span sbi_face_tree_span(const sbi_face_tree *tree, int place, int size)
+{
+    const int *corners = tree->corners + (size_t)place * (size_t)tree->room.width;
+    sbi_face_span span = sbi_face_span_load(&tree->ways[corners[0]]);
+    sbi_four x[SBI_FACE_TREE_WIDEST];
+    if (tree->quadratic) { /* starts and ends lie on either side of each other */
+        sbi_four start = span.low;
+        span.low = sbi_four_min(start, span.high);
+        span.high = sbi_four_max(start, span.high);
+    }
+    for (int a = 1; a < size && size <= 4; a++) {
+        sbi_face_span_grow(&span, sbi_four_load(tree->ways[corners[a]].low));
+        sbi_face_span_grow(&span, sbi_four_load(tree->ways[corners[a]].high));
+    }
+    if (size <= 4)
+        return span;
+    for (int a = 0; a < size; a++)
+        x[a] = sbi_four_load(tree->ways[corners[a]].low);
+    sbi_face_tree_add_controls(x, size, &span);
+    for (int a = 0; a < size; a++)
+        x[a] = sbi_four_load(tree->ways[corners[a]].high);
+    sbi_face_tree_add_controls(x, size, &span);
+    return span;
+}
+
+SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high)
+{
+    sbi_face_span span = sbi_face_tree_span(tree, place, tree->sizes[place]);
+    sbi_face_box box;
+    sb_vec3 spacing = sb_v3(tree->spacing, tree->spacing, tree->spacing);
+    sbi_face_span_store(&box, &span);
+    *low = sb_v3_sub(sb_v3_add(tree->origin, sb_v3(box.low[0], box.low[1], box.low[2])), spacing);
+    *high = sb_v3_add(sb_v3_add(tree->origin, sb_v3(box.high[0], box.high[1], box.high[2])), spacing);
+}
+
+/* ---- refitting ---- */
+
+SBI_FORCE_INLINE sbi_four sbi_face_tree_place(sb_vec3 x)
+{
+    return sbi_four_make((float)x.x, (float)x.y, (float)x.z, 0);
+}
+
+SBI_FORCE_INLINE void sbi_face_tree_move(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
+                                         int quadratic)
+{
+    const sb_vec3 origin = tree->origin;
+    for (int i = 0; i < tree->node_count; i++) {
+        sb_vec3 at = sb_v3_sub(x[tree->nodes[i]], origin);
+        sbi_four start = sbi_face_tree_place(at), end = start;
+        if (v)
+            end = sbi_face_tree_place(sb_v3_madd(at, dt, v[tree->nodes[i]]));
+        sbi_four_store(tree->ways[i].low, quadratic ? start : sbi_four_min(start, end));
+        sbi_four_store(tree->ways[i].high, quadratic ? end : sbi_four_max(start, end));
+    }
+}
+
+/* Boxes of the leaves whose faces have `size` nodes, all of them linear: the boxes of their corners together. */
+SBI_FORCE_INLINE void sbi_face_tree_fit_linear(sbi_face_tree *tree, int size)
+{
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
+        const int *corners = tree->corners + (size_t)leaf * (size_t)(SBI_FACE_TREE_LEAF * size);
+        sbi_face_span span = sbi_face_span_load(&tree->ways[corners[0]]);
+        for (int a = 1; a < SBI_FACE_TREE_LEAF * size; a++)
+            sbi_face_span_join(&span, &tree->ways[corners[a]]);
+        sbi_face_span_store(&tree->boxes[leaf], &span);
+    }
+}
+
+/* Boxes of the leaves; size 0: faces differ. */
+SBI_FORCE_INLINE void sbi_face_tree_fit_leaves(sbi_face_tree *tree, int size)
+{
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
+        int place = SBI_FACE_TREE_LEAF * leaf;
+        sbi_face_span span = sbi_face_tree_span(tree, place, size ? size : tree->sizes[place]);
+        for (int k = 1; k < SBI_FACE_TREE_LEAF; k++) {
+            sbi_face_span other = sbi_face_tree_span(tree, place + k, size ? size : tree->sizes[place + k]);
+            span.low = sbi_four_min(span.low, other.low);
+            span.high = sbi_four_max(span.high, other.high);
+        }
+        sbi_face_span_store(&tree->boxes[leaf], &span);
+    }
+}
+
+static void sbi_face_tree_fit_levels(sbi_face_tree *tree)
+{
+    for (int level = 1; level < tree->level_count; level++) {
+        const sbi_face_box *below = tree->boxes + tree->level_start[level - 1];
+        int last = tree->level_size[level - 1] - 1;
+        for (int i = 0; i < tree->level_size[level]; i++) {
+            sbi_face_span span = sbi_face_span_load(&below[2 * i]);
+            sbi_face_span_join(&span, &below[sbi_min_int(2 * i + 1, last)]);
+            sbi_face_span_store(&tree->boxes[tree->level_start[level] + i], &span);
+        }
+    }
+}
+
+/* Largest coordinate of the box of all, which no node and no control point exceeds. */
+static void sbi_face_tree_measure(sbi_face_tree *tree)
+{
+    const sbi_face_box *all = &tree->boxes[tree->level_start[tree->level_count - 1]];
+    float largest = 0;
+    for (int k = 0; k < 3; k++) {
+        largest = -all->low[k] > largest ? -all->low[k] : largest;
+        largest = all->high[k] > largest ? all->high[k] : largest;
+    }
+    tree->spacing = SBI_FACE_TREE_ROUNDING * (sb_real)largest;
+}
+
+SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt)
+{
+    if (tree->count == 0)
+        return;
+    tree->origin = x[tree->first_node];
+    if (tree->quadratic)
+        sbi_face_tree_move(tree, x, v, dt, 1);
+    else
+        sbi_face_tree_move(tree, x, v, dt, 0);
+    switch (tree->size) { /* loops of known length */
+    case 3: sbi_face_tree_fit_linear(tree, 3); break;
+    case 4: sbi_face_tree_fit_linear(tree, 4); break;
+    case 6: sbi_face_tree_fit_leaves(tree, 6); break;
+    case 8: sbi_face_tree_fit_leaves(tree, 8); break;
+    case 9: sbi_face_tree_fit_leaves(tree, 9); break;
+    default: sbi_face_tree_fit_leaves(tree, 0); break;
+    }
+    sbi_face_tree_fit_levels(tree);
+    sbi_face_tree_measure(tree);
+}
+
+/* ---- asking ---- */
+
+/* A coordinate of a query's box about the origin; beyond all floats is as good as at their end. */
+static float sbi_face_tree_bound(sb_real x, sb_real origin, sb_real spacing)
+{
+    const sb_real most = (sb_real)FLT_MAX / 4;
+    return (float)(sb_max(sb_min(x, most), -most) - origin + spacing);
+}
+
+SBI_FORCE_INLINE int sbi_face_tree_meets(const sbi_face_box *a, const sbi_face_box *b)
+{
+    return !((a->low[0] > b->high[0]) | (a->low[1] > b->high[1]) | (a->low[2] > b->high[2]) | (a->high[0] < b->low[0]) |
+             (a->high[1] < b->low[1]) | (a->high[2] < b->low[2]));
+}
+
+/* Faces that were marked, and the range of their numbers. */
+typedef struct sbi_face_marks {
+    unsigned char *marks;
+    int count, low, high;
+} sbi_face_marks;
+
+static void sbi_face_tree_mark_leaf(const sbi_face_tree *tree, int leaf, const sbi_face_box *wanted,
+                                    sbi_face_marks *found)
+{
+    int place = SBI_FACE_TREE_LEAF * leaf, end = sbi_min_int(place + SBI_FACE_TREE_LEAF, tree->count);
+    for (; place < end; place++) {
+        sbi_face_span span = sbi_face_tree_span(tree, place, tree->sizes[place]);
+        sbi_face_box box;
+        int face = tree->faces[place];
+        sbi_face_span_store(&box, &span);
+        if (!sbi_face_tree_meets(&box, wanted))
+            continue;
+        found->marks[face] = 1;
+        found->low = found->count ? sbi_min_int(found->low, face) : face;
+        found->high = found->count ? sbi_max_int(found->high, face) : face;
+        found->count++;
+    }
+}
+
+static void sbi_face_tree_mark(const sbi_face_tree *tree, const sbi_face_box *wanted, sbi_face_marks *found)
+{
+    int levels[SBI_FACE_TREE_LEVELS + 1], nodes[SBI_FACE_TREE_LEVELS + 1], top = 0;
+    levels[top] = tree->level_count - 1;
+    nodes[top++] = 0;
+    while (top > 0) {
+        int level = levels[--top], node = nodes[top];
+        if (!sbi_face_tree_meets(&tree->boxes[tree->level_start[level] + node], wanted))
+            continue;
+        if (level == 0) {
+            sbi_face_tree_mark_leaf(tree, node, wanted, found);
+            continue;
+        }
+        for (int child = sbi_min_int(2 * node + 1, tree->level_size[level - 1] - 1); child >= 2 * node; child--) {
+            levels[top] = level - 1;
+            nodes[top++] = child;
+        }
+    }
+}
+
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, unsigned char *marks, int *faces,
+                                int capacity)
+{
+    const sb_vec3 origin = tree->origin;
+    const sb_real spacing = tree->spacing;
+    sbi_face_marks found;
+    sbi_face_box wanted;
+    unsigned char *at, *end;
+    if (tree->count == 0)
+        return 0;
+    memset(&wanted, 0, sizeof wanted);
+    wanted.low[0] = sbi_face_tree_bound(low.x, origin.x, -spacing);
+    wanted.low[1] = sbi_face_tree_bound(low.y, origin.y, -spacing);
+    wanted.low[2] = sbi_face_tree_bound(low.z, origin.z, -spacing);
+    wanted.high[0] = sbi_face_tree_bound(high.x, origin.x, spacing);
+    wanted.high[1] = sbi_face_tree_bound(high.y, origin.y, spacing);
+    wanted.high[2] = sbi_face_tree_bound(high.z, origin.z, spacing);
+    memset(&found, 0, sizeof found);
+    found.marks = marks;
+    sbi_face_tree_mark(tree, &wanted, &found);
+    at = marks + found.low;
+    end = marks + found.high + 1;
+    for (int i = 0; i < found.count; i++, at++) {
+        at = (unsigned char *)memchr(at, 1, (size_t)(end - at));
+        *at = 0;
+        if (i < capacity)
+            faces[i] = (int)(at - marks);
+    }
+    return found.count;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_faces.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
+ *
+ * A face is a slot: a number that it keeps while it exists. Samples are not stored: a face cut into n parts a side has
+ * those of its type's rule for n, which is made once.
+ *
+ *     type           samples of n parts a side                     parts no longer than   n
+ *     tri3           n^2: centroids of equal triangles             r / 2                  2 .. 16
+ *     tri6           3 n^2: the 3-point rule of each triangle      r                      1 .. 8
+ *     quad4, 8, 9    4 n^2: 2 x 2 Gauss points of each cell        0.85 r                 1 .. 8
+ *
+ * r is the smallest radius of the tool. Any point of a flat face then has a sample within 0.36 r, and sums over samples
+ * are exact for what a uniform pressure gives the nodes of a flat face with straight edges: linear functions (tri3),
+ * quadratic ones (tri6), biquadratic ones times the face's linear Jacobian (quads). Centroids would not be: they leave
+ * -1/(9 n^2) of a tri6 at each corner where nothing belongs, and miss the Jacobian of a quad that is no parallelogram.
+ */
+#ifndef SB_CONTACT_FACES_H
+#define SB_CONTACT_FACES_H
+
+
+enum { SBI_CONTACT_MOST_PARTS = 16 };
+
+/* Samples of a face type with n parts a side. */
+typedef struct sbi_contact_rule {
+    int count;        /* samples */
+    sb_real measure;  /* of each, in the face's parameters */
+    sb_real *weights; /* [count][nodes] shape functions at the samples: they sum to 1 */
+    sb_real *slopes;  /* [count][2][nodes] their derivatives by both parameters */
+} sbi_contact_rule;
+
+/* A face type; nodes 0: no face is of it. */
+typedef struct sbi_contact_kind {
+    sb_element_type type;
+    int nodes, corners;
+    int least, most;                   /* parts a side */
+    sb_real part;                      /* longest part, as a share of the tool's radius */
+    sb_real shares[SB_MAX_FACE_NODES]; /* of a quadratic face's area that are its nodes' */
+    sbi_contact_rule rules[SBI_CONTACT_MOST_PARTS + 1];
+} sbi_contact_kind;
+
+/* All arrays by face have face_room entries; those of free slots are 0. */
+typedef struct sbi_contact_faces {
+    sb_allocator allocator;
+    int face_end;   /* slots in use or free lie below */
+    int face_count; /* in use */
+    int flat_count; /* of these without area: they have no samples, and no query finds them */
+    int face_room, node_room;
+    int width;                                     /* nodes per slot: most of any face */
+    unsigned char *sizes;                          /* nodes of each face; 0: a free slot */
+    unsigned char *sides;                          /* its number among the faces of its element */
+    int *nodes;                                    /* [slot][width] counter-clockwise seen from outside */
+    int *elements;                                 /* the cell behind it */
+    int *regions;                                  /* index of its material in the body */
+    sb_real *areas;                                /* m^2 at rest */
+    sb_real *lengths;                              /* m at rest: what is cut into parts, see sbi_contact_face_parts */
+    int *blocks;                                   /* [slot][width * width] once they were asked for */
+    int *versions;                                 /* pattern that the blocks are of; -1: of none */
+    sb_real *node_areas;                           /* [node_room] (m^2), see sbi_contact_node_area */
+    sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
+    sbi_face_tree tree;
+    unsigned char *marks; /* [face_room] zeros between queries */
+    void *memory, *rule_memory;
+} sbi_contact_faces;
+
+/* The boundary faces of a body's mesh, with boxes at its present place. SB_ERROR_MESH: none of them has an
+ * area. SB_ERROR_MEMORY (also when there are more than 2^31-1 places). allocator NULL: malloc. On failure *faces is
+ * untouched. */
+SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocator *allocator,
+                                           sbi_contact_faces **faces, sb_error *error);
+SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces); /* NULL is fine */
+
+/* Boxes anew, for the way from x to x + dt v (m); v NULL: at x. */
+SBI_API void sbi_contact_faces_refit(sbi_contact_faces *faces, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
+/* Faces whose boxes meet [low, high] (m): returns how many, and writes the first `capacity` of them, ascending. One
+ * thread at a time. */
+SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_vec3 high, int *found, int capacity);
+
+/* Parts a side of a face for a tool of radius r (m): a constant of the two, so that no sample comes or goes. */
+SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius);
+/* Smallest radius (m) that no face needs more parts for than there are rules; *face (may be NULL): which needs most. */
+SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face);
+/* Area of a sample (m^2 at rest). */
+SBI_API sb_real sbi_contact_sample_area(const sbi_contact_faces *faces, const sb_body *body, int face, int parts,
+                                        int sample);
+/* [nodes][nodes] positions of the face's blocks in the body's matrix as it is now, valid until the next change of its
+ * pattern. Found when they are first asked for: one thread at a time. */
+SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_body *body, int face);
+
+SB_INLINE const int *sbi_contact_face_nodes(const sbi_contact_faces *faces, int face)
+{
+    return faces->nodes + (size_t)face * (size_t)faces->width;
+}
+SB_INLINE sb_element_type sbi_contact_face_type(const sbi_contact_faces *faces, int face)
+{
+    return faces->kinds[faces->sizes[face]].type;
+}
+SB_INLINE const sbi_contact_rule *sbi_contact_face_rule(const sbi_contact_faces *faces, int face, int parts)
+{
+    return &faces->kinds[faces->sizes[face]].rules[parts];
+}
+/* [nodes of the face] shape functions at a sample. */
+SB_INLINE const sb_real *sbi_contact_sample_weights(const sbi_contact_faces *faces, int face, int parts, int sample)
+{
+    return sbi_contact_face_rule(faces, face, parts)->weights + (size_t)sample * (size_t)faces->sizes[face];
+}
+/* Area of the surface that is a node's (m^2 at rest), 0 off the surface: the integral of its shape function; of
+ * quadratic faces, where that is zero (tri6) or negative (quad8) at corners, its share of the integrals of all |N|,
+ * times the area. Their sum is the area. */
+SB_INLINE sb_real sbi_contact_node_area(const sbi_contact_faces *faces, int node) { return faces->node_areas[node]; }
+
+#endif /* SB_CONTACT_FACES_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_faces.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_faces: what faces a body has, their samples, areas and places in the matrix. */
+
+#include <string.h>
+
+
+/* ---- rules of samples ---- */
+
+/* Points of a part: of a triangle in the parts' triangle (0, 0), (1, 0), (0, 1), and of the one that fills its cell. */
+static const sb_real sbi_contact_centroids[2][1][2] = {{{(sb_real)1 / 3, (sb_real)1 / 3}},
+                                                       {{(sb_real)2 / 3, (sb_real)2 / 3}}};
+static const sb_real sbi_contact_threes[2][3][2] = {
+    {{(sb_real)1 / 6, (sb_real)1 / 6}, {(sb_real)2 / 3, (sb_real)1 / 6}, {(sb_real)1 / 6, (sb_real)2 / 3}},
+    {{(sb_real)5 / 6, (sb_real)5 / 6}, {(sb_real)1 / 3, (sb_real)5 / 6}, {(sb_real)5 / 6, (sb_real)1 / 3}}};
+/* (1 -+ 1 / sqrt(3)) / 2 */
+static const sb_real sbi_contact_gauss[2] = {(sb_real)0.21132486540518711775, (sb_real)0.78867513459481288225};
+
+static int sbi_contact_is_triangle(const sbi_contact_kind *kind) { return kind->corners == 3; }
+
+/* Samples in a part. */
+static int sbi_contact_points(const sbi_contact_kind *kind)
+{
+    return !sbi_contact_is_triangle(kind) ? 4 : kind->nodes == 3 ? 1 : 3;
+}
+
+/* Parameters of sample `sample` of n parts a side. Parts of a triangle are numbered along its rows, of which row j has
+ * n - j upright ones and between them n - j - 1 others. */
+static void sbi_contact_sample_point(const sbi_contact_kind *kind, int n, int sample, sb_real xi[3])
+{
+    int points = sbi_contact_points(kind), part = sample / points, point = sample % points, row = 0;
+    const sb_real side = (sb_real)1 / (sb_real)n;
+    const sb_real *at;
+    xi[2] = 0;
+    if (!sbi_contact_is_triangle(kind)) {
+        xi[0] = 2 * side * ((sb_real)(part % n) + sbi_contact_gauss[point % 2]) - 1;
+        xi[1] = 2 * side * ((sb_real)(part / n) + sbi_contact_gauss[point / 2]) - 1;
+        return;
+    }
+    while (part >= 2 * (n - row) - 1)
+        part -= 2 * (n - row++) - 1;
+    at = points == 1 ? sbi_contact_centroids[part % 2][point] : sbi_contact_threes[part % 2][point];
+    xi[0] = side * ((sb_real)(part / 2) + at[0]);
+    xi[1] = side * ((sb_real)row + at[1]);
+}
+
+static sbi_contact_kind sbi_contact_make_kind(sb_element_type type)
+{
+    sbi_contact_kind kind;
+    memset(&kind, 0, sizeof kind);
+    kind.type = type;
+    kind.nodes = sb_element_node_count(type);
+    kind.corners = sb_element_corner_count(type);
+    kind.least = type == SB_TRI3 ? 2 : 1;
+    kind.most = type == SB_TRI3 ? SBI_CONTACT_MOST_PARTS : SBI_CONTACT_MOST_PARTS / 2;
+    kind.part = type == SB_TRI3 ? (sb_real)0.5 : type == SB_TRI6 ? (sb_real)1 : (sb_real)0.85;
+    return kind;
+}
+
+/* Takes the tables of a kind (measuring or for real). */
+static void sbi_contact_layout_rules(sbi_contact_kind *kind, sbi_arena *arena)
+{
+    for (int n = kind->least; n <= kind->most; n++) {
+        sbi_contact_rule *rule = &kind->rules[n];
+        size_t values;
+        rule->count = sbi_contact_points(kind) * n * n;
+        rule->measure = (sb_real)(sbi_contact_is_triangle(kind) ? 0.5 : 4.0) / (sb_real)rule->count;
+        values = (size_t)rule->count * (size_t)kind->nodes;
+        rule->weights = (sb_real *)sbi_arena_take(arena, values, sizeof(sb_real));
+        rule->slopes = (sb_real *)sbi_arena_take(arena, 2 * values, sizeof(sb_real));
+    }
+}
+
+static void sbi_contact_fill_rule(const sbi_contact_kind *kind, int n)
+{
+    const sbi_contact_rule *rule = &kind->rules[n];
+    sb_real *weights = rule->weights, *slopes = rule->slopes;
+    for (int i = 0; i < rule->count; i++, weights += kind->nodes, slopes += 2 * kind->nodes) {
+        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3];
+        sbi_contact_sample_point(kind, n, i, xi);
+        sb_element_shape(kind->type, xi, weights, gradient);
+        for (int a = 0; a < kind->nodes; a++) {
+            slopes[a] = gradient[a][0];
+            slopes[kind->nodes + a] = gradient[a][1];
+        }
+    }
+}
+
+/* Shares of a face's area, in its parameters, by the integrals of |N|. */
+static void sbi_contact_fill_shares(sbi_contact_kind *kind)
+{
+    const sbi_contact_rule *rule = &kind->rules[kind->most];
+    sb_real sum = 0;
+    for (int i = 0; i < rule->count * kind->nodes; i++) {
+        kind->shares[i % kind->nodes] += sb_abs(rule->weights[i]);
+        sum += sb_abs(rule->weights[i]);
+    }
+    for (int a = 0; a < kind->nodes; a++)
+        kind->shares[a] /= sum;
+}
+
+/* Kinds and rules of an element's faces. 0: no memory. */
+static int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    for (int side = 0; side < sbi_element_face_count(element); side++) {
+        int local[SB_MAX_FACE_NODES];
+        sb_element_type type = SB_NO_ELEMENT;
+        int size = sbi_element_face(element, side, local, &type);
+        if (!faces->kinds[size].nodes)
+            faces->kinds[size] = sbi_contact_make_kind(type);
+        faces->width = sbi_max_int(faces->width, size);
+    }
+    for (int pass = 0; pass < 2; pass++) {
+        for (int size = 1; size <= SB_MAX_FACE_NODES; size++)
+            if (faces->kinds[size].nodes)
+                sbi_contact_layout_rules(&faces->kinds[size], &arena);
+        if (pass == 1)
+            break;
+        faces->rule_memory = arena.overflow ? NULL : sbi_alloc(&faces->allocator, arena.used, 1);
+        if (!faces->rule_memory)
+            return 0;
+        arena.base = (unsigned char *)faces->rule_memory;
+        arena.used = 0;
+    }
+    for (int size = 1; size <= SB_MAX_FACE_NODES; size++) {
+        sbi_contact_kind *kind = &faces->kinds[size];
+        for (int n = kind->least; n <= kind->most && kind->nodes; n++)
+            sbi_contact_fill_rule(kind, n);
+        if (kind->nodes > 4)
+            sbi_contact_fill_shares(kind);
+    }
+    return 1;
+}
+
+/* ---- faces that have nothing on their other side ---- */
+
+/* 1 when the corners run through the face the way round in which the second least follows the least: of two faces that
+ * touch, one does. */
+static int sbi_contact_ascends(const int *corners, int count)
+{
+    int least = 0;
+    for (int a = 1; a < count; a++)
+        if (corners[a] < corners[least])
+            least = a;
+    return corners[(least + 1) % count] < corners[(least + count - 1) % count];
+}
+
+static int sbi_contact_side_ascends(const sb_body *body, int cell, int side)
+{
+    const sb_domain *domain = &body->domain;
+    const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
+    int local[SB_MAX_FACE_NODES], corners[SB_MAX_FACE_NODES], count;
+    sb_element_type type = SB_NO_ELEMENT;
+    sbi_element_face(sbi_element_make(domain->element_type, domain->table), side, local, &type);
+    count = sb_element_corner_count(type);
+    for (int a = 0; a < count; a++)
+        corners[a] = nodes[local[a]];
+    return sbi_contact_ascends(corners, count);
+}
+
+/* outer[cell * sides + side] = 1 for the boundary: where all cells with these corners lie on one side, as those of an
+ * immersed grid that share all their nodes do, the first of them. Returns how many, -1: no memory. */
+static int sbi_contact_find_outer(const sb_body *body, const sb_allocator *allocator, unsigned char *outer,
+                                  unsigned char *skip)
+{
+    sb_mesh mesh = sbi_body_mesh_view(body);
+    sbi_mesh_keys keys;
+    int count = 0;
+    for (int e = 0; e < mesh.element_count; e++)
+        skip[e] = !sb_body_cell_in_use(body, e);
+    if (!sbi_mesh_keys_make(&mesh, SBI_MESH_SIDES, skip, allocator, &keys))
+        return -1;
+    memset(outer, 0, (size_t)keys.count);
+    for (int begin = 0, end; begin < keys.sorted; begin = end) {
+        int first = keys.order[begin], lone = 1, per = keys.per_element;
+        end = sbi_mesh_run_end(&keys, begin);
+        for (int i = begin + 1; i < end && lone; i++)
+            lone = sbi_contact_side_ascends(body, keys.order[i] / per, keys.order[i] % per) ==
+                   sbi_contact_side_ascends(body, first / per, first % per);
+        outer[first] = (unsigned char)lone;
+        count += lone;
+    }
+    sbi_mesh_keys_free(allocator, &keys);
+    return count;
+}
+
+/* ---- a face ---- */
+
+/* |x_r cross x_s| at a sample. */
+static sb_real sbi_contact_stretch(const sb_real *slopes, const sb_vec3 *x, int nodes)
+{
+    sb_vec3 r = sb_v3(0, 0, 0), s = sb_v3(0, 0, 0);
+    for (int a = 0; a < nodes; a++) {
+        r = sb_v3_madd(r, slopes[a], x[a]);
+        s = sb_v3_madd(s, slopes[nodes + a], x[a]);
+    }
+    return sb_v3_norm(sb_v3_cross(r, s));
+}
+
+static void sbi_contact_gather(const sbi_contact_faces *faces, const sb_body *body, int face, sb_vec3 *x)
+{
+    for (int a = 0; a < faces->sizes[face]; a++)
+        x[a] = body->reference[sbi_contact_face_nodes(faces, face)[a]];
+}
+
+/* Edges through their middle nodes; of quads also the diagonals of a square with such edges. */
+static sb_real sbi_contact_length(const sbi_contact_kind *kind, const sb_vec3 *x)
+{
+    const sb_real square = sb_sqrt((sb_real)0.5);
+    sb_real longest = 0;
+    for (int a = 0; a < kind->corners; a++) {
+        sb_vec3 from = x[a], to = x[(a + 1) % kind->corners];
+        sb_vec3 middle = kind->nodes > kind->corners ? x[kind->corners + a] : to;
+        longest = sb_max(longest, sb_v3_norm(sb_v3_sub(middle, from)) + sb_v3_norm(sb_v3_sub(to, middle)));
+    }
+    for (int a = 0; a < 2 && kind->corners == 4; a++)
+        longest = sb_max(longest, square * sb_v3_norm(sb_v3_sub(x[a + 2], x[a])));
+    return longest;
+}
+
+/* Two parts a side: enough for the areas of faces and nodes of straight faces to be exact. */
+enum { SBI_CONTACT_AREA_PARTS = 2 };
+
+/* Area of a face and, added to them, those of its nodes; all 0 where it is so flat that its normal is rounding. */
+static void sbi_contact_measure(sbi_contact_faces *faces, const sb_body *body, int face)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    const sbi_contact_rule *rule = &kind->rules[SBI_CONTACT_AREA_PARTS];
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    sb_real area = 0, of_nodes[SB_MAX_FACE_NODES] = {0}, length;
+    sbi_contact_gather(faces, body, face, x);
+    faces->lengths[face] = length = sbi_contact_length(kind, x);
+    for (int i = 0; i < rule->count; i++) {
+        const sb_real *weights = rule->weights + i * kind->nodes;
+        sb_real part = rule->measure * sbi_contact_stretch(rule->slopes + 2 * i * kind->nodes, x, kind->nodes);
+        area += part;
+        for (int a = 0; a < kind->nodes; a++)
+            of_nodes[a] += part * weights[a];
+    }
+    faces->areas[face] = area > 16 * SB_EPSILON * length * length ? area : 0;
+    faces->flat_count += faces->areas[face] == 0;
+    for (int a = 0; a < kind->nodes && faces->areas[face] > 0; a++)
+        faces->node_areas[nodes[a]] += kind->nodes > 4 ? area * kind->shares[a] : of_nodes[a];
+}
+
+static void sbi_contact_put_face(sbi_contact_faces *faces, const sb_body *body, int face, int cell, int side)
+{
+    const sb_domain *domain = &body->domain;
+    const int *corners = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
+    int local[SB_MAX_FACE_NODES], *nodes = faces->nodes + (size_t)face * (size_t)faces->width;
+    int size = sbi_element_face(sbi_element_make(domain->element_type, domain->table), side, local, NULL);
+    for (int a = 0; a < size; a++)
+        nodes[a] = corners[local[a]];
+    faces->sizes[face] = (unsigned char)size;
+    faces->sides[face] = (unsigned char)side;
+    faces->elements[face] = cell;
+    faces->regions[face] = body->cell_material[cell];
+    faces->versions[face] = -1;
+    faces->face_count++;
+}
+
+/* ---- creation ---- */
+
+/* Takes the arrays by face and by node (measuring or for real). */
+static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
+{
+    size_t room = (size_t)faces->face_room, width = (size_t)faces->width;
+    faces->areas = (sb_real *)sbi_arena_take(arena, room, sizeof(sb_real));
+    faces->lengths = (sb_real *)sbi_arena_take(arena, room, sizeof(sb_real));
+    faces->node_areas = (sb_real *)sbi_arena_take(arena, (size_t)faces->node_room, sizeof(sb_real));
+    faces->nodes = (int *)sbi_arena_take(arena, room, width * sizeof(int));
+    faces->blocks = (int *)sbi_arena_take(arena, room, width * width * sizeof(int));
+    faces->elements = (int *)sbi_arena_take(arena, room, sizeof(int));
+    faces->regions = (int *)sbi_arena_take(arena, room, sizeof(int));
+    faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
+    faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
+    faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
+    faces->marks = (unsigned char *)sbi_arena_take(arena, room, 1);
+}
+
+static int sbi_contact_take_arrays(sbi_contact_faces *faces)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_layout(faces, &arena);
+    faces->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&faces->allocator, arena.used, 1);
+    if (!faces->memory)
+        return 0;
+    arena.base = (unsigned char *)faces->memory;
+    arena.used = 0;
+    sbi_contact_layout(faces, &arena);
+    return 1;
+}
+
+static sb_result sbi_contact_no_memory(int faces, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", faces);
+}
+
+/* Scratch for the tree's order. */
+typedef struct sbi_contact_order {
+    sb_vec3 *centres;  /* [faces] */
+    uint32_t *scratch; /* [faces][3] */
+    int *faces, *order;
+} sbi_contact_order;
+
+static void sbi_contact_layout_order(int count, sbi_contact_order *order, sbi_arena *arena)
+{
+    order->centres = (sb_vec3 *)sbi_arena_take(arena, (size_t)count, sizeof(sb_vec3));
+    order->scratch = (uint32_t *)sbi_arena_take(arena, (size_t)count, 3 * sizeof(uint32_t));
+    order->faces = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+    order->order = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+}
+
+/* Puts the faces with area into the tree, along Morton's curve through their corners' centres at rest. */
+static void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order)
+{
+    sbi_face_tree_source source;
+    int count = 0;
+    for (int f = 0; f < faces->face_end; f++) {
+        const int *nodes = sbi_contact_face_nodes(faces, f);
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        int corners = faces->kinds[faces->sizes[f]].corners;
+        if (!(faces->areas[f] > 0))
+            continue;
+        for (int a = 0; a < corners; a++)
+            sum = sb_v3_add(sum, body->reference[nodes[a]]);
+        order->centres[count] = sb_v3_scale((sb_real)1 / (sb_real)corners, sum);
+        order->faces[count++] = f;
+    }
+    sbi_embed_sort(order->centres, count, order->order, order->scratch);
+    for (int i = 0; i < count; i++)
+        order->order[i] = order->faces[order->order[i]];
+    source.count = count;
+    source.faces = order->order;
+    source.nodes = faces->nodes;
+    source.sizes = faces->sizes;
+    sbi_face_tree_build(&faces->tree, &source);
+}
+
+/* How many nodes have faces; uses `scratch` [node_count]. */
+static int sbi_contact_count_nodes(const sbi_contact_faces *faces, unsigned char *scratch)
+{
+    int count = 0;
+    memset(scratch, 0, (size_t)faces->node_room);
+    for (int f = 0; f < faces->face_end; f++)
+        for (int a = 0; a < faces->sizes[f]; a++) {
+            unsigned char *seen = scratch + sbi_contact_face_nodes(faces, f)[a];
+            count += !*seen;
+            *seen = 1;
+        }
+    return count;
+}
+
+static sb_result sbi_contact_make_tree(sbi_contact_faces *faces, const sb_body *body, unsigned char *scratch,
+                                       sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_order order;
+    sbi_face_tree_room room;
+    room.faces = faces->face_count;
+    room.nodes = sbi_contact_count_nodes(faces, scratch);
+    room.node_end = faces->node_room;
+    room.width = faces->width;
+    sbi_contact_layout_order(faces->face_count, &order, &arena);
+    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&faces->allocator, arena.used, 1);
+    if (!arena.base || !sbi_face_tree_create(&room, &faces->allocator, &faces->tree)) {
+        sbi_free(&faces->allocator, arena.base);
+        return sbi_contact_no_memory(faces->face_count, error);
+    }
+    arena.used = 0;
+    sbi_contact_layout_order(faces->face_count, &order, &arena);
+    sbi_contact_build_tree(faces, body, &order);
+    sbi_free(&faces->allocator, arena.base);
+    return SB_OK;
+}
+
+/* Arrays, faces in the order of cells and sides, and the tree; outer: what sbi_contact_find_outer found. */
+static sb_result sbi_contact_take_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer,
+                                        unsigned char *scratch, sb_error *error)
+{
+    int sides = sbi_element_face_count(sbi_element_make(body->domain.element_type, body->domain.table));
+    if (!sbi_contact_take_arrays(faces))
+        return sbi_contact_no_memory(faces->face_room, error);
+    for (int p = 0; p < body->domain.cell_count * sides; p++)
+        if (outer[p])
+            sbi_contact_put_face(faces, body, faces->face_end++, p / sides, p % sides);
+    for (int f = 0; f < faces->face_end; f++)
+        sbi_contact_measure(faces, body, f);
+    if (faces->flat_count == faces->face_count)
+        return sbi_fail(error, SB_ERROR_MESH,
+                        "no face of the body's surface has an area: contact has nothing to act on");
+    return sbi_contact_make_tree(faces, body, scratch, error);
+}
+
+static sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sbi_element element = sbi_element_make(domain->element_type, domain->table);
+    size_t sides = (size_t)domain->cell_count * (size_t)sbi_element_face_count(element);
+    unsigned char *outer = (unsigned char *)sbi_alloc(&faces->allocator, sides, 1);
+    unsigned char *scratch =
+        (unsigned char *)sbi_alloc(&faces->allocator, (size_t)sbi_max_int(domain->cell_count, domain->node_count), 1);
+    sb_result result = SB_ERROR_MEMORY;
+    faces->node_room = domain->node_count;
+    faces->face_room = outer && scratch ? sbi_contact_find_outer(body, &faces->allocator, outer, scratch) : -1;
+    if (faces->face_room < 0 || !sbi_contact_make_rules(faces, element))
+        result =
+            sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body of %d elements", domain->cell_count);
+    else
+        result = sbi_contact_take_faces(faces, body, outer, scratch, error);
+    sbi_free(&faces->allocator, outer);
+    sbi_free(&faces->allocator, scratch);
+    return result;
+}
+
+SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocator *allocator,
+                                           sbi_contact_faces **faces, sb_error *error)
+{
+    sbi_contact_faces *made = (sbi_contact_faces *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    sb_result result;
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body");
+    if (allocator)
+        made->allocator = *allocator;
+    result = sbi_contact_fill(made, body, error);
+    if (result != SB_OK) {
+        sbi_contact_faces_destroy(made);
+        return result;
+    }
+    sbi_contact_faces_refit(made, body->position, NULL, 0);
+    *faces = made;
+    return SB_OK;
+}
+
+SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces)
+{
+    sb_allocator allocator;
+    if (!faces)
+        return;
+    allocator = faces->allocator;
+    sbi_face_tree_free(&faces->tree, &allocator);
+    sbi_free(&allocator, faces->rule_memory);
+    sbi_free(&allocator, faces->memory);
+    sbi_free(&allocator, faces);
+}
+
+/* ---- boxes ---- */
+
+SBI_API void sbi_contact_faces_refit(sbi_contact_faces *faces, const sb_vec3 *x, const sb_vec3 *v, sb_real dt)
+{
+    sbi_face_tree_refit(&faces->tree, x, v, dt);
+}
+
+SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_vec3 high, int *found, int capacity)
+{
+    return sbi_face_tree_query(&faces->tree, low, high, faces->marks, found, capacity);
+}
+
+/* ---- samples and blocks ---- */
+
+SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    sb_real parts = faces->lengths[face] / (kind->part * radius);
+    int n = kind->least;
+    while (n < kind->most && (sb_real)n < parts)
+        n++;
+    return n;
+}
+
+SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face)
+{
+    sb_real radius = 0;
+    for (int f = 0; f < faces->face_end; f++) {
+        const sbi_contact_kind *kind = &faces->kinds[faces->sizes[f]];
+        sb_real needed = faces->areas[f] > 0 ? faces->lengths[f] / (kind->part * (sb_real)kind->most) : 0;
+        if (needed > radius) {
+            radius = needed;
+            if (face)
+                *face = f;
+        }
+    }
+    return radius;
+}
+
+SBI_API sb_real sbi_contact_sample_area(const sbi_contact_faces *faces, const sb_body *body, int face, int parts,
+                                        int sample)
+{
+    int nodes = faces->sizes[face];
+    const sbi_contact_rule *rule = &faces->kinds[nodes].rules[parts];
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    if (nodes == 3)
+        return faces->areas[face] / (sb_real)rule->count;
+    sbi_contact_gather(faces, body, face, x);
+    return rule->measure * sbi_contact_stretch(rule->slopes + 2 * sample * nodes, x, nodes);
+}
+
+SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_body *body, int face)
+{
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    int size = faces->sizes[face], *blocks = faces->blocks + (size_t)face * (size_t)(faces->width * faces->width);
+    if (faces->versions[face] == body->pattern_version)
+        return blocks;
+    for (int a = 0; a < size; a++)
+        for (int b = 0; b < size; b++)
+            blocks[a * size + b] = sb_matrix_find(&body->matrix, nodes[a], nodes[b]);
+    faces->versions[face] = body->pattern_version;
+    return blocks;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/haptic_mailbox.h ==== */
 #if !defined(SB_NO_GEOMETRY)

@@ -2,6 +2,7 @@
 #ifndef SBI_SURFACE_TREE_H
 #define SBI_SURFACE_TREE_H
 
+#include "../base/four.h"
 #include "surface.h"
 
 #include <limits.h>
@@ -34,100 +35,6 @@ enum {
 #define SBI_SURFACE_NO_LIMIT 1.0e30f    /* between the squares of the two */
 #define SBI_SURFACE_PAD 2.0e-6f         /* local: more than the rounding of boxes and of nearby points */
 #define SBI_SURFACE_SLACK 4.0e-6f       /* rounding of a distance from a leaf, per unit of |point| + 1 */
-
-/* ---- four floats at a time ----------------------------------------------------------------------------------- */
-
-#if defined(__GNUC__)
-typedef float sbi_four __attribute__((vector_size(16)));
-typedef int32_t sbi_four_mask __attribute__((vector_size(16)));
-SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
-{
-    sbi_four r = {x, x, x, x};
-    return r;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
-{
-    sbi_four r;
-    memcpy(&r, x, sizeof r);
-    return r;
-}
-SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
-SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b) { return a - b; }
-SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b) { return a * b; }
-SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b) { return a + s * b; }
-#if defined(__SSE__)
-SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a) { return __builtin_ia32_sqrtps(a); }
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return __builtin_ia32_maxps(a, b); }
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return __builtin_ia32_minps(a, b); }
-#else
-SBI_FORCE_INLINE sbi_four sbi_four_choose(sbi_four_mask mask, sbi_four a, sbi_four b)
-{
-    return (sbi_four)((mask & (sbi_four_mask)a) | (~mask & (sbi_four_mask)b));
-}
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b) { return sbi_four_choose(a > b, a, b); }
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b) { return sbi_four_choose(a < b, a, b); }
-SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
-{
-    for (int k = 0; k < 4; k++)
-        a[k] = (float)sqrt((double)a[k]);
-    return a;
-}
-#endif
-#else
-typedef struct sbi_four {
-    float v[4];
-} sbi_four;
-SBI_FORCE_INLINE sbi_four sbi_four_of(float x)
-{
-    sbi_four r;
-    for (int k = 0; k < 4; k++)
-        r.v[k] = x;
-    return r;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_load(const float *x)
-{
-    sbi_four r;
-    memcpy(&r, x, sizeof r);
-    return r;
-}
-SBI_FORCE_INLINE void sbi_four_store(float *x, sbi_four a) { memcpy(x, &a, sizeof a); }
-SBI_FORCE_INLINE sbi_four sbi_four_sub(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] -= b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_mul(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] *= b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_madd(sbi_four a, sbi_four s, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] += s.v[k] * b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_max(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] = a.v[k] > b.v[k] ? a.v[k] : b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_min(sbi_four a, sbi_four b)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] = a.v[k] < b.v[k] ? a.v[k] : b.v[k];
-    return a;
-}
-SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
-{
-    for (int k = 0; k < 4; k++)
-        a.v[k] = (float)sqrt((double)a.v[k]);
-    return a;
-}
-#endif
 
 /* ---- the tree ------------------------------------------------------------------------------------------------ */
 

@@ -1,0 +1,112 @@
+/* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
+ *
+ * A face is a slot: a number that it keeps while it exists. Samples are not stored: a face cut into n parts a side has
+ * those of its type's rule for n, which is made once.
+ *
+ *     type           samples of n parts a side                     parts no longer than   n
+ *     tri3           n^2: centroids of equal triangles             r / 2                  2 .. 16
+ *     tri6           3 n^2: the 3-point rule of each triangle      r                      1 .. 8
+ *     quad4, 8, 9    4 n^2: 2 x 2 Gauss points of each cell        0.85 r                 1 .. 8
+ *
+ * r is the smallest radius of the tool. Any point of a flat face then has a sample within 0.36 r, and sums over samples
+ * are exact for what a uniform pressure gives the nodes of a flat face with straight edges: linear functions (tri3),
+ * quadratic ones (tri6), biquadratic ones times the face's linear Jacobian (quads). Centroids would not be: they leave
+ * -1/(9 n^2) of a tri6 at each corner where nothing belongs, and miss the Jacobian of a quad that is no parallelogram.
+ */
+#ifndef SB_CONTACT_FACES_H
+#define SB_CONTACT_FACES_H
+
+#include "../body/body.h"
+#include "face_tree.h"
+
+enum { SBI_CONTACT_MOST_PARTS = 16 };
+
+/* Samples of a face type with n parts a side. */
+typedef struct sbi_contact_rule {
+    int count;        /* samples */
+    sb_real measure;  /* of each, in the face's parameters */
+    sb_real *weights; /* [count][nodes] shape functions at the samples: they sum to 1 */
+    sb_real *slopes;  /* [count][2][nodes] their derivatives by both parameters */
+} sbi_contact_rule;
+
+/* A face type; nodes 0: no face is of it. */
+typedef struct sbi_contact_kind {
+    sb_element_type type;
+    int nodes, corners;
+    int least, most;                   /* parts a side */
+    sb_real part;                      /* longest part, as a share of the tool's radius */
+    sb_real shares[SB_MAX_FACE_NODES]; /* of a quadratic face's area that are its nodes' */
+    sbi_contact_rule rules[SBI_CONTACT_MOST_PARTS + 1];
+} sbi_contact_kind;
+
+/* All arrays by face have face_room entries; those of free slots are 0. */
+typedef struct sbi_contact_faces {
+    sb_allocator allocator;
+    int face_end;   /* slots in use or free lie below */
+    int face_count; /* in use */
+    int flat_count; /* of these without area: they have no samples, and no query finds them */
+    int face_room, node_room;
+    int width;                                     /* nodes per slot: most of any face */
+    unsigned char *sizes;                          /* nodes of each face; 0: a free slot */
+    unsigned char *sides;                          /* its number among the faces of its element */
+    int *nodes;                                    /* [slot][width] counter-clockwise seen from outside */
+    int *elements;                                 /* the cell behind it */
+    int *regions;                                  /* index of its material in the body */
+    sb_real *areas;                                /* m^2 at rest */
+    sb_real *lengths;                              /* m at rest: what is cut into parts, see sbi_contact_face_parts */
+    int *blocks;                                   /* [slot][width * width] once they were asked for */
+    int *versions;                                 /* pattern that the blocks are of; -1: of none */
+    sb_real *node_areas;                           /* [node_room] (m^2), see sbi_contact_node_area */
+    sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
+    sbi_face_tree tree;
+    unsigned char *marks; /* [face_room] zeros between queries */
+    void *memory, *rule_memory;
+} sbi_contact_faces;
+
+/* The boundary faces of a body's mesh, with boxes at its present place. SB_ERROR_MESH: none of them has an
+ * area. SB_ERROR_MEMORY (also when there are more than 2^31-1 places). allocator NULL: malloc. On failure *faces is
+ * untouched. */
+SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocator *allocator,
+                                           sbi_contact_faces **faces, sb_error *error);
+SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces); /* NULL is fine */
+
+/* Boxes anew, for the way from x to x + dt v (m); v NULL: at x. */
+SBI_API void sbi_contact_faces_refit(sbi_contact_faces *faces, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
+/* Faces whose boxes meet [low, high] (m): returns how many, and writes the first `capacity` of them, ascending. One
+ * thread at a time. */
+SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_vec3 high, int *found, int capacity);
+
+/* Parts a side of a face for a tool of radius r (m): a constant of the two, so that no sample comes or goes. */
+SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius);
+/* Smallest radius (m) that no face needs more parts for than there are rules; *face (may be NULL): which needs most. */
+SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face);
+/* Area of a sample (m^2 at rest). */
+SBI_API sb_real sbi_contact_sample_area(const sbi_contact_faces *faces, const sb_body *body, int face, int parts,
+                                        int sample);
+/* [nodes][nodes] positions of the face's blocks in the body's matrix as it is now, valid until the next change of its
+ * pattern. Found when they are first asked for: one thread at a time. */
+SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_body *body, int face);
+
+SB_INLINE const int *sbi_contact_face_nodes(const sbi_contact_faces *faces, int face)
+{
+    return faces->nodes + (size_t)face * (size_t)faces->width;
+}
+SB_INLINE sb_element_type sbi_contact_face_type(const sbi_contact_faces *faces, int face)
+{
+    return faces->kinds[faces->sizes[face]].type;
+}
+SB_INLINE const sbi_contact_rule *sbi_contact_face_rule(const sbi_contact_faces *faces, int face, int parts)
+{
+    return &faces->kinds[faces->sizes[face]].rules[parts];
+}
+/* [nodes of the face] shape functions at a sample. */
+SB_INLINE const sb_real *sbi_contact_sample_weights(const sbi_contact_faces *faces, int face, int parts, int sample)
+{
+    return sbi_contact_face_rule(faces, face, parts)->weights + (size_t)sample * (size_t)faces->sizes[face];
+}
+/* Area of the surface that is a node's (m^2 at rest), 0 off the surface: the integral of its shape function; of
+ * quadratic faces, where that is zero (tri6) or negative (quad8) at corners, its share of the integrals of all |N|,
+ * times the area. Their sum is the area. */
+SB_INLINE sb_real sbi_contact_node_area(const sbi_contact_faces *faces, int node) { return faces->node_areas[node]; }
+
+#endif /* SB_CONTACT_FACES_H */
