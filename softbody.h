@@ -693,6 +693,8 @@
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
 #define sb_default_tool_def sb_default_tool_def_f32
+#define sb_default_haptic_def sb_default_haptic_def_f32
+#define sb_haptic_from_hd sb_haptic_from_hd_f32
 #endif
 #endif
 
@@ -5556,6 +5558,79 @@ SB_API sb_tool_def sb_default_tool_def(void);
 
 
 #endif /* SB_TOOL_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic: forces for a hand at 1 kHz from a simulation that steps at 60 or 100 Hz. */
+#ifndef SB_HAPTIC_H
+#define SB_HAPTIC_H
+
+
+struct sb_contact;
+
+/* What is said here to a device is in double, whatever sb_real is. */
+
+/* State of the hand, as the device measures it. */
+typedef struct sb_tool_state {
+    double position[3];         /* m */
+    double rotation[9];         /* row-major, tool to world; all 0: of a device that does not turn */
+    double velocity[3];         /* m/s; handed on to the simulation, as is the next */
+    double angular_velocity[3]; /* rad/s, in world */
+    double time;                /* s, of any clock that does not jump */
+    uint32_t buttons;           /* passed on */
+} sb_tool_state;
+
+/* A force and a torque about the tool's position, on the hand. */
+typedef struct sb_wrench_d {
+    double force[3], torque[3]; /* N, N m */
+} sb_wrench_d;
+
+/* How a hand is coupled to a tool, and what its device can do. Start from sb_default_haptic_def().
+ *
+ * The hand's motion times scale_motion is the tool's; the tool's force times scale_force is the hand's. Torques are
+ * scaled by scale_force/scale_motion, so that power has one scale. */
+typedef struct sb_haptic_def {
+    struct sb_contact *contact; /* borrowed, destroyed after it */
+    int tool;                   /* of the contact */
+    double max_force;           /* N that the device gives for long, > 0; required */
+    double max_torque;          /* N m, >= 0; default 0: the device gives forces only */
+    double max_stiffness;       /* N/m and N s/m that it renders at 1 kHz, > 0 and >= 0; required: the device's own */
+    double max_damping;         /* figures. With a larger stiffness it hums in a light hand */
+    double max_slew;            /* N/s that the force changes by at most; default -1: max_force in 2 ms */
+    double coupling;            /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
+                                 * softer than the device can render; default -1: 0.5 max_stiffness */
+    double coupling_turning;    /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
+                                 * square of max_torque/max_force */
+    double resolution;   /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
+                          * figure gives energy away, 0 makes a hand that rests for minutes lose force at times */
+    double scale_motion; /* > 0; default 1 */
+    double scale_force;  /* > 0; default 1 */
+    double timeout;      /* s without a new frame before the force fades, >= 0.01; default 0.1 */
+    double energy_rate;  /* W that organs which move by themselves may give to the hand, >= 0; default 0 */
+    unsigned cookie;     /* set by sb_default_haptic_def; a def made without it is refused */
+} sb_haptic_def;
+
+SB_API sb_haptic_def sb_default_haptic_def(void);
+
+/* What the call at 1 kHz has seen. */
+typedef struct sb_haptic_info {
+    long calls;         /* since creation */
+    long frames;        /* steps of the simulation that reached it */
+    long refused;       /* calls with a state, and frames, that are not finite or out of any range */
+    long limited;       /* calls in which energy was taken off the hand's motion */
+    double energy;      /* J left in the bank: what the hand may be given; < 0: to be taken back */
+    double age, period; /* s: of the frame in force, and between frames */
+    double gap;         /* m between hand and tool: what the coupling gives way by, of the tool's motion */
+    double position[3]; /* m: the tool's pose, which stays on the tissue where the hand goes in: for pictures */
+    double rotation[9]; /* row-major */
+} sb_haptic_info;
+
+/* A device's state from what OpenHaptics gives: HD_CURRENT_TRANSFORM (column-major, mm) and HD_CURRENT_VELOCITY (mm/s).
+ * Time and buttons are the caller's to fill in; NULL: all 0. */
+SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double velocity_mm[3]);
+
+#endif /* SB_HAPTIC_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 #endif /* SOFTBODY_H */
@@ -66871,6 +66946,952 @@ SB_INLINE int sbi_mailbox_front(const sbi_mailbox *box) { return box->front; }
 #endif
 
 #endif /* SB_HAPTIC_MAILBOX_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_math.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_math: 3-vectors, rotations and poses in double for the 1 kHz call, whatever sb_real is. Internal. */
+#ifndef SB_HAPTIC_MATH_H
+#define SB_HAPTIC_MATH_H
+
+
+typedef struct sbi_d3 {
+    double x, y, z;
+} sbi_d3;
+
+typedef struct sbi_turn { /* unit quaternion */
+    double w, x, y, z;
+} sbi_turn;
+
+typedef struct sbi_d_pose { /* of a tool, in space */
+    sbi_d3 position;        /* m */
+    sbi_turn rotation;      /* tool to space */
+} sbi_d_pose;
+
+typedef struct sbi_d_wrench {
+    sbi_d3 force, torque; /* N, N m about the pose's position */
+} sbi_d_wrench;
+
+SB_INLINE sbi_d3 sbi_d(double x, double y, double z)
+{
+    sbi_d3 v;
+    v.x = x;
+    v.y = y;
+    v.z = z;
+    return v;
+}
+SB_INLINE sbi_d3 sbi_d_from(const double v[3]) { return sbi_d(v[0], v[1], v[2]); }
+SB_INLINE void sbi_d_put(double to[3], sbi_d3 v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
+SB_INLINE sbi_d3 sbi_d_add(sbi_d3 a, sbi_d3 b) { return sbi_d(a.x + b.x, a.y + b.y, a.z + b.z); }
+SB_INLINE sbi_d3 sbi_d_sub(sbi_d3 a, sbi_d3 b) { return sbi_d(a.x - b.x, a.y - b.y, a.z - b.z); }
+SB_INLINE sbi_d3 sbi_d_scale(double s, sbi_d3 a) { return sbi_d(s * a.x, s * a.y, s * a.z); }
+/* a + s b */
+SB_INLINE sbi_d3 sbi_d_madd(sbi_d3 a, double s, sbi_d3 b) { return sbi_d(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z); }
+SB_INLINE double sbi_d_dot(sbi_d3 a, sbi_d3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+SB_INLINE sbi_d3 sbi_d_cross(sbi_d3 a, sbi_d3 b)
+{
+    return sbi_d(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+SB_INLINE double sbi_d_norm(sbi_d3 a) { return sqrt(sbi_d_dot(a, a)); }
+/* a without its part along the unit vector n */
+SB_INLINE sbi_d3 sbi_d_across(sbi_d3 a, sbi_d3 n) { return sbi_d_madd(a, -sbi_d_dot(a, n), n); }
+/* 1 when |x| <= limit, 0 also for NaN */
+SB_INLINE int sbi_d_within(double x, double limit) { return fabs(x) <= limit; }
+SB_INLINE int sbi_d3_within(sbi_d3 a, double limit)
+{
+    return sbi_d_within(a.x, limit) && sbi_d_within(a.y, limit) && sbi_d_within(a.z, limit);
+}
+
+SB_INLINE sbi_turn sbi_turn_make(double w, double x, double y, double z)
+{
+    sbi_turn q;
+    q.w = w;
+    q.x = x;
+    q.y = y;
+    q.z = z;
+    return q;
+}
+/* q made a unit quaternion; `fallback` where its length does not allow it. */
+SB_INLINE sbi_turn sbi_turn_unit(sbi_turn q, sbi_turn fallback)
+{
+    double square = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z, scale;
+    if (!(square > 1e-12) || !sbi_d_within(square, 1e12))
+        return fallback;
+    scale = 1 / sqrt(square);
+    return sbi_turn_make(scale * q.w, scale * q.x, scale * q.y, scale * q.z);
+}
+/* First b, then a. */
+SB_INLINE sbi_turn sbi_turn_mul(sbi_turn a, sbi_turn b)
+{
+    return sbi_turn_make(a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+                         a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w);
+}
+SB_INLINE sbi_d3 sbi_turn_apply(sbi_turn q, sbi_d3 v)
+{
+    sbi_d3 axis = sbi_d(q.x, q.y, q.z), t = sbi_d_scale(2, sbi_d_cross(axis, v));
+    return sbi_d_add(sbi_d_madd(v, q.w, t), sbi_d_cross(axis, t));
+}
+/* q turned further by a small rotation vector (rad, in space); exact to its third power. */
+SB_INLINE sbi_turn sbi_turn_further(sbi_turn q, sbi_d3 by)
+{
+    return sbi_turn_unit(sbi_turn_mul(sbi_turn_make(1, 0.5 * by.x, 0.5 * by.y, 0.5 * by.z), q), q);
+}
+/* The rotation vector (rad, in space, at most pi long) that leads from one rotation to another. */
+SB_INLINE sbi_d3 sbi_turn_between(sbi_turn from, sbi_turn to)
+{
+    sbi_turn q = sbi_turn_mul(to, sbi_turn_make(from.w, -from.x, -from.y, -from.z));
+    double sign = q.w < 0 ? -1 : 1, sine = sqrt(q.x * q.x + q.y * q.y + q.z * q.z);
+    double scale = sine > 1e-8 ? 2 * sbi_dense_atan2(sine, sign * q.w) / sine : 2;
+    return sbi_d_scale(sign * scale, sbi_d(q.x, q.y, q.z));
+}
+/* Of a row-major rotation matrix, which may be off by rounding; `fallback` for what is none, as a matrix of zeros. */
+SB_INLINE sbi_turn sbi_turn_from_matrix(const double m[9], sbi_turn fallback)
+{
+    double trace = m[0] + m[4] + m[8];
+    sbi_turn q;
+    if (trace > 0)
+        q = sbi_turn_make(1 + trace, m[7] - m[5], m[2] - m[6], m[3] - m[1]);
+    else if (m[0] >= m[4] && m[0] >= m[8])
+        q = sbi_turn_make(m[7] - m[5], 1 + m[0] - m[4] - m[8], m[1] + m[3], m[2] + m[6]);
+    else if (m[4] >= m[8])
+        q = sbi_turn_make(m[2] - m[6], m[1] + m[3], 1 + m[4] - m[0] - m[8], m[5] + m[7]);
+    else
+        q = sbi_turn_make(m[3] - m[1], m[2] + m[6], m[5] + m[7], 1 + m[8] - m[0] - m[4]);
+    for (int i = 0; i < 3; i++) { /* rows of about unit length */
+        double square = m[3 * i] * m[3 * i] + m[3 * i + 1] * m[3 * i + 1] + m[3 * i + 2] * m[3 * i + 2];
+        if (!(square > 0.5) || !(square < 2))
+            return fallback;
+    }
+    return sbi_turn_unit(q, fallback);
+}
+SB_INLINE void sbi_turn_to_matrix(sbi_turn q, double m[9])
+{
+    for (int j = 0; j < 3; j++) {
+        sbi_d3 column = sbi_turn_apply(q, sbi_d(j == 0, j == 1, j == 2));
+        m[j] = column.x, m[3 + j] = column.y, m[6 + j] = column.z;
+    }
+}
+
+#endif /* SB_HAPTIC_MATH_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_model.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_model: what tissue does to a tool until the next step has been computed. Internal.
+ *
+ * A frame is what one step knows: where the tool was, and its contacts gathered into at most eight planes (clusters)
+ * with stiffness and friction. The wrench is then a function of the tool's pose alone, at no cost:
+ *
+ *     gap change     d = n.(pose(r) - pose0(r))         n unit, the way the tissue pushes the tool
+ *     push           f = max(0, f0 - kn d)              f0 < 0: no contact yet, the gap is -f0/kn
+ *     friction       t = -kt (what the point moved across n from its anchor), |t| <= mu f; the anchor is drawn along
+ *     torque         r x (f n + t) + m0 f/f0
+ *
+ * A force that is held between steps instead makes a hand with little damping swing: the delay of a step makes it
+ * active. Source: contact-haptics sheet 9.2, 9.4; Barbic and James 2007; Zilles and Salisbury 1995 (anchors). */
+#ifndef SB_HAPTIC_MODEL_H
+#define SB_HAPTIC_MODEL_H
+
+
+enum { SBI_HAPTIC_CLUSTERS = 8 };
+
+typedef struct sbi_haptic_cluster {
+    sbi_d3 point;      /* m, in the tool's frame */
+    sbi_d3 normal;     /* unit, in space: out of the tissue */
+    double push;       /* N along the normal, on the tool */
+    sbi_d3 traction;   /* N across the normal, on the tool */
+    sbi_d3 torque;     /* N m that push and traction at the point lack */
+    double friction;   /* Coulomb's mu, >= 0 */
+    double stiffness;  /* N/m along the normal, >= 0 */
+    double tangential; /* N/m across it, >= 0; 0: no friction */
+} sbi_haptic_cluster;
+
+typedef struct sbi_haptic_frame {
+    sbi_d_pose pose; /* of the tool at the end of the step */
+    int count;       /* clusters, 0 .. SBI_HAPTIC_CLUSTERS */
+    sbi_haptic_cluster clusters[SBI_HAPTIC_CLUSTERS];
+} sbi_haptic_frame;
+
+/* The frame that is in force, and what friction remembers. */
+typedef struct sbi_haptic_model {
+    sbi_haptic_frame frame;
+    sbi_d3 places[SBI_HAPTIC_CLUSTERS];  /* m, pose0(r) */
+    sbi_d3 anchors[SBI_HAPTIC_CLUSTERS]; /* m, where friction would vanish */
+} sbi_haptic_model;
+
+/* What holds the tool to the hand. A translation of 0 is rigid, in rotation too; a rotation of 0 is rigid by itself. */
+typedef struct sbi_haptic_coupling {
+    double translation, rotation; /* N/m, N m/rad */
+} sbi_haptic_coupling;
+
+/* 1 when everything in the frame is finite, of a size that can be computed with, and within its range. */
+SBI_API int sbi_haptic_frame_is_sound(const sbi_haptic_frame *frame);
+/* Puts a sound frame in force. */
+SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame);
+
+/* Where the tool is that hangs on a hand at `hand`, what the hand feels, and the energy in planes and coupling (J).
+ * Anchors follow. *tool in: the last such pose, where the search starts.
+ *
+ * The tool is where tissue and coupling balance, K_vc (x - q) + F(q) = 0. For a tangent K of the tissue that is
+ *     q = (K_vc I - K)^-1 (K_vc x + F(q0) - K q0),
+ * and the hand feels K_vc (q - x), with the tangent K_vc (K_vc I - K)^-1 K: two springs in series. */
+SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                           const sbi_d_pose *hand, sbi_d_pose *tool, double *stored);
+
+#endif /* SB_HAPTIC_MODEL_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_servo.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_servo: the call at 1 kHz: frames and the hand's state in, a wrench out. Internal.
+ *
+ * Pure: no clock, no thread, no allocation, no loop without a bound. In the order of a call:
+ *   1. a state that is not finite is refused: the last wrench again, fading
+ *   2. a new frame: what the hand felt less what the frame says there becomes an offset, so that nothing jumps
+ *   3. the frame's planes, through the coupling (haptic_model.h)
+ *   4. the offset fades within a period of the simulation
+ *   5. a frame too old fades; what comes after it returns through the offset
+ *   6. limits of force, torque and their change
+ *   7. the bank: what the hand has been given and has given, exactly, since a force is held between calls
+ *   8. power that the bank does not cover is taken off along the motion; a debt is damped away
+ *   9. the wrench is remembered
+ *
+ * Why a bank: a frame that comes late or changes its stiffness can give energy that nobody put in. The bank holds what
+ * the hand put in, up to what springs store at present and a little (SBI_BANK_SHARE): without that bound it would save
+ * the work of an hour's strokes, and later pay it out at once. Source: passivity observer and controller of Hannaford
+ * and Ryu 2002. */
+#ifndef SB_HAPTIC_SERVO_H
+#define SB_HAPTIC_SERVO_H
+
+
+#define SBI_HAPTIC_COOKIE 0x4a9dcu
+
+enum { SBI_SERVO_WINDOW = 4 }; /* calls over which the hand's velocity is measured */
+
+/* Where the hand was. Velocities are found from it and not from the state's: those are in units that nobody checks, and
+ * filtered who knows how. */
+typedef struct sbi_servo_past {
+    sbi_d_pose pose;
+    double dt; /* s, of the call */
+} sbi_servo_past;
+
+typedef struct sbi_servo {
+    sb_haptic_def def; /* with its defaults filled in */
+    sbi_haptic_coupling coupling;
+    double torque_scale; /* of torques, and of energies, from the tool to the hand */
+    double own_damping;  /* N s/m that the device has, since it renders max_stiffness = 2 b/T */
+    double lever;        /* m: max_torque over max_force, what turns are weighed with */
+    sbi_haptic_model model;
+    int has_frame, has_hand;
+    double time;        /* s, of the last call */
+    sbi_d_pose hand;    /* of the last call, in the device's space */
+    sbi_d3 place;       /* m, of the last call, less the steps of the encoder */
+    sbi_d_pose tool;    /* in the simulation's */
+    sbi_d_wrench shown; /* on the hand since the last call */
+    sbi_d_wrench offset;
+    double stored; /* J in planes and coupling, as the hand feels them */
+    sbi_servo_past past[SBI_SERVO_WINDOW];
+    int past_count, past_next;
+    sb_haptic_info info;
+} sbi_servo;
+
+/* Checks the def (its contact and tool aside), fills in its defaults and begins without a frame. *servo is untouched on
+ * failure: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE name the field. */
+SBI_API sb_result sbi_servo_begin(sbi_servo *servo, const sb_haptic_def *def, sb_error *error);
+
+/* One call. frame: what came since the last one, or NULL. *out is finite and within the device's limits whatever comes
+ * in. Returns 1 while the wrench follows the hand, 0 while it fades or there is none. */
+SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out);
+
+/* What the simulation is to move its tool to: the last pose on the tool's side of the coupling, the hand's velocities,
+ * time and buttons. */
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in);
+
+SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo);
+
+#endif /* SB_HAPTIC_SERVO_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_model.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_model: the planes of a frame, and the tool that hangs on a hand among them. */
+
+enum {
+    SBI_COUPLING_MOST = 12 /* Newton iterations. Where no contact begins or ends one is exact but for turns */
+};
+#define SBI_COUPLING_NEAR 1e-3  /* imbalance relative to the forces in balance: one iteration more, and no look back */
+#define SBI_COUPLING_CLOSE 1e-8 /* none more */
+#define SBI_COUPLING_LEAST                                                                                             \
+    1e-12 /* m or rad: imbalance of the coupling that is none, where there are next to no forces */
+#define SBI_FRICTION_FULL (1 - 1e-9)
+#define SBI_HAPTIC_LARGE 1e9 /* of an entry of a frame: its squares are far from overflow */
+
+SBI_API int sbi_haptic_frame_is_sound(const sbi_haptic_frame *frame)
+{
+    const sbi_turn *q = &frame->pose.rotation;
+    int sound = frame->count >= 0 && frame->count <= SBI_HAPTIC_CLUSTERS;
+    sound = sound && sbi_d3_within(frame->pose.position, SBI_HAPTIC_LARGE);
+    sound = sound && fabs(q->w * q->w + q->x * q->x + q->y * q->y + q->z * q->z - 1) < 1e-6;
+    for (int c = 0; sound && c < frame->count; c++) {
+        const sbi_haptic_cluster *k = frame->clusters + c;
+        sound = sbi_d3_within(k->point, SBI_HAPTIC_LARGE) && sbi_d3_within(k->traction, SBI_HAPTIC_LARGE) &&
+                sbi_d3_within(k->torque, SBI_HAPTIC_LARGE) && sbi_d_within(k->push, SBI_HAPTIC_LARGE) &&
+                fabs(sbi_d_dot(k->normal, k->normal) - 1) < 1e-6 && sbi_d_within(k->friction, SBI_HAPTIC_LARGE) &&
+                k->friction >= 0 && sbi_d_within(k->stiffness, SBI_HAPTIC_LARGE) && k->stiffness >= 0 &&
+                sbi_d_within(k->tangential, SBI_HAPTIC_LARGE) && k->tangential >= 0;
+    }
+    return sound;
+}
+
+/* r of a cluster's point in space, counted from the tool's position */
+static sbi_d3 sbi_haptic_arm(const sbi_haptic_cluster *cluster, const sbi_d_pose *pose)
+{
+    return sbi_turn_apply(pose->rotation, cluster->point);
+}
+
+SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame)
+{
+    model->frame = *frame;
+    for (int c = 0; c < frame->count; c++) {
+        const sbi_haptic_cluster *k = frame->clusters + c;
+        model->places[c] = sbi_d_add(frame->pose.position, sbi_haptic_arm(k, &frame->pose));
+        model->anchors[c] = model->places[c];
+        if (k->tangential > 0)
+            model->anchors[c] = sbi_d_madd(model->places[c], 1 / k->tangential, k->traction);
+    }
+}
+
+/* ---- a plane at a pose ---- */
+
+typedef struct sbi_haptic_touch {
+    double push;       /* N */
+    sbi_d3 traction;   /* N */
+    sbi_d3 arm, place; /* m, of the point: from the tool's position, and in space */
+    double kept;       /* share of the traction that friction allows */
+    int slides;        /* 1: all of it; a contact that has slid is still there when the next call begins */
+} sbi_haptic_touch;
+
+static sbi_haptic_touch sbi_haptic_touch_at(const sbi_haptic_model *model, int c, const sbi_d_pose *pose)
+{
+    const sbi_haptic_cluster *k = model->frame.clusters + c;
+    sbi_haptic_touch at;
+    double bound, size;
+    at.arm = sbi_haptic_arm(k, pose);
+    at.place = sbi_d_add(pose->position, at.arm);
+    at.push = k->push - k->stiffness * sbi_d_dot(k->normal, sbi_d_sub(at.place, model->places[c]));
+    if (!(at.push > 0))
+        at.push = 0;
+    at.traction = sbi_d_scale(k->tangential, sbi_d_across(sbi_d_sub(model->anchors[c], at.place), k->normal));
+    bound = k->friction * at.push;
+    size = sbi_d_norm(at.traction);
+    at.kept = size > bound ? bound / size : 1;
+    at.slides = size > SBI_FRICTION_FULL * bound;
+    at.traction = sbi_d_scale(at.kept, at.traction);
+    return at;
+}
+
+static void sbi_haptic_add_touch(const sbi_haptic_cluster *cluster, const sbi_haptic_touch *at, sbi_d_wrench *sum)
+{
+    sbi_d3 force = sbi_d_madd(at->traction, at->push, cluster->normal);
+    sum->force = sbi_d_add(sum->force, force);
+    sum->torque = sbi_d_add(sum->torque, sbi_d_cross(at->arm, force));
+    if (cluster->push > 0 && at->push > 0)
+        sum->torque = sbi_d_madd(sum->torque, at->push / cluster->push, cluster->torque);
+}
+
+/* The wrench at a pose. Draws the anchors along and adds up the planes' energy (J). */
+static sbi_d_wrench sbi_haptic_model_at(sbi_haptic_model *model, const sbi_d_pose *pose, double *stored)
+{
+    sbi_d_wrench sum;
+    memset(&sum, 0, sizeof sum);
+    for (int c = 0; c < model->frame.count; c++) {
+        const sbi_haptic_cluster *k = model->frame.clusters + c;
+        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, pose);
+        sbi_haptic_add_touch(k, &at, &sum);
+        if (k->stiffness > 0)
+            *stored += at.push * at.push / (2 * k->stiffness);
+        if (k->tangential > 0) {
+            *stored += sbi_d_dot(at.traction, at.traction) / (2 * k->tangential);
+            if (at.kept < 1)
+                model->anchors[c] = sbi_d_madd(at.place, 1 / k->tangential, at.traction);
+        }
+    }
+    return sum;
+}
+
+/* ---- the coupling: Newton's method for the tool's pose ---- */
+
+/* Unknowns: three of the position, then three of a turn in space unless the rotation is rigid. */
+typedef struct sbi_haptic_balance {
+    int size;                       /* 3 or 6 */
+    double h[6][6];                 /* minus the tangent of the wrench */
+    double b[6];                    /* wrench out of balance; then the way there */
+    double least[2], in_balance[2]; /* imbalance that is none; forces and torques in balance */
+} sbi_haptic_balance;
+
+/* c += s a b^T, by columns */
+static void sbi_haptic_add_outer(sbi_d3 c[3], double s, sbi_d3 a, sbi_d3 b)
+{
+    c[0] = sbi_d_madd(c[0], s * b.x, a);
+    c[1] = sbi_d_madd(c[1], s * b.y, a);
+    c[2] = sbi_d_madd(c[2], s * b.z, a);
+}
+
+/* Columns of the stiffness of a plane where it touches: what its force loses as the point moves. Where it slides the
+ * traction turns with a way across it, and grows with the push: that part is not symmetric. */
+static void sbi_haptic_touch_stiffness(const sbi_haptic_cluster *k, const sbi_haptic_touch *at, sbi_d3 c[3])
+{
+    double size = sbi_d_norm(at->traction), sticks = k->tangential > 0 && !at->slides ? k->tangential : 0;
+    c[0] = sbi_d(sticks, 0, 0);
+    c[1] = sbi_d(0, sticks, 0);
+    c[2] = sbi_d(0, 0, sticks);
+    sbi_haptic_add_outer(c, k->stiffness - sticks, k->normal, k->normal);
+    if (at->slides && size > 0) {
+        sbi_d3 along = sbi_d_scale(1 / size, at->traction), across = sbi_d_cross(k->normal, along);
+        sbi_haptic_add_outer(c, at->kept * k->tangential, across, across);
+        sbi_haptic_add_outer(c, k->friction * k->stiffness, along, k->normal);
+    }
+}
+
+/* A column of h: what a unit of the unknown takes from force and torque. */
+static void sbi_haptic_balance_column(sbi_haptic_balance *balance, int column, sbi_d3 force, sbi_d3 arm)
+{
+    sbi_d3 torque = sbi_d_cross(arm, force);
+    double rows[6];
+    sbi_d_put(rows, force);
+    sbi_d_put(rows + 3, torque);
+    for (int i = 0; i < 6; i++)
+        balance->h[i][column] += rows[i];
+}
+
+/* The point moves with the tool: by e_j, and by e_j x arm for a turn. How the arm turns under the force is left out: it
+ * is small beside the coupling. */
+static void sbi_haptic_balance_touch(sbi_haptic_balance *balance, const sbi_haptic_cluster *k,
+                                     const sbi_haptic_touch *at)
+{
+    sbi_d3 c[3], r = at->arm;
+    sbi_haptic_touch_stiffness(k, at, c);
+    for (int j = 0; j < 3; j++)
+        sbi_haptic_balance_column(balance, j, c[j], r);
+    if (balance->size < 6)
+        return;
+    sbi_haptic_balance_column(balance, 3, sbi_d_madd(sbi_d_scale(r.y, c[2]), -r.z, c[1]), r);
+    sbi_haptic_balance_column(balance, 4, sbi_d_madd(sbi_d_scale(r.z, c[0]), -r.x, c[2]), r);
+    sbi_haptic_balance_column(balance, 5, sbi_d_madd(sbi_d_scale(r.x, c[1]), -r.y, c[0]), r);
+}
+
+/* What the coupling does to the hand. */
+static sbi_d_wrench sbi_haptic_coupling_wrench(const sbi_haptic_coupling *coupling, const sbi_d_pose *hand,
+                                               const sbi_d_pose *tool)
+{
+    sbi_d_wrench felt;
+    felt.force = sbi_d_scale(coupling->translation, sbi_d_sub(tool->position, hand->position));
+    felt.torque = sbi_d_scale(coupling->rotation, sbi_turn_between(hand->rotation, tool->rotation));
+    return felt;
+}
+
+/* Wrench and tangent of tissue and coupling at a pose of the tool. */
+static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_model *model,
+                                  const sbi_haptic_coupling *coupling, const sbi_d_pose *hand, const sbi_d_pose *tool)
+{
+    sbi_d_wrench sum, felt;
+    memset(&sum, 0, sizeof sum);
+    memset(balance, 0, sizeof *balance);
+    balance->size = coupling->rotation > 0 ? 6 : 3;
+    for (int i = 0; i < balance->size; i++)
+        balance->h[i][i] = i < 3 ? coupling->translation : coupling->rotation;
+    for (int c = 0; c < model->frame.count; c++) {
+        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, tool);
+        if (!(at.push > 0))
+            continue;
+        sbi_haptic_add_touch(model->frame.clusters + c, &at, &sum);
+        sbi_haptic_balance_touch(balance, model->frame.clusters + c, &at);
+    }
+    felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
+    sbi_d_put(balance->b, sbi_d_sub(sum.force, felt.force));
+    sbi_d_put(balance->b + 3, sbi_d_sub(sum.torque, felt.torque));
+    balance->least[0] = SBI_COUPLING_LEAST * coupling->translation;
+    balance->least[1] = SBI_COUPLING_LEAST * coupling->rotation;
+    balance->in_balance[0] = sbi_d_norm(sum.force) + sbi_d_norm(felt.force);
+    balance->in_balance[1] = sbi_d_norm(sum.torque) + sbi_d_norm(felt.torque);
+}
+
+static int sbi_haptic_balance_is_within(const sbi_haptic_balance *balance, double share)
+{
+    int within = 1;
+    for (int i = 0; i < balance->size; i++)
+        within &= sbi_d_within(balance->b[i], balance->least[i / 3] + share * balance->in_balance[i / 3]);
+    return within;
+}
+
+/* b = h^-1 b by elimination with row exchanges. */
+static void sbi_haptic_balance_solve(sbi_haptic_balance *balance)
+{
+    double(*h)[6] = balance->h, *b = balance->b, inverse[6];
+    int n = balance->size;
+    for (int k = 0; k < n; k++) {
+        int best = k;
+        for (int i = k + 1; i < n; i++)
+            best = fabs(h[i][k]) > fabs(h[best][k]) ? i : best;
+        for (int j = k; j < n && best != k; j++) {
+            double swap = h[k][j];
+            h[k][j] = h[best][j];
+            h[best][j] = swap;
+        }
+        if (best != k) {
+            double swap = b[k];
+            b[k] = b[best];
+            b[best] = swap;
+        }
+        inverse[k] = 1 / h[k][k];
+        for (int i = k + 1; i < n; i++) {
+            double factor = h[i][k] * inverse[k];
+            for (int j = k + 1; j < n; j++)
+                h[i][j] -= factor * h[k][j];
+            b[i] -= factor * b[k];
+        }
+    }
+    for (int i = n; i-- > 0;) {
+        for (int j = i + 1; j < n; j++)
+            b[i] -= h[i][j] * b[j];
+        b[i] *= inverse[i];
+    }
+}
+
+/* Moves the tool to where it balances. */
+static void sbi_haptic_balance_find(const sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                    const sbi_d_pose *hand, sbi_d_pose *tool)
+{
+    sbi_haptic_balance balance;
+    int near_it = 0;
+    if (!(coupling->rotation > 0))
+        tool->rotation = hand->rotation;
+    for (int iteration = 0; iteration < SBI_COUPLING_MOST && !near_it; iteration++) {
+        sbi_haptic_balance_at(&balance, model, coupling, hand, tool);
+        if (sbi_haptic_balance_is_within(&balance, SBI_COUPLING_CLOSE))
+            return;
+        near_it = sbi_haptic_balance_is_within(&balance, SBI_COUPLING_NEAR);
+        sbi_haptic_balance_solve(&balance);
+        if (!sbi_d3_within(sbi_d_from(balance.b), SBI_HAPTIC_LARGE)) { /* of forged frames: begins anew at the hand */
+            *tool = *hand;
+            return;
+        }
+        tool->position = sbi_d_add(tool->position, sbi_d_from(balance.b));
+        if (balance.size == 6)
+            tool->rotation = sbi_turn_further(tool->rotation, sbi_d_from(balance.b + 3));
+    }
+}
+
+SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                           const sbi_d_pose *hand, sbi_d_pose *tool, double *stored)
+{
+    sbi_d_wrench felt, tissue;
+    *stored = 0;
+    if (!(coupling->translation > 0)) {
+        *tool = *hand;
+        return sbi_haptic_model_at(model, tool, stored);
+    }
+    sbi_haptic_balance_find(model, coupling, hand, tool);
+    felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
+    tissue = sbi_haptic_model_at(model, tool, stored);
+    *stored += sbi_d_dot(felt.force, felt.force) / (2 * coupling->translation);
+    if (coupling->rotation > 0)
+        *stored += sbi_d_dot(felt.torque, felt.torque) / (2 * coupling->rotation);
+    else
+        felt.torque = tissue.torque;
+    return felt;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_servo.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_servo: the call at 1 kHz. */
+
+#define SBI_SERVO_TICK 1e-3     /* s: taken for granted where the clock says nothing sensible */
+#define SBI_SERVO_SHORTEST 2e-4 /* s between calls that a clock may say */
+#define SBI_SERVO_LONGEST 5e-3
+
+#define SBI_SERVO_FAR 1e3   /* m, m/s, rad/s: more is no hand's */
+#define SBI_SERVO_RANGE 1e9 /* of fields of the def, and their inverse */
+
+#define SBI_SERVO_FADE 0.1          /* s in which a force goes when frames or states stay away */
+#define SBI_SERVO_FASTEST 2e-3      /* s: shortest period of a simulation */
+#define SBI_SERVO_SLOWEST 5e-2      /* s: longest */
+#define SBI_SERVO_PERIOD (1 / 60.0) /* s: before the first frames */
+#define SBI_SERVO_LEARN 0.25        /* share of the newest interval in the period */
+
+/* What the bank holds beyond what springs store is this share of max_force^2/max_stiffness; a debt is remembered up to
+ * all of that, so that a device whose position jumps, as when it is set to zero, does not owe for ever. */
+#define SBI_BANK_SHARE 0.05
+#define SBI_BANK_TICKS 5 /* calls that the bank has to last for */
+
+/* ---- definition ---- */
+
+static sb_result sbi_servo_check_field(const char *name, double value, int may_be_zero, sb_error *error)
+{
+    if (!sbi_d_within(value, 1.7976931348623157e308))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.%s is not finite", name);
+    if (may_be_zero && value == 0)
+        return SB_OK;
+    if (!(value >= 1 / SBI_SERVO_RANGE) || !(value <= SBI_SERVO_RANGE))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.%s %g must be %sin [%g, %g]", name, value,
+                        may_be_zero ? "0 or " : "", 1 / SBI_SERVO_RANGE, SBI_SERVO_RANGE);
+    return SB_OK;
+}
+
+/* Replaces the negative values that stand for defaults. */
+static void sbi_servo_fill_in(sb_haptic_def *def)
+{
+    double lever = def->max_force > 0 ? def->max_torque / def->max_force : 0;
+    if (def->max_slew < 0)
+        def->max_slew = def->max_force / 2e-3;
+    if (def->coupling < 0)
+        def->coupling = 0.5 * def->max_stiffness;
+    if (def->coupling_turning < 0)
+        def->coupling_turning = def->coupling * lever * lever;
+    if (def->coupling == 0)
+        def->coupling_turning = 0;
+}
+
+static sb_result sbi_servo_check_def(const sb_haptic_def *def, sb_error *error)
+{
+    static const char *const names[] = {"max_force", "max_stiffness",    "scale_motion", "scale_force",
+                                        "timeout",   "max_slew",         "max_torque",   "max_damping",
+                                        "coupling",  "coupling_turning", "energy_rate",  "resolution"};
+    enum { COUNT = sizeof names / sizeof names[0], MAY_BE_ZERO = 6 }; /* from this one on */
+    double values[COUNT];
+    sb_result result = SB_OK;
+    values[0] = def->max_force, values[1] = def->max_stiffness, values[2] = def->scale_motion;
+    values[3] = def->scale_force, values[4] = def->timeout, values[5] = def->max_slew;
+    values[6] = def->max_torque, values[7] = def->max_damping, values[8] = def->coupling;
+    values[9] = def->coupling_turning, values[10] = def->energy_rate;
+    values[11] = def->resolution;
+    for (int i = 0; i < COUNT && result == SB_OK; i++)
+        result = sbi_servo_check_field(names[i], values[i], i >= MAY_BE_ZERO, error);
+    return result;
+}
+
+SBI_API sb_result sbi_servo_begin(sbi_servo *servo, const sb_haptic_def *def, sb_error *error)
+{
+    sb_haptic_def full = *def;
+    sb_result result;
+    if (def->cookie != SBI_HAPTIC_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_haptic_def");
+    sbi_servo_fill_in(&full);
+    result = sbi_servo_check_def(&full, error);
+    if (result != SB_OK)
+        return result;
+    memset(servo, 0, sizeof *servo);
+    servo->def = full;
+    servo->torque_scale = full.scale_force / full.scale_motion;
+    servo->coupling.translation = full.coupling / (full.scale_force * full.scale_motion);
+    servo->coupling.rotation = full.coupling_turning / servo->torque_scale;
+    servo->lever = full.max_torque / full.max_force;
+    servo->own_damping = 0.5 * full.max_stiffness * SBI_SERVO_TICK;
+    servo->hand.rotation.w = servo->tool.rotation.w = 1;
+    servo->info.period = SBI_SERVO_PERIOD;
+    return SB_OK;
+}
+
+/* ---- the hand ---- */
+
+static int sbi_servo_is_sound(const sb_tool_state *in)
+{
+    int sound = sbi_d3_within(sbi_d_from(in->position), SBI_SERVO_FAR) &&
+                sbi_d3_within(sbi_d_from(in->velocity), SBI_SERVO_FAR) &&
+                sbi_d3_within(sbi_d_from(in->angular_velocity), SBI_SERVO_FAR) && in->time - in->time == 0;
+    for (int i = 0; i < 9; i++)
+        sound = sound && sbi_d_within(in->rotation[i], 2);
+    return sound;
+}
+
+static double sbi_servo_dt(const sbi_servo *servo, double time)
+{
+    double dt = time - servo->time;
+    return servo->has_hand && dt >= SBI_SERVO_SHORTEST && dt <= SBI_SERVO_LONGEST ? dt : SBI_SERVO_TICK;
+}
+
+/* The hand's pose in the simulation's space. */
+static sbi_d_pose sbi_servo_in_tissue(const sbi_servo *servo, const sbi_d_pose *hand)
+{
+    sbi_d_pose pose = *hand;
+    pose.position = sbi_d_scale(servo->def.scale_motion, hand->position);
+    return pose;
+}
+
+static sbi_d_wrench sbi_servo_on_hand(const sbi_servo *servo, sbi_d_wrench on_tool)
+{
+    on_tool.force = sbi_d_scale(servo->def.scale_force, on_tool.force);
+    on_tool.torque = sbi_d_scale(servo->torque_scale, on_tool.torque);
+    return on_tool;
+}
+
+static sbi_d_wrench sbi_wrench_madd(sbi_d_wrench a, double s, sbi_d_wrench b)
+{
+    a.force = sbi_d_madd(a.force, s, b.force);
+    a.torque = sbi_d_madd(a.torque, s, b.torque);
+    return a;
+}
+
+static sbi_d_wrench sbi_wrench_scale(double s, sbi_d_wrench a)
+{
+    a.force = sbi_d_scale(s, a.force);
+    a.torque = sbi_d_scale(s, a.torque);
+    return a;
+}
+
+/* ---- the law, in the order of a call ---- */
+
+/* 3. What the hand feels of the frame at a pose. */
+static sbi_d_wrench sbi_servo_feel(sbi_servo *servo, const sbi_d_pose *hand)
+{
+    sbi_d_pose in_tissue = sbi_servo_in_tissue(servo, hand);
+    sbi_d_wrench felt =
+        sbi_haptic_model_feel(&servo->model, &servo->coupling, &in_tissue, &servo->tool, &servo->stored);
+    servo->stored *= servo->torque_scale;
+    servo->info.gap = sbi_d_norm(sbi_d_sub(servo->tool.position, in_tissue.position));
+    return sbi_servo_on_hand(servo, felt);
+}
+
+/* 2. Puts a frame in force; the offset is what the hand felt less what the frame says of the same pose. */
+static void sbi_servo_accept(sbi_servo *servo, const sbi_haptic_frame *frame)
+{
+    double interval = servo->info.age;
+    if (!sbi_haptic_frame_is_sound(frame)) {
+        servo->info.refused++;
+        return;
+    }
+    if (servo->has_frame && interval <= servo->def.timeout) {
+        interval = interval < SBI_SERVO_FASTEST ? SBI_SERVO_FASTEST : interval;
+        interval = interval > SBI_SERVO_SLOWEST ? SBI_SERVO_SLOWEST : interval;
+        servo->info.period += SBI_SERVO_LEARN * (interval - servo->info.period);
+    }
+    sbi_haptic_model_set(&servo->model, frame);
+    servo->offset = sbi_wrench_madd(servo->shown, -1, sbi_servo_feel(servo, &servo->hand));
+    servo->info.age = 0;
+    servo->info.frames++;
+    servo->has_frame = 1;
+}
+
+/* 1. A state that says nothing: the last wrench, fading. */
+static void sbi_servo_refuse(sbi_servo *servo, const sbi_haptic_frame *frame)
+{
+    servo->info.refused++;
+    servo->info.age += SBI_SERVO_TICK;
+    if (frame)
+        sbi_servo_accept(servo, frame);
+    servo->shown = sbi_wrench_scale(1 - SBI_SERVO_TICK / (0.2 * SBI_SERVO_FADE), servo->shown);
+}
+
+/* 5. Share of the wrench that a frame of this age is worth. */
+static double sbi_servo_freshness(const sbi_servo *servo)
+{
+    double late = servo->info.age - servo->def.timeout;
+    if (!servo->has_frame || late >= SBI_SERVO_FADE)
+        return 0;
+    return late > 0 ? 1 - late / SBI_SERVO_FADE : 1;
+}
+
+/* v, at most so long; 0 where it is not finite */
+static sbi_d3 sbi_servo_clamp(sbi_d3 v, double limit)
+{
+    double length = sbi_d_norm(v);
+    if (length <= limit)
+        return v;
+    v = length > 0 ? sbi_d_scale(limit / length, v) : v;
+    return sbi_d3_within(v, limit) ? v : sbi_d(0, 0, 0);
+}
+
+static sbi_d_wrench sbi_servo_limit(const sbi_servo *servo, sbi_d_wrench wrench)
+{
+    wrench.force = sbi_servo_clamp(wrench.force, servo->def.max_force);
+    wrench.torque = sbi_servo_clamp(wrench.torque, servo->def.max_torque);
+    return wrench;
+}
+
+/* 6. Limits of the wrench, then of its change. */
+static sbi_d_wrench sbi_servo_slew(const sbi_servo *servo, sbi_d_wrench wrench, double dt)
+{
+    double most = servo->def.max_slew * dt;
+    sbi_d_wrench change = sbi_wrench_madd(sbi_servo_limit(servo, wrench), -1, servo->shown);
+    change.force = sbi_servo_clamp(change.force, most);
+    change.torque = sbi_servo_clamp(change.torque, most * servo->lever);
+    return sbi_wrench_madd(servo->shown, 1, change);
+}
+
+/* Where the hand is, from a position in steps of an encoder: as far as it went between two neighbouring steps, not to
+ * and fro with each of them. The force changes where the hand crosses from one to the next; without this each crossing
+ * back and forth would seem to cost the square of a step times the stiffness, and empty the bank of a hand at rest. */
+static double sbi_servo_play(double place, double measured, double resolution)
+{
+    double half = 0.5 * resolution;
+    return measured > place + half ? measured - half : measured < place - half ? measured + half : place;
+}
+
+static sbi_d3 sbi_servo_place(const sbi_servo *servo, sbi_d3 measured)
+{
+    const double resolution = servo->def.resolution;
+    return sbi_d(sbi_servo_play(servo->place.x, measured.x, resolution),
+                 sbi_servo_play(servo->place.y, measured.y, resolution),
+                 sbi_servo_play(servo->place.z, measured.z, resolution));
+}
+
+/* 7. What the wrench that was held since the last call has done, out of the bank; what the device's own damping took of
+ * it; and the bank's bounds. A spring that is held for a tick gives K v^2 T/2 too much, all the time: the device has
+ * the damping for that, or it could not render max_stiffness. Without this the bank of a hand at rest would run dry. */
+static void sbi_servo_account(sbi_servo *servo, const sbi_d_pose *hand, sbi_d3 velocity, double freshness, double dt)
+{
+    double spare = SBI_BANK_SHARE * servo->def.max_force * servo->def.max_force / servo->def.max_stiffness;
+    double most = freshness * servo->stored + spare, least = -spare / SBI_BANK_SHARE;
+    double *e = &servo->info.energy; /* J */
+    sbi_d3 place = servo->has_hand ? sbi_servo_place(servo, hand->position) : hand->position;
+    if (servo->has_hand)
+        *e -= sbi_d_dot(servo->shown.force, sbi_d_sub(place, servo->place)) +
+              sbi_d_dot(servo->shown.torque, sbi_turn_between(servo->hand.rotation, hand->rotation));
+    servo->place = place;
+    *e += servo->own_damping * sbi_d_dot(velocity, velocity) * dt;
+    *e = *e < most ? *e : most;
+    *e += servo->def.energy_rate * dt;
+    *e = *e > least ? *e : least;
+}
+
+/* The hand's velocities over the last calls. An encoder's steps are coarse: 55 um within 1 ms are 55 mm/s. */
+static void sbi_servo_velocity(sbi_servo *servo, const sbi_d_pose *hand, double dt, sbi_d3 *velocity, sbi_d3 *turning)
+{
+    double time = dt;
+    const sbi_servo_past *oldest;
+    int count = servo->past_count;
+    *velocity = *turning = sbi_d(0, 0, 0);
+    if (count > 0) {
+        oldest = servo->past + (servo->past_next + SBI_SERVO_WINDOW - count) % SBI_SERVO_WINDOW;
+        for (int i = 1; i < count; i++)
+            time += servo->past[(servo->past_next + SBI_SERVO_WINDOW - i) % SBI_SERVO_WINDOW].dt;
+        *velocity = sbi_d_scale(1 / time, sbi_d_sub(hand->position, oldest->pose.position));
+        *turning = sbi_d_scale(1 / time, sbi_turn_between(oldest->pose.rotation, hand->rotation));
+    }
+    servo->past[servo->past_next].pose = *hand;
+    servo->past[servo->past_next].dt = dt;
+    servo->past_next = (servo->past_next + 1) % SBI_SERVO_WINDOW;
+    servo->past_count = count < SBI_SERVO_WINDOW ? count + 1 : count;
+}
+
+/* 8. Takes off what power exceeds the bank, along the motion; a debt is damped away. */
+static sbi_d_wrench sbi_servo_bound_power(sbi_servo *servo, sbi_d_wrench wrench, sbi_d3 v, sbi_d3 w, double dt)
+{
+    double push = sbi_d_dot(wrench.force, v), turn = sbi_d_dot(wrench.torque, w), e = servo->info.energy;
+    double speed = sbi_d_dot(v, v), turning = sbi_d_dot(w, w), lever = servo->lever * servo->lever;
+    double excess = push + turn - (e > 0 ? e : 0) / (SBI_BANK_TICKS * dt);
+    double given = (push > 0 ? push : 0) + (turn > 0 ? turn : 0), damping = servo->def.max_damping;
+    if (!(excess > 0) && !(e < 0))
+        return wrench;
+    servo->info.limited++;
+    if (excess > 0 && push > 0)
+        wrench.force = sbi_d_madd(wrench.force, -excess * (push / given) / speed, v);
+    if (excess > 0 && turn > 0)
+        wrench.torque = sbi_d_madd(wrench.torque, -excess * (turn / given) / turning, w);
+    if (e < 0) {
+        double all = (speed + lever * turning) * dt;
+        damping = -e < damping * all ? -e / all : damping;
+        wrench.force = sbi_d_madd(wrench.force, -damping, v);
+        wrench.torque = sbi_d_madd(wrench.torque, -damping * lever, w);
+    }
+    return sbi_servo_limit(servo, wrench);
+}
+
+/* ---- the call ---- */
+
+/* Steps 2 to 9 with a sound state. */
+static int sbi_servo_follow(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame)
+{
+    double dt = sbi_servo_dt(servo, in->time), freshness;
+    sbi_d3 velocity, turning;
+    sbi_d_wrench wrench;
+    sbi_d_pose hand;
+    hand.position = sbi_d_from(in->position);
+    hand.rotation = sbi_turn_from_matrix(in->rotation, servo->hand.rotation);
+    servo->info.age += dt;
+    if (frame) {
+        servo->hand = servo->has_hand ? servo->hand : hand;
+        sbi_servo_accept(servo, frame);
+    }
+    wrench = sbi_servo_feel(servo, &hand);
+    servo->offset = sbi_wrench_scale(sbi_dense_exp(-2 * dt / servo->info.period), servo->offset);
+    freshness = sbi_servo_freshness(servo);
+    wrench = sbi_wrench_scale(freshness, sbi_wrench_madd(wrench, 1, servo->offset));
+    wrench = sbi_servo_slew(servo, wrench, dt);
+    sbi_servo_velocity(servo, &hand, dt, &velocity, &turning);
+    sbi_servo_account(servo, &hand, velocity, freshness, dt);
+    servo->shown = sbi_servo_bound_power(servo, wrench, velocity, turning, dt);
+    servo->hand = hand;
+    servo->time = in->time;
+    servo->has_hand = 1;
+    return freshness == 1;
+}
+
+SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out)
+{
+    int follows = 0;
+    servo->info.calls++;
+    if (sbi_servo_is_sound(in))
+        follows = sbi_servo_follow(servo, in, frame);
+    else
+        sbi_servo_refuse(servo, frame);
+    sbi_d_put(out->force, servo->shown.force);
+    sbi_d_put(out->torque, servo->shown.torque);
+    return follows;
+}
+
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in)
+{
+    sb_tool_state wanted = *in;
+    sbi_d_put(wanted.position, servo->tool.position);
+    sbi_turn_to_matrix(servo->tool.rotation, wanted.rotation);
+    for (int i = 0; i < 3; i++)
+        wanted.velocity[i] *= servo->def.scale_motion;
+    return wanted;
+}
+
+SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo)
+{
+    sb_haptic_info info = servo->info;
+    sbi_d_put(info.position, servo->tool.position);
+    sbi_turn_to_matrix(servo->tool.rotation, info.rotation);
+    return info;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic: definitions, and states of devices. */
+
+SB_API sb_haptic_def sb_default_haptic_def(void)
+{
+    sb_haptic_def def;
+    memset(&def, 0, sizeof def);
+    def.max_slew = -1;
+    def.coupling = -1;
+    def.coupling_turning = -1;
+    def.scale_motion = 1;
+    def.scale_force = 1;
+    def.timeout = 0.1;
+    def.cookie = SBI_HAPTIC_COOKIE;
+    return def;
+}
+
+SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double velocity_mm[3])
+{
+    const double metre = 1e-3; /* of a millimetre */
+    sb_tool_state state;
+    memset(&state, 0, sizeof state);
+    for (int i = 0; transform && i < 3; i++) {
+        state.position[i] = metre * transform[12 + i];
+        for (int j = 0; j < 3; j++)
+            state.rotation[3 * i + j] = transform[4 * j + i];
+    }
+    for (int i = 0; velocity_mm && i < 3; i++)
+        state.velocity[i] = metre * velocity_mm[i];
+    return state;
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 #endif /* SB_IMPLEMENTATION */
