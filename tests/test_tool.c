@@ -7,6 +7,7 @@
 
 #include "check.h"
 #include "scene.h"
+#include "skeleton.h"
 
 /* ---- tools nobody chose ---- */
 
@@ -70,6 +71,18 @@ static sbi_tool *tool_make(const sb_tool_def *def)
         CHECK(tool != NULL);
     }
     return tool;
+}
+
+static sb_tool_def tool_good_def(sb_tool_shape shape)
+{
+    static const sb_vec3 points[3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}};
+    sb_tool_def def = sb_default_tool_def();
+    def.shape = shape;
+    def.radius = REAL(0.1);
+    def.half = sb_v3(1, 1, 1);
+    def.points = points;
+    def.point_count = 3;
+    return def;
 }
 
 static void tool_make_case(unsigned long long *seed, sb_tool_shape shape, tool_case *made)
@@ -834,19 +847,119 @@ static void test_mesh_threads(void)
     tool_free_mesh_case(&c);
 }
 
-/* ---- what is refused ---- */
+/* ---- the test whether a skeleton crosses a triangle ---- */
 
-static sb_tool_def tool_good_def(sb_tool_shape shape)
+/* Sides of planes through points of a fine lattice, which are hardly off the plane or not at all, against integers. */
+static void test_crossing_side(void)
 {
-    static const sb_vec3 points[3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}};
-    sb_tool_def def = sb_default_tool_def();
-    def.shape = shape;
-    def.radius = REAL(0.1);
-    def.half = sb_v3(1, 1, 1);
-    def.points = points;
-    def.point_count = 3;
-    return def;
+    unsigned long long seed = 61;
+    int zeros = 0;
+    for (int i = 0; i < 20000; i++) {
+        long long x[4][3], d[3][3], det;
+        double p[4][3];
+        int m = (int)tool_random(&seed, -4, 5), n = (int)tool_random(&seed, -4, 5), side;
+        for (int r = 0; r < 3; r++)
+            for (int k = 0; k < 3; k++)
+                x[r][k] = (long long)tool_random(&seed, -100000, 100000);
+        for (int k = 0; k < 3; k++) /* in the plane, and then off by a step or not */
+            x[3][k] = x[0][k] + m * (x[1][k] - x[0][k]) + n * (x[2][k] - x[0][k]);
+        x[3][i % 3] += (int)tool_random(&seed, -1, 2);
+        for (int r = 0; r < 3; r++)
+            for (int k = 0; k < 3; k++)
+                d[r][k] = x[r][k] - x[3][k];
+        det = d[0][0] * (d[1][1] * d[2][2] - d[1][2] * d[2][1]) + d[0][1] * (d[1][2] * d[2][0] - d[1][0] * d[2][2]) +
+              d[0][2] * (d[1][0] * d[2][1] - d[1][1] * d[2][0]);
+        for (int r = 0; r < 4; r++)
+            for (int k = 0; k < 3; k++)
+                p[r][k] = (double)x[r][k] / 4096 + 1024; /* exact */
+        side = skeleton_side(p[0], p[1], p[2], p[3]);
+        CHECK_INT(side, det > 0 ? 1 : det < 0 ? -1 : 0);
+        zeros += det == 0;
+    }
+    CHECK(zeros > 100 && zeros < 20000);
 }
+
+/* A triangle that holds the point x well inside of it. */
+static void tool_triangle_round(unsigned long long *seed, sb_vec3 x, double size, sb_vec3 triangle[3])
+{
+    sb_vec3 a = sb_v3_scale(REAL(size), tool_random_direction(seed));
+    sb_vec3 b = sb_v3_scale(REAL(size), tool_random_direction(seed));
+    triangle[0] = sb_v3_add(x, a);
+    triangle[1] = sb_v3_add(x, b);
+    triangle[2] = sb_v3_sub(x, sb_v3_scale(REAL(tool_random(seed, 0.5, 1)), sb_v3_add(a, b)));
+}
+
+/* The least depth at which points of a triangle lie about a skeleton. */
+static double tool_deepest(const sbi_tool *tool, const sb_pose *pose, const sb_vec3 triangle[3], int parts)
+{
+    double deepest = 1e300;
+    for (int i = 0; i <= parts; i++)
+        for (int j = 0; i + j <= parts; j++) {
+            sb_vec3 u = sb_v3_sub(triangle[1], triangle[0]), v = sb_v3_sub(triangle[2], triangle[0]), x = triangle[0];
+            x = sb_v3_madd(sb_v3_madd(x, REAL(i) / REAL(parts), u), REAL(j) / REAL(parts), v);
+            deepest = fmin(deepest, (double)tool_gap(tool, NULL, sbi_pose_to_tool(pose, x)));
+        }
+    return deepest;
+}
+
+static void check_crossing(const tool_case *c, const sb_vec3 *chain, unsigned long long *seed)
+{
+    enum { PARTS = 40 };
+    sb_pose pose = tool_random_pose(seed, c->size);
+    sb_vec3 points[SBI_TOOL_MAX_SKELETON], triangle[3], x;
+    int ends[SB_TOOL_MAX_POINTS][2], segments = sbi_tool_segments(c->tool, ends, SB_TOOL_MAX_POINTS);
+    int crossed = 0, count = 20;
+    sbi_tool_skeleton(c->tool, NULL, points, SBI_TOOL_MAX_SKELETON);
+    if (segments == 0 || chain || (c->def.shape == SB_TOOL_BOX && sb_v3_norm(points[7]) == 0))
+        return;
+    for (int i = 0; i < count; i++) {
+        const int *end = ends[i % segments];
+        double size = c->size * tool_random(seed, 0.01, 0.1);
+        sb_vec3 way = sb_v3_sub(points[end[1]], points[end[0]]);
+        x = sb_v3_madd(points[end[0]], REAL(tool_random(seed, 0.1, 0.9)), way);
+        if (c->def.shape == SB_TOOL_BOX) /* a plane through an edge may only touch */
+            x = sb_v3_scale(REAL(0.9), x);
+        tool_triangle_round(seed, sbi_pose_to_space(&pose, x), size, triangle);
+        crossed += skeleton_meets(c->tool, NULL, &pose, triangle);
+        x = sb_v3_madd(x, REAL(c->size * tool_random(seed, 0, 0.5)), tool_random_direction(seed));
+        tool_triangle_round(seed, sbi_pose_to_space(&pose, x), size, triangle);
+        if (skeleton_meets(c->tool, NULL, &pose, triangle))
+            CHECK(tool_deepest(c->tool, &pose, triangle, PARTS) <=
+                  -(double)sbi_tool_inner_radius(c->tool) + 4 * size / PARTS);
+        else if (c->def.shape == SB_TOOL_BOX)
+            CHECK(tool_deepest(c->tool, &pose, triangle, PARTS) >=
+                  -(double)sbi_tool_inner_radius(c->tool) - 1e-5 * size);
+    }
+    CHECK(crossed >= count - 2); /* but for triangles all but along the segment */
+}
+static void test_crossing(void) { tool_check_all(check_crossing, 50); }
+
+/* A triangle and a sphere that move so that its centre is in the triangle at some time, and others that do not. */
+static void test_crossing_way(void)
+{
+    unsigned long long seed = 67;
+    sb_tool_def def = tool_good_def(SB_TOOL_SPHERE);
+    sbi_tool *tool = tool_make(&def);
+    for (int i = 0; i < 500; i++) {
+        sb_pose from = tool_random_pose(&seed, 1), to = tool_random_pose(&seed, 1);
+        double time = tool_random(&seed, 0.05, 0.95);
+        sb_vec3 meeting[3], start[3], end[3], at, far = sb_v3_scale(10, tool_random_direction(&seed));
+        at = sb_v3_madd(from.position, REAL(time), sb_v3_sub(to.position, from.position));
+        tool_triangle_round(&seed, at, 0.5, meeting);
+        for (int k = 0; k < 3; k++) {
+            sb_vec3 way = tool_random_vector(&seed, 0.5);
+            start[k] = sb_v3_madd(meeting[k], REAL(-time), way);
+            end[k] = sb_v3_madd(meeting[k], REAL(1 - time), way);
+        }
+        CHECK(skeleton_passes(tool, NULL, &from, start, NULL, &to, end));
+        for (int k = 0; k < 3; k++)
+            start[k] = sb_v3_add(start[k], far), end[k] = sb_v3_add(end[k], far);
+        CHECK(!skeleton_passes(tool, NULL, &from, start, NULL, &to, end));
+    }
+    sbi_tool_destroy(tool);
+}
+
+/* ---- what is refused ---- */
 
 /* Nothing is allocated, the tool is untouched, the message names the field. */
 static void tool_refuse(const sb_tool_def *def, sb_result result, const char *field)
@@ -1045,5 +1158,6 @@ CHECK_SUITE(tool, {"distance", test_distance}, {"box samples", test_box_samples}
             {"motion", test_motion}, {"mesh distance", test_mesh_distance}, {"mesh smooth", test_mesh_smooth},
             {"mesh beyond", test_mesh_beyond}, {"mesh skeleton", test_mesh_skeleton}, {"mesh common", test_mesh_common},
             {"mesh absurd points", test_mesh_absurd_points}, {"mesh middle", test_mesh_middle},
-            {"mesh threads", test_mesh_threads}, {"refused", test_refused}, {"refused chains", test_refused_chains},
+            {"mesh threads", test_mesh_threads}, {"crossing side", test_crossing_side}, {"crossing", test_crossing},
+            {"crossing way", test_crossing_way}, {"refused", test_refused}, {"refused chains", test_refused_chains},
             {"refused meshes", test_refused_meshes}, {"failing memory", test_failing_memory});
