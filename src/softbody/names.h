@@ -301,6 +301,7 @@
 #define sb_recording_save_file sb_recording_save_file_f32
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
+#define sb_default_tool_def sb_default_tool_def_f32
 #endif
 #endif
 
