@@ -692,6 +692,7 @@
 #define sb_recording_save_file sb_recording_save_file_f32
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
+#define sb_default_tool_def sb_default_tool_def_f32
 #endif
 #endif
 
@@ -5483,6 +5484,80 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
 
 #endif /* SB_RECORD_H */
 
+/* ==== src/softbody/contact/tool.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool: rigid tools as signed distances, and where they stand in space. Floor 4.
+ *
+ *     sb_tool_def def = sb_default_tool_def();
+ *     def.shape = SB_TOOL_SPHERE;
+ *     def.radius = 0.005;
+ * A contact makes the tool of it and keeps it. */
+#ifndef SB_TOOL_H
+#define SB_TOOL_H
+
+
+/* Where a tool stands: a point p of its frame is at position + rotation p in space. */
+typedef struct sb_pose {
+    sb_vec3 position; /* m: of the frame's origin */
+    sb_quat rotation; /* unit quaternion, from the tool's frame to space. Any length but 0 is taken and normalised */
+} sb_pose;
+
+/* What a tool is, in its own frame:
+ *
+ *     sphere       capsules             box, from outside        plane                   mesh
+ *                                       ,------------.           frame's z
+ *      ,-.        ,------.              | ,--------. |              ^
+ *     ( o )      ( o----o \             | |  core  | | half         |  outside           what a closed surface
+ *      `-'        `-----.\ \            | `--------' |           ___o___                 has inside
+ *                        ( o )          `------------' radius    ///////  inside
+ *                         `-'
+ * o and what joins them is the skeleton, which is kept from crossing the body's faces; of a box it is the core. */
+typedef enum sb_tool_shape {
+    SB_TOOL_SPHERE = 1,   /* round the frame's origin */
+    SB_TOOL_CAPSULES = 2, /* all that is within `radius` of a chain of segments, which may bend: shafts, catheters */
+    SB_TOOL_BOX = 3,      /* round the frame's origin, along its axes, edges and corners rounded: jaws, spatulas */
+    SB_TOOL_PLANE = 4,    /* the half space below z = 0 of the frame: tables, walls. Its normal is the frame's z axis */
+    SB_TOOL_MESH = 5      /* the inside of a closed surface, as a grid of distances */
+} sb_tool_shape;
+
+enum {
+    SB_TOOL_MAX_POINTS = 64, /* of a chain */
+    SB_TOOL_MIN_CELLS = 16,  /* of a mesh's grid, along its longest side */
+    SB_TOOL_MAX_CELLS = 128
+};
+
+/* What a tool is made from. Start from sb_default_tool_def(). Fields of other shapes are not read. Lengths that a
+ * shape reads must be within 1e-9 ... 1e9 m, coordinates within 1e9 m. */
+typedef struct sb_tool_def {
+    sb_tool_shape shape;        /* default SB_TOOL_SPHERE */
+    sb_real radius;             /* m: of spheres and capsules, > 0, no default. Box: of its rounded edges, at most the
+                                 * smallest half extent; 0 (default): a tenth of that. A smaller radius needs more
+                                 * samples on the body's faces and slows the tool down, which may advance by half of it
+                                 * in each step */
+    const sb_vec3 *points;      /* capsules: [point_count] chain in the tool's frame (m), copied. Neighbours may not
+                                 * coincide; one end may touch the other */
+    int point_count;            /* in [2, SB_TOOL_MAX_POINTS] */
+    sb_vec3 half;               /* box: half extents (m), > 0, rounding included */
+    const sb_mesh *surface;     /* mesh: closed surface of tri3 looking outward (m), in the tool's frame; borrowed for
+                                 * the call */
+    int cells;                  /* mesh: cells of its grid along the longest side, in [SB_TOOL_MIN_CELLS,
+                                 * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
+    sb_real friction;           /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
+    sb_pose pose;               /* where it stands at first; default the origin, not turned */
+    sb_real coupling_stiffness; /* N/m, >= 0: the tool hangs on its pose by a spring; default 0: rigidly */
+    sb_real coupling_turning;   /* N m/rad, >= 0: likewise for rotation; default 0: rigidly */
+    sb_real max_force;          /* N, > 0: the coupling pulls with no more; default SB_REAL_MAX */
+    int partner;                /* index of the tool that is the other jaw, read with this one as a grip; default -1:
+                                 * none */
+    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
+} sb_tool_def;
+
+SB_API sb_tool_def sb_default_tool_def(void);
+
+
+#endif /* SB_TOOL_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 #endif /* SOFTBODY_H */
 
 #if defined(SB_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION_DONE)
@@ -6176,6 +6251,99 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
 SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
                                       uint32_t version, const char *what, unsigned char **image, size_t *size,
                                       sb_error *error);
+
+/* ==== src/softbody/contact/tool.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* ---- internal: tools; contact.h is what users see of them ------------------------------------------------------ */
+
+/* A shape. Not changed after creation, so that any number of threads may ask at once. */
+typedef struct sbi_tool sbi_tool;
+
+/* Makes a tool of a def, in one block of memory (a mesh takes scratch besides, which goes back). def->pose is checked,
+ * but not kept. SB_ERROR_ARGUMENT or _NOT_FINITE (the field is named), _UNSUPPORTED (a surface of other elements than
+ * tri3, or thinner than its grid's cells), _MESH or _INDEX (what is wrong with the surface), _MEMORY; *tool is then
+ * untouched. Meshes: distances of all nodes of the grid, in parallel on jobs; 0.03 s for 48 cells and
+ * 1,000 triangles, 0.4 s for 128. */
+SBI_API sb_result sbi_tool_create(const sb_tool_def *def, const sb_allocator *allocator, const sb_jobs *jobs,
+                                  sbi_tool **tool, sb_error *error);
+SBI_API void sbi_tool_destroy(sbi_tool *tool); /* accepts NULL */
+
+/* Refuses a pose that is not finite or has a rotation of length 0; `name` says in the message what it is. *unit (or
+ * NULL) is the pose with a rotation of length 1. */
+SBI_API sb_result sbi_tool_pose_check(const sb_pose *pose, const char *name, sb_pose *unit, sb_error *error);
+/* Refuses points that are no chain of capsules of this radius, as sbi_tool_create does. */
+SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real radius, const char *name,
+                                       sb_error *error);
+
+/* Distance of a point from the tool (m, negative inside), both in the tool's frame, and the unit normal out of the
+ * tool, which is the distance's gradient. chain: of capsules, [point_count] in place of the tool's own (NULL: its own),
+ * checked by the caller. Where there is no gradient (on the skeleton, but for a box on the middle of its core) the
+ * normal is `fallback`, a unit vector. Never NaN: a point that is no number, or too far off for one, has the distance
+ * SB_REAL_MAX and the normal `fallback`.
+ * Mesh: a C1 function; near the surface some 0.02, at most 0.2 cells from the distance, with a gradient at most 1.1
+ * long, whose direction the normal has. From two cells outside of the surface's box on it is a lower bound of the
+ * distance, at least 0.7 of it, and the normal is no longer its gradient, but points away from the tool. */
+SBI_API sb_real sbi_tool_distance(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 x, sb_vec3 fallback,
+                                  sb_vec3 *normal);
+/* The same for x[count], to the bit, faster for chains that replace the tool's own. fallback[count]; gap[count] and
+ * normal[count] are written; normal may be the array `fallback`. */
+SBI_API void sbi_tool_distances(const sbi_tool *tool, const sb_vec3 *chain, int count, const sb_vec3 *x,
+                                const sb_vec3 *fallback, sb_real *gap, sb_vec3 *normal);
+
+SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool);
+SBI_API int sbi_tool_point_count(const sbi_tool *tool); /* of its chain; 0 for other shapes */
+/* Smallest radius (m) of its surface, which says how close samples on faces must be; SB_REAL_MAX for a plane. Mesh: two
+ * cells, or its inner radius where that is smaller. */
+SBI_API sb_real sbi_tool_radius(const sbi_tool *tool);
+/* Depth (m) of the skeleton: each of its points is at least so deep inside. SB_REAL_MAX for a plane. Mesh: the largest
+ * of some depths up to 0.9 of the greatest, at which what is so deep is in one piece and reaches within twice the depth
+ * of each side of the surface's box, or else one cell: a thin shaft between thick ends has its part of the skeleton. */
+SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool);
+/* A box around the tool in space (m); that of a plane is all of it. */
+SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
+                             sb_vec3 *high);
+/* An upper bound (m) of how far any point of the skeleton moves on the way of sbi_pose_between from `from` to `to`,
+ * while its chain goes straight from chain0 to chain1 (NULL: its own); 0 for a plane. The points' speeds are bounded
+ * too: a part of the way moves them by no more than its share of the bound. Exact without rotation and bending; a
+ * rotation by a (rad) adds a^2 / 2 times the skeleton's distance from the frame's origin, or less. */
+SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                                const sb_pose *to);
+
+/* The skeleton in the tool's frame: how many points it has, the first `capacity` of them in points (may be NULL with
+ * capacity 0). A sphere: its centre; capsules: the chain; box: the corners of its core, that at (x, y, z) signs has the
+ * bits 1, 2, 4 set where the sign is positive; plane: none; mesh: nodes of its grid on the hull of all that are at
+ * least the inner radius deep, at most SBI_TOOL_MAX_SKELETON of them. */
+enum { SBI_TOOL_MAX_SKELETON = 256 };
+SBI_API int sbi_tool_skeleton(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 *points, int capacity);
+/* Pairs of those points that a segment of the skeleton joins: of capsules and boxes (the edges of the core, of a core
+ * without thickness too). How many, the first `capacity` of them in ends. */
+SBI_API int sbi_tool_segments(const sbi_tool *tool, int (*ends)[2], int capacity);
+
+/* ---- poses ---- */
+
+SB_INLINE sb_vec3 sbi_pose_to_space(const sb_pose *pose, sb_vec3 point)
+{
+    return sb_v3_add(pose->position, sb_quat_rotate(pose->rotation, point));
+}
+SB_INLINE sb_vec3 sbi_pose_to_tool(const sb_pose *pose, sb_vec3 point)
+{
+    return sb_quat_rotate(sb_quat_conjugate(pose->rotation), sb_v3_sub(point, pose->position));
+}
+/* The same for directions. */
+SB_INLINE sb_vec3 sbi_pose_turn_to_space(const sb_pose *pose, sb_vec3 direction)
+{
+    return sb_quat_rotate(pose->rotation, direction);
+}
+SB_INLINE sb_vec3 sbi_pose_turn_to_tool(const sb_pose *pose, sb_vec3 direction)
+{
+    return sb_quat_rotate(sb_quat_conjugate(pose->rotation), direction);
+}
+/* The pose at a share in [0, 1] of the way: the position goes straight, the rotation at even speed by the smaller
+ * angle. Exactly *from at 0 and *to at 1. Both rotations have length 1. */
+SBI_API sb_pose sbi_pose_between(const sb_pose *from, const sb_pose *to, sb_real share);
+/* Rotation vector (rad) that takes from's rotation to to's, in from's frame: by the smaller angle. */
+SBI_API sb_vec3 sbi_pose_rotation(const sb_pose *from, const sb_pose *to);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/base/lanes.h ==== */
 /* lanes: four reals as one vector where compiler and processor have them, or two where doubles come without AVX. Floor
@@ -65053,6 +65221,901 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
     return result;
 }
 
+/* ==== src/softbody/contact/tool_mesh.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool_mesh: a closed surface as a grid of distances, which a C1 function passes through. Internal to contact, floor 4.
+ *
+ *     . . . . . . . .      Nodes lie in cubes round the surface's box, three cells farther than it. Within two cells of
+ *     . +---------+ .      the box the function is tricubic, along each axis from the four nodes about a point (Catmull
+ *     . | ,----.  | .      and Rom 1974): it has the distances at the nodes, is exact for quadratic ones, and has a
+ *     . | `----'  | .      continuous gradient, unlike a trilinear one, whose jumps are felt as edges. Details smaller
+ *     . +---------+ .      than a cell or two are rounded off. Farther out a lower bound of the distance goes on.
+ *     . . . . . . . . */
+#ifndef SB_TOOL_MESH_H
+#define SB_TOOL_MESH_H
+
+
+typedef struct sbi_tool_grid {
+    int counts[3]; /* nodes along each axis */
+    sb_vec3 low;   /* m: node (0, 0, 0) */
+    sb_real cell;  /* m */
+    sb_vec3 surface_low, surface_high;
+    sb_real inner_radius;                /* m: depth of the skeleton */
+    sb_vec3 skeleton_low, skeleton_high; /* m: box of all nodes that are so deep */
+    int skeleton_count;
+    sb_vec3 *skeleton; /* [SBI_TOOL_MAX_SKELETON] some of them, at the hull */
+    float *distances;  /* [counts[2]][counts[1]][counts[0]], in cells */
+} sbi_tool_grid;
+
+/* Checks the surface and the cells of a def, makes the surface and lays the grid out. */
+SBI_API sb_result sbi_tool_grid_lay_out(const sb_tool_def *def, const sb_allocator *allocator, sb_surface **surface,
+                                        sbi_tool_grid *grid, sb_error *error);
+SBI_API size_t sbi_tool_grid_node_count(const sbi_tool_grid *grid);
+/* Fills the arrays, which the caller has set, and finds the skeleton. SB_ERROR_UNSUPPORTED when the tool is thinner
+ * than its cells. */
+SBI_API sb_result sbi_tool_grid_fill(sbi_tool_grid *grid, const sb_surface *surface, const sb_allocator *allocator,
+                                     const sb_jobs *jobs, sb_error *error);
+SBI_API sb_real sbi_tool_grid_distance(const sbi_tool_grid *grid, sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal);
+
+#endif /* SB_TOOL_MESH_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/tool_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool_private: what a tool holds. Internal to contact, floor 4. */
+#ifndef SB_TOOL_PRIVATE_H
+#define SB_TOOL_PRIVATE_H
+
+
+/* Lengths (m) whose squares and, in float, squares of whose rounding errors are numbers. */
+#define SBI_TOOL_LEAST_LENGTH ((sb_real)1e-9)
+#define SBI_TOOL_MOST_LENGTH ((sb_real)1e9)
+
+/* A segment from a to a + way, not of length 0. */
+typedef struct sbi_tool_segment {
+    sb_vec3 a, way;
+    sb_real inverse; /* 1 / |way|^2 */
+} sbi_tool_segment;
+
+struct sbi_tool {
+    sb_allocator allocator;
+    sb_tool_shape shape;
+    sb_real radius, inner_radius;
+    sb_real least_square; /* m^2: points nearer to the skeleton are on it, as far as rounding lets one know */
+    int point_count;
+    sb_vec3 *points;            /* [point_count] chain of capsules */
+    sbi_tool_segment *segments; /* [point_count - 1] of it */
+    sb_vec3 core;               /* half extents of a box's core */
+    sbi_tool_grid grid;         /* of a mesh */
+};
+
+SB_INLINE sb_real sbi_tool_largest_coordinate(sb_vec3 v)
+{
+    return sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z)));
+}
+
+/* Distance and normal of a point at d from the nearest one of a skeleton, with a radius about it, where d is too short
+ * or too long for its square to be of use. */
+SB_INLINE sb_real sbi_tool_extreme_distance(sb_vec3 d, sb_real radius, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real size = sbi_tool_largest_coordinate(d), length;
+    *normal = fallback;
+    if (!sb_v3_is_finite(d))
+        return SB_REAL_MAX;
+    if (size <= radius)
+        return -radius;
+    d = sb_v3(d.x / size, d.y / size, d.z / size);
+    length = sb_v3_norm(d);
+    *normal = sb_v3_scale((sb_real)1 / length, d);
+    return size < SB_REAL_MAX / length ? size * length - radius : SB_REAL_MAX;
+}
+
+/* The same for any d; those whose square is not more than least_square are 0. */
+SBI_FORCE_INLINE sb_real sbi_tool_round_distance(sb_vec3 d, sb_real radius, sb_real least_square, sb_vec3 fallback,
+                                                 sb_vec3 *normal)
+{
+    sb_real square = sb_v3_dot(d, d), length;
+    if (!(square > least_square) || !(square <= SB_REAL_MAX))
+        return sbi_tool_extreme_distance(d, radius, fallback, normal);
+    length = sb_sqrt(square);
+    *normal = sb_v3_scale((sb_real)1 / length, d);
+    return length - radius;
+}
+
+#endif /* SB_TOOL_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/tool_mesh.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool_mesh: the grid of distances of a closed surface: laid out, filled, asked. */
+
+
+/* Cells between the surface's box and where the function ends, and nodes that it needs beyond. */
+enum { SBI_TOOL_GRID_MARGIN = 2, SBI_TOOL_GRID_RIM = 1 };
+
+/* A gradient shorter than this may be nothing but the rounding of distances to float. */
+#define SBI_TOOL_LEAST_SLOPE ((sb_real)1e-4)
+
+/* ---- layout ---- */
+
+static sb_result sbi_tool_grid_check(const sb_tool_def *def, const sb_allocator *allocator, sb_error *error)
+{
+    sb_error cause;
+    sb_result result;
+    if (!def->surface)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.surface is NULL");
+    if (def->cells < SB_TOOL_MIN_CELLS || def->cells > SB_TOOL_MAX_CELLS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.cells %d must be in [%d, %d]", def->cells, SB_TOOL_MIN_CELLS,
+                        SB_TOOL_MAX_CELLS);
+    if (def->surface->element_type != SB_TRI3)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.surface must be of tri3: sb_surface_triangulate makes them");
+    result = sb_surface_require(def->surface, SB_SURFACE_NOT_SOLID, allocator, NULL, &cause);
+    if (result == SB_OK)
+        return SB_OK;
+    sbi_fail(error, result, "def.surface must be closed and look outward: %.180s", cause.message);
+    if (error)
+        error->element = cause.element, error->node = cause.node;
+    return result;
+}
+
+/* Nodes along an axis whose cells cover `side` and the margins. Room that is a rounding error gets no cell. */
+static int sbi_tool_grid_axis(sb_real side, sb_real cell)
+{
+    int cells = (int)(side / cell + (sb_real)0.999);
+    return sbi_max_int(cells, 1) + 2 * (SBI_TOOL_GRID_MARGIN + SBI_TOOL_GRID_RIM) + 1;
+}
+
+/* The grid round surface_low ... surface_high. */
+static sb_result sbi_tool_grid_place(sbi_tool_grid *grid, int cells, sb_error *error)
+{
+    sb_vec3 side = sb_v3_sub(grid->surface_high, grid->surface_low), nodes;
+    sb_real longest = sb_max(side.x, sb_max(side.y, side.z));
+    sb_real far =
+        sb_max(sbi_tool_largest_coordinate(grid->surface_low), sbi_tool_largest_coordinate(grid->surface_high));
+    grid->cell = longest / (sb_real)cells;
+    if (!(longest >= SBI_TOOL_LEAST_LENGTH) || !(far <= SBI_TOOL_MOST_LENGTH) ||
+        !(grid->cell >= 64 * SB_EPSILON * far)) /* coordinates are exact to a small part of a cell */
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.surface, %g m long and up to %g m off, is too small or too far",
+                        (double)longest, (double)far);
+    grid->counts[0] = sbi_tool_grid_axis(side.x, grid->cell);
+    grid->counts[1] = sbi_tool_grid_axis(side.y, grid->cell);
+    grid->counts[2] = sbi_tool_grid_axis(side.z, grid->cell);
+    nodes = sb_v3((sb_real)(grid->counts[0] - 1), (sb_real)(grid->counts[1] - 1), (sb_real)(grid->counts[2] - 1));
+    grid->low = sb_v3_madd(grid->surface_low, (sb_real)0.5, sb_v3_madd(side, -grid->cell, nodes));
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_tool_grid_lay_out(const sb_tool_def *def, const sb_allocator *allocator, sb_surface **surface,
+                                        sbi_tool_grid *grid, sb_error *error)
+{
+    sb_surface *made;
+    sb_result result = sbi_tool_grid_check(def, allocator, error);
+    if (result == SB_OK)
+        result = sb_surface_create(def->surface, allocator, &made, error);
+    if (result != SB_OK)
+        return result;
+    memset(grid, 0, sizeof *grid);
+    sb_surface_bounds(made, &grid->surface_low, &grid->surface_high);
+    result = sbi_tool_grid_place(grid, def->cells, error);
+    if (result == SB_OK)
+        *surface = made;
+    else
+        sb_surface_destroy(made);
+    return result;
+}
+
+SBI_API size_t sbi_tool_grid_node_count(const sbi_tool_grid *grid)
+{
+    return (size_t)grid->counts[0] * (size_t)grid->counts[1] * (size_t)grid->counts[2];
+}
+
+static sb_vec3 sbi_tool_grid_node(const sbi_tool_grid *grid, size_t node)
+{
+    size_t x = node % (size_t)grid->counts[0], row = node / (size_t)grid->counts[0];
+    size_t y = row % (size_t)grid->counts[1], z = row / (size_t)grid->counts[1];
+    return sb_v3_madd(grid->low, grid->cell, sb_v3((sb_real)x, (sb_real)y, (sb_real)z));
+}
+
+/* ---- skeleton ---- */
+
+/* Of the nodes that are at least so deep, those connected along the axes with `node` are marked; *low and *high are
+ * their box. queue[nodes]. */
+static void sbi_tool_grid_flood(const sbi_tool_grid *grid, float deepest, size_t node, unsigned char *marks, int *queue,
+                                sb_vec3 *low, sb_vec3 *high)
+{
+    const int steps[3] = {1, grid->counts[0], grid->counts[0] * grid->counts[1]};
+    int first = 0, last = 0;
+    memset(marks, 0, sbi_tool_grid_node_count(grid));
+    *low = *high = sbi_tool_grid_node(grid, node);
+    marks[node] = 1;
+    queue[last++] = (int)node;
+    while (first < last) {
+        int at = queue[first++];
+        sb_vec3 x = sbi_tool_grid_node(grid, (size_t)at);
+        *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
+        *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+        for (int k = 0; k < 6; k++) { /* nodes at the grid's ends are outside, so that neighbours exist */
+            int next = k < 3 ? at + steps[k] : at - steps[k - 3];
+            if (marks[next] || grid->distances[next] > deepest)
+                continue;
+            marks[next] = 1;
+            queue[last++] = next;
+        }
+    }
+}
+
+/* How deep the skeleton is: as deep as may be if it is to be in one piece and to reach within two of that depth of each
+ * side of the tool's box, so that a shaft counts beside a thick grip; one cell where that does not come to pass. */
+static sb_real sbi_tool_grid_find_depth(const sbi_tool_grid *grid, size_t deepest, unsigned char *marks, int *queue)
+{
+    sb_real depth = (sb_real)0.9 * -(sb_real)grid->distances[deepest] * grid->cell;
+    for (; depth > grid->cell; depth *= (sb_real)0.8) {
+        sb_vec3 low, high, before, behind;
+        sbi_tool_grid_flood(grid, (float)(-depth / grid->cell), deepest, marks, queue, &low, &high);
+        before = sb_v3_sub(low, grid->surface_low);
+        behind = sb_v3_sub(grid->surface_high, high);
+        if (sb_max(sb_max(before.x, sb_max(before.y, before.z)), sb_max(behind.x, sb_max(behind.y, behind.z))) <=
+            2 * depth)
+            return depth;
+    }
+    return grid->cell;
+}
+
+/* Is a node of the skeleton, or even one that has neighbours that are not? */
+static int sbi_tool_grid_is_deep(const sbi_tool_grid *grid, size_t node, sb_real depth)
+{
+    return (sb_real)grid->distances[node] * grid->cell <= -depth;
+}
+static int sbi_tool_grid_is_hull(const sbi_tool_grid *grid, size_t node, sb_real depth)
+{
+    const size_t steps[3] = {1, (size_t)grid->counts[0], (size_t)grid->counts[0] * (size_t)grid->counts[1]};
+    int inner = 1;
+    if (!sbi_tool_grid_is_deep(grid, node, depth))
+        return 0;
+    for (int k = 0; k < 3; k++)
+        inner = inner && sbi_tool_grid_is_deep(grid, node + steps[k], depth) &&
+                sbi_tool_grid_is_deep(grid, node - steps[k], depth);
+    return !inner;
+}
+
+/* The box of the nodes that are deep enough, and some of those at its hull. */
+static void sbi_tool_grid_find_skeleton(sbi_tool_grid *grid)
+{
+    size_t count = sbi_tool_grid_node_count(grid), hull = 0, taken = 0, stride;
+    for (size_t i = 0; i < count; i++)
+        hull += (size_t)sbi_tool_grid_is_hull(grid, i, grid->inner_radius);
+    stride = (hull + SBI_TOOL_MAX_SKELETON - 1) / SBI_TOOL_MAX_SKELETON;
+    grid->skeleton_low = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+    grid->skeleton_high = sb_v3_scale(-1, grid->skeleton_low);
+    for (size_t i = 0; i < count; i++) {
+        sb_vec3 x, *low = &grid->skeleton_low, *high = &grid->skeleton_high;
+        if (!sbi_tool_grid_is_hull(grid, i, grid->inner_radius))
+            continue;
+        x = sbi_tool_grid_node(grid, i);
+        *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
+        *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+        if (taken++ % stride == 0)
+            grid->skeleton[grid->skeleton_count++] = x;
+    }
+}
+
+/* ---- filling ---- */
+
+static void sbi_tool_grid_fill_layer(sbi_tool_grid *grid, size_t layer, const sb_surface *surface, sb_vec3 *points,
+                                     sb_real *distances, const sb_jobs *jobs)
+{
+    size_t count = (size_t)grid->counts[0] * (size_t)grid->counts[1], first = layer * count;
+    for (size_t i = 0; i < count; i++)
+        points[i] = sbi_tool_grid_node(grid, first + i);
+    sb_surface_signed_distance_batch(surface, points, (int)count, distances, NULL, jobs);
+    for (size_t i = 0; i < count; i++)
+        grid->distances[first + i] = (float)(distances[i] / grid->cell);
+}
+
+SBI_API sb_result sbi_tool_grid_fill(sbi_tool_grid *grid, const sb_surface *surface, const sb_allocator *allocator,
+                                     const sb_jobs *jobs, sb_error *error)
+{
+    size_t count = sbi_tool_grid_node_count(grid), layer = count / (size_t)grid->counts[2], deepest = 0;
+    sb_vec3 *points = (sb_vec3 *)sbi_alloc(allocator, layer, sizeof(sb_vec3));
+    sb_real *distances = (sb_real *)sbi_alloc(allocator, layer, sizeof(sb_real));
+    unsigned char *marks = (unsigned char *)sbi_alloc(allocator, count, 1);
+    int *queue = (int *)sbi_alloc(allocator, count, sizeof(int));
+    sb_result result = SB_OK;
+    if (points && distances && marks && queue) {
+        for (int i = 0; i < grid->counts[2]; i++)
+            sbi_tool_grid_fill_layer(grid, (size_t)i, surface, points, distances, jobs);
+        for (size_t i = 1; i < count; i++)
+            deepest = grid->distances[i] < grid->distances[deepest] ? i : deepest;
+        if (grid->distances[deepest] > -1)
+            result = sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                              "def.surface is thinner than two of its grid's cells of %g m: raise def.cells",
+                              (double)grid->cell);
+        else
+            grid->inner_radius = sbi_tool_grid_find_depth(grid, deepest, marks, queue);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a grid of %g nodes", (double)count);
+    }
+    if (result == SB_OK)
+        sbi_tool_grid_find_skeleton(grid);
+    sbi_free(allocator, points);
+    sbi_free(allocator, distances);
+    sbi_free(allocator, marks);
+    sbi_free(allocator, queue);
+    return result;
+}
+
+/* ---- distances ---- */
+
+/* Weights of the four nodes about a point at share t between the middle two, and their slopes. */
+SBI_FORCE_INLINE void sbi_tool_grid_weights(sb_real t, sb_real w[4], sb_real d[4])
+{
+    const sb_real half = (sb_real)0.5;
+    w[0] = half * t * (t * (2 - t) - 1);
+    w[1] = half * (t * t * (3 * t - 5) + 2);
+    w[2] = half * t * (t * (4 - 3 * t) + 1);
+    w[3] = half * t * t * (t - 1);
+    d[0] = half * (t * (4 - 3 * t) - 1);
+    d[1] = half * t * (9 * t - 10);
+    d[2] = half * (t * (8 - 9 * t) + 1);
+    d[3] = half * t * (3 * t - 2);
+}
+
+/* The function and its gradient, in cells; u in nodes along each axis, within the rim. */
+SBI_FORCE_INLINE sb_real sbi_tool_grid_value(const sbi_tool_grid *grid, const sb_real u[3], sb_vec3 *gradient)
+{
+    sb_real w[3][4], d[3][4], row[4] = {0, 0, 0, 0}, row_y[4] = {0, 0, 0, 0}, row_z[4] = {0, 0, 0, 0};
+    size_t at[3], stride_y = (size_t)grid->counts[0], stride_z = stride_y * (size_t)grid->counts[1];
+    const float *nodes;
+    for (int k = 0; k < 3; k++) {
+        int cell = sbi_min_int((int)u[k], grid->counts[k] - 3);
+        at[k] = (size_t)(cell - 1);
+        sbi_tool_grid_weights(u[k] - (sb_real)cell, w[k], d[k]);
+    }
+    nodes = grid->distances + at[0] + at[1] * stride_y + at[2] * stride_z;
+    for (int j = 0; j < 4; j++, nodes += stride_y) {
+        const float *n0 = nodes, *n1 = n0 + stride_z, *n2 = n1 + stride_z, *n3 = n2 + stride_z;
+        for (int i = 0; i < 4; i++) {
+            sb_real a = (sb_real)n0[i], b = (sb_real)n1[i], c = (sb_real)n2[i], e = (sb_real)n3[i];
+            sb_real along = (w[2][0] * a + w[2][1] * b) + (w[2][2] * c + w[2][3] * e);
+            sb_real slope = (d[2][0] * a + d[2][1] * b) + (d[2][2] * c + d[2][3] * e);
+            row[i] += w[1][j] * along;
+            row_y[i] += d[1][j] * along;
+            row_z[i] += w[1][j] * slope;
+        }
+    }
+    gradient->x = (d[0][0] * row[0] + d[0][1] * row[1]) + (d[0][2] * row[2] + d[0][3] * row[3]);
+    gradient->y = (w[0][0] * row_y[0] + w[0][1] * row_y[1]) + (w[0][2] * row_y[2] + w[0][3] * row_y[3]);
+    gradient->z = (w[0][0] * row_z[0] + w[0][1] * row_z[1]) + (w[0][2] * row_z[2] + w[0][3] * row_z[3]);
+    return (w[0][0] * row[0] + w[0][1] * row[1]) + (w[0][2] * row[2] + w[0][3] * row[3]);
+}
+
+/* Beyond the point where the grid ends, whose distance and normal are given, by e: the surface is on the other side of
+ * a plane across e, so that it is at least as far as the two distances at right angles. The normal goes on from the
+ * surface's point that is nearest to the grid's end. */
+static sb_real sbi_tool_grid_beyond(sb_vec3 e, sb_real distance, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real square = sb_v3_dot(e, e);
+    sb_vec3 unit;
+    if (!(square <= (sb_real)0.25 * SB_REAL_MAX))
+        return sbi_tool_extreme_distance(e, 0, fallback, normal);
+    sbi_tool_round_distance(sb_v3_madd(e, distance, *normal), 0, 0, fallback, &unit);
+    *normal = unit;
+    return sb_sqrt(square + distance * distance);
+}
+
+/* x held within [low, high]; low for NaN. */
+static sb_real sbi_tool_hold(sb_real x, sb_real low, sb_real high) { return x > low ? sb_min(x, high) : low; }
+
+SBI_API sb_real sbi_tool_grid_distance(const sbi_tool_grid *grid, sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal)
+{
+    const sb_real rim = (sb_real)SBI_TOOL_GRID_RIM, inverse = 1 / grid->cell;
+    sb_vec3 from = sb_v3_scale(inverse, sb_v3_sub(x, grid->low)), slope, beyond;
+    sb_real u[3], distance, square;
+    u[0] = sbi_tool_hold(from.x, rim, (sb_real)(grid->counts[0] - 1) - rim);
+    u[1] = sbi_tool_hold(from.y, rim, (sb_real)(grid->counts[1] - 1) - rim);
+    u[2] = sbi_tool_hold(from.z, rim, (sb_real)(grid->counts[2] - 1) - rim);
+    distance = grid->cell * sbi_tool_grid_value(grid, u, &slope);
+    square = sb_v3_dot(slope, slope);
+    *normal = fallback;
+    if (square > SBI_TOOL_LEAST_SLOPE * SBI_TOOL_LEAST_SLOPE)
+        *normal = sb_v3_scale((sb_real)1 / sb_sqrt(square), slope);
+    if (u[0] == from.x && u[1] == from.y && u[2] == from.z)
+        return distance;
+    beyond = sb_v3_scale(grid->cell, sb_v3_sub(from, sb_v3(u[0], u[1], u[2])));
+    return sbi_tool_grid_beyond(beyond, distance, fallback, normal);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/tool.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* tool: shapes checked, made, their distances, skeletons and motion. */
+
+#define SBI_TOOL_COOKIE 0x7001u
+
+SB_API sb_tool_def sb_default_tool_def(void)
+{
+    sb_tool_def def;
+    memset(&def, 0, sizeof def);
+    def.shape = SB_TOOL_SPHERE;
+    def.cells = 48;
+    def.pose.rotation = sb_quat_identity();
+    def.max_force = SB_REAL_MAX;
+    def.partner = -1;
+    def.cookie = SBI_TOOL_COOKIE;
+    return def;
+}
+
+/* ---- checks ---- */
+
+SBI_API sb_result sbi_tool_pose_check(const sb_pose *pose, const char *name, sb_pose *unit, sb_error *error)
+{
+    sb_quat q;
+    if (!pose)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", name);
+    q = pose->rotation;
+    if (!sb_v3_is_finite(pose->position))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s.position is not finite", name);
+    if (!sb_is_finite(q.w) || !sb_is_finite(q.x) || !sb_is_finite(q.y) || !sb_is_finite(q.z))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s.rotation is not finite", name);
+    if (q.w == 0 && q.x == 0 && q.y == 0 && q.z == 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s.rotation is 0, no quaternion of a rotation", name);
+    if (unit) {
+        unit->position = pose->position;
+        unit->rotation = sb_quat_normalise(q);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_length(sb_real length, const char *name, sb_error *error)
+{
+    if (!sb_is_finite(length))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s is not finite", name);
+    if (!(length >= SBI_TOOL_LEAST_LENGTH) || !(length <= SBI_TOOL_MOST_LENGTH))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s %g must be in [%g, %g] m", name, (double)length,
+                        (double)SBI_TOOL_LEAST_LENGTH, (double)SBI_TOOL_MOST_LENGTH);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real radius, const char *name,
+                                       sb_error *error)
+{
+    if (!points || count < 2 || count > SB_TOOL_MAX_POINTS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL, or its count %d not in [2, %d]", name, count,
+                        SB_TOOL_MAX_POINTS);
+    for (int i = 0; i < count; i++) {
+        sb_real size = sbi_tool_largest_coordinate(points[i]), least;
+        if (!sb_v3_is_finite(points[i]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s[%d] is not finite", name, i);
+        if (!(size <= SBI_TOOL_MOST_LENGTH))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "%s[%d] is farther than %g m from the tool's origin", name, i,
+                            (double)SBI_TOOL_MOST_LENGTH);
+        least = 4 * SB_EPSILON * sb_max(size, radius); /* their distance is then more than a rounding error */
+        if (i > 0 && !(sb_v3_norm(sb_v3_sub(points[i], points[i - 1])) > least))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "%s[%d] and %s[%d] coincide", name, i - 1, name, i);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_box(const sb_tool_def *def, sb_error *error)
+{
+    sb_real least = sb_min(def->half.x, sb_min(def->half.y, def->half.z));
+    sb_result result = sbi_tool_check_length(def->half.x, "def.half.x", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_length(def->half.y, "def.half.y", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_length(def->half.z, "def.half.z", error);
+    if (result == SB_OK && def->radius != 0)
+        result = sbi_tool_check_length(def->radius, "def.radius", error);
+    if (result == SB_OK && def->radius > least)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.radius %g exceeds the smallest of def.half, %g",
+                        (double)def->radius, (double)least);
+    return result;
+}
+
+static sb_result sbi_tool_check_shape(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result;
+    switch (def->shape) {
+    case SB_TOOL_SPHERE: return sbi_tool_check_length(def->radius, "def.radius", error);
+    case SB_TOOL_CAPSULES:
+        result = sbi_tool_check_length(def->radius, "def.radius", error);
+        if (result == SB_OK)
+            result = sbi_tool_chain_check(def->points, def->point_count, def->radius, "def.points", error);
+        return result;
+    case SB_TOOL_BOX: return sbi_tool_check_box(def, error);
+    case SB_TOOL_PLANE:
+    case SB_TOOL_MESH: return SB_OK; /* its surface is checked when its grid is laid out */
+    default: return sbi_fail(error, SB_ERROR_ARGUMENT, "def.shape %d is unknown", (int)def->shape);
+    }
+}
+
+static sb_result sbi_tool_check_not_negative(sb_real value, const char *name, sb_error *error)
+{
+    if (!sb_is_finite(value))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "%s is not finite", name);
+    if (!(value >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s %g must be >= 0", name, (double)value);
+    return SB_OK;
+}
+
+static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_TOOL_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
+    result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
+    if (result == SB_OK && !sb_is_finite(def->max_force))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.max_force is not finite");
+    if (result == SB_OK && !(def->max_force > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force %g must be > 0", (double)def->max_force);
+    if (result == SB_OK && def->partner < -1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.partner %d must be a tool, or -1", def->partner);
+    if (result == SB_OK)
+        result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
+    return result == SB_OK ? sbi_tool_check_shape(def, error) : result;
+}
+
+/* ---- life ---- */
+
+static sbi_tool_segment sbi_tool_make_segment(sb_vec3 a, sb_vec3 b)
+{
+    sbi_tool_segment segment;
+    segment.a = a;
+    segment.way = sb_v3_sub(b, a);
+    segment.inverse = (sb_real)1 / sb_v3_dot(segment.way, segment.way);
+    return segment;
+}
+
+/* The tool and its arrays in one block; the tool comes first. */
+static sbi_tool *sbi_tool_lay_out(sbi_arena *arena, int point_count, const sbi_tool_grid *grid)
+{
+    size_t nodes = sbi_tool_grid_node_count(grid), hull = nodes > 0 ? SBI_TOOL_MAX_SKELETON : 0;
+    sbi_tool *tool = (sbi_tool *)sbi_arena_take(arena, 1, sizeof(sbi_tool));
+    sb_vec3 *points = (sb_vec3 *)sbi_arena_take(arena, (size_t)point_count, sizeof(sb_vec3));
+    sbi_tool_segment *segments =
+        (sbi_tool_segment *)sbi_arena_take(arena, (size_t)point_count, sizeof(sbi_tool_segment));
+    sb_vec3 *skeleton = (sb_vec3 *)sbi_arena_take(arena, hull, sizeof(sb_vec3));
+    float *distances = (float *)sbi_arena_take(arena, nodes, sizeof(float));
+    if (!arena->base)
+        return NULL;
+    memset(tool, 0, sizeof *tool);
+    tool->point_count = point_count;
+    tool->points = points;
+    tool->segments = segments;
+    tool->grid = *grid;
+    tool->grid.skeleton = skeleton;
+    tool->grid.distances = distances;
+    return tool;
+}
+
+/* Two points are nearer to each other than this where that may be their rounding. */
+static sb_real sbi_tool_rounding(const sbi_tool *tool)
+{
+    sb_real size = tool->radius;
+    for (int i = 0; i < tool->point_count; i++)
+        size = sb_max(size, sbi_tool_largest_coordinate(tool->points[i]));
+    return 4 * SB_EPSILON * size;
+}
+
+static void sbi_tool_set_shape(sbi_tool *tool, const sb_tool_def *def)
+{
+    tool->shape = def->shape;
+    tool->radius = def->radius;
+    if (def->shape == SB_TOOL_PLANE)
+        tool->radius = SB_REAL_MAX;
+    if (def->shape == SB_TOOL_BOX) {
+        if (def->radius == 0)
+            tool->radius = (sb_real)0.1 * sb_min(def->half.x, sb_min(def->half.y, def->half.z));
+        tool->core = sb_v3_sub(def->half, sb_v3(tool->radius, tool->radius, tool->radius));
+    }
+    tool->inner_radius = tool->radius;
+    for (int i = 0; i < tool->point_count; i++)
+        tool->points[i] = def->points[i];
+    for (int i = 0; i + 1 < tool->point_count; i++)
+        tool->segments[i] = sbi_tool_make_segment(def->points[i], def->points[i + 1]);
+    if (def->shape != SB_TOOL_PLANE)
+        tool->least_square = sbi_tool_rounding(tool) * sbi_tool_rounding(tool);
+}
+
+/* The tool without what its surface makes of it, or NULL. */
+static sbi_tool *sbi_tool_allocate(const sb_tool_def *def, const sb_allocator *allocator, const sbi_tool_grid *grid)
+{
+    int point_count = def->shape == SB_TOOL_CAPSULES ? def->point_count : 0;
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_tool *tool;
+    sbi_tool_lay_out(&arena, point_count, grid);
+    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, arena.used, 1);
+    if (!arena.base)
+        return NULL;
+    arena.used = 0;
+    tool = sbi_tool_lay_out(&arena, point_count, grid);
+    if (allocator)
+        tool->allocator = *allocator;
+    sbi_tool_set_shape(tool, def);
+    return tool;
+}
+
+static sb_result sbi_tool_take_surface(sbi_tool *tool, const sb_surface *surface, const sb_jobs *jobs, sb_error *error)
+{
+    sb_result result = sbi_tool_grid_fill(&tool->grid, surface, &tool->allocator, jobs, error);
+    tool->inner_radius = tool->grid.inner_radius;
+    tool->radius = sb_min(2 * tool->grid.cell, tool->inner_radius);
+    return result;
+}
+
+SBI_API sb_result sbi_tool_create(const sb_tool_def *def, const sb_allocator *allocator, const sb_jobs *jobs,
+                                  sbi_tool **tool, sb_error *error)
+{
+    sbi_tool_grid grid;
+    sb_surface *surface = NULL;
+    sbi_tool *made;
+    sb_result result;
+    memset(&grid, 0, sizeof grid);
+    if (!def || !tool)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a required pointer is NULL");
+    result = sbi_tool_check_def(def, error);
+    if (result == SB_OK && def->shape == SB_TOOL_MESH)
+        result = sbi_tool_grid_lay_out(def, allocator, &surface, &grid, error);
+    if (result != SB_OK)
+        return result;
+    made = sbi_tool_allocate(def, allocator, &grid);
+    if (!made)
+        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tool");
+    else if (surface)
+        result = sbi_tool_take_surface(made, surface, jobs, error);
+    sb_surface_destroy(surface);
+    if (result == SB_OK)
+        *tool = made;
+    else
+        sbi_tool_destroy(made);
+    return result;
+}
+
+SBI_API void sbi_tool_destroy(sbi_tool *tool)
+{
+    sb_allocator allocator;
+    if (!tool)
+        return;
+    allocator = tool->allocator;
+    sbi_free(&allocator, tool);
+}
+
+SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool) { return tool->shape; }
+SBI_API int sbi_tool_point_count(const sbi_tool *tool) { return tool->point_count; }
+SBI_API sb_real sbi_tool_radius(const sbi_tool *tool) { return tool->radius; }
+SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool) { return tool->inner_radius; }
+
+/* ---- distances ---- */
+
+/* From the point of a segment that is nearest to x, to x. */
+SBI_FORCE_INLINE sb_vec3 sbi_tool_from_segment(const sbi_tool_segment *segment, sb_vec3 x)
+{
+    sb_vec3 d = sb_v3_sub(x, segment->a);
+    sb_real share = sb_v3_dot(d, segment->way) * segment->inverse;
+    share = sb_min(sb_max(share, 0), 1);
+    return sb_v3_madd(d, -share, segment->way);
+}
+
+/* Of segments equally near, the first one counts. */
+SBI_FORCE_INLINE sb_real sbi_tool_capsules_distance(const sbi_tool *tool, const sbi_tool_segment *segments, sb_vec3 x,
+                                                    sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_vec3 nearest = sbi_tool_from_segment(segments, x);
+    sb_real least = sb_v3_dot(nearest, nearest);
+    for (int i = 1; i + 1 < tool->point_count; i++) {
+        sb_vec3 d = sbi_tool_from_segment(segments + i, x);
+        sb_real square = sb_v3_dot(d, d);
+        nearest = square < least ? d : nearest;
+        least = square < least ? square : least;
+    }
+    return sbi_tool_round_distance(nearest, tool->radius, tool->least_square, fallback, normal);
+}
+
+/* Inside the core of a box, or x is no number: towards its nearest side. */
+static sb_real sbi_tool_core_distance(const sbi_tool *tool, sb_vec3 x, sb_vec3 q, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_real along = x.x, outward = q.x;
+    sb_vec3 axis = sb_v3(1, 0, 0);
+    if (q.y > outward)
+        along = x.y, outward = q.y, axis = sb_v3(0, 1, 0);
+    if (q.z > outward)
+        along = x.z, outward = q.z, axis = sb_v3(0, 0, 1);
+    *normal = fallback;
+    if (!sb_v3_is_finite(x))
+        return SB_REAL_MAX;
+    if (along * along > tool->least_square)
+        *normal = along < 0 ? sb_v3_scale(-1, axis) : axis;
+    return outward - tool->radius;
+}
+
+SBI_FORCE_INLINE sb_real sbi_tool_box_distance(const sbi_tool *tool, sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal)
+{
+    sb_vec3 q = sb_v3(sb_abs(x.x) - tool->core.x, sb_abs(x.y) - tool->core.y, sb_abs(x.z) - tool->core.z), d;
+    sb_real square;
+    d = sb_v3(q.x < 0 ? 0 : q.x, q.y < 0 ? 0 : q.y, q.z < 0 ? 0 : q.z); /* NaN stays */
+    square = sb_v3_dot(d, d);
+    if (!(square > tool->least_square))
+        return sbi_tool_core_distance(tool, x, q, fallback, normal);
+    d = sb_v3(x.x < 0 ? -d.x : d.x, x.y < 0 ? -d.y : d.y, x.z < 0 ? -d.z : d.z);
+    return sbi_tool_round_distance(d, tool->radius, tool->least_square, fallback, normal);
+}
+
+static sb_real sbi_tool_plane_distance(sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal)
+{
+    *normal = sb_v3_is_finite(x) ? sb_v3(0, 0, 1) : fallback;
+    return sb_v3_is_finite(x) ? x.z : SB_REAL_MAX;
+}
+
+/* Segments of a chain that replaces the tool's own, or these; memory[SB_TOOL_MAX_POINTS]. */
+static const sbi_tool_segment *sbi_tool_find_segments(const sbi_tool *tool, const sb_vec3 *chain,
+                                                      sbi_tool_segment *memory)
+{
+    if (!chain)
+        return tool->segments;
+    for (int i = 0; i + 1 < tool->point_count; i++)
+        memory[i] = sbi_tool_make_segment(chain[i], chain[i + 1]);
+    return memory;
+}
+
+SBI_API sb_real sbi_tool_distance(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 x, sb_vec3 fallback,
+                                  sb_vec3 *normal)
+{
+    sbi_tool_segment memory[SB_TOOL_MAX_POINTS];
+    switch (tool->shape) {
+    case SB_TOOL_SPHERE: return sbi_tool_round_distance(x, tool->radius, tool->least_square, fallback, normal);
+    case SB_TOOL_CAPSULES:
+        return sbi_tool_capsules_distance(tool, sbi_tool_find_segments(tool, chain, memory), x, fallback, normal);
+    case SB_TOOL_BOX: return sbi_tool_box_distance(tool, x, fallback, normal);
+    case SB_TOOL_MESH: return sbi_tool_grid_distance(&tool->grid, x, fallback, normal);
+    default: return sbi_tool_plane_distance(x, fallback, normal);
+    }
+}
+
+SBI_API void sbi_tool_distances(const sbi_tool *tool, const sb_vec3 *chain, int count, const sb_vec3 *x,
+                                const sb_vec3 *fallback, sb_real *gap, sb_vec3 *normal)
+{
+    sbi_tool_segment memory[SB_TOOL_MAX_POINTS];
+    const sbi_tool_segment *segments;
+    if (tool->shape != SB_TOOL_CAPSULES) {
+        for (int i = 0; i < count; i++)
+            gap[i] = sbi_tool_distance(tool, NULL, x[i], fallback[i], normal + i);
+        return;
+    }
+    segments = sbi_tool_find_segments(tool, chain, memory);
+    for (int i = 0; i < count; i++)
+        gap[i] = sbi_tool_capsules_distance(tool, segments, x[i], fallback[i], normal + i);
+}
+
+/* ---- skeleton, bounds, motion ---- */
+
+static sb_vec3 sbi_tool_corner(sb_vec3 low, sb_vec3 high, int corner)
+{
+    return sb_v3(corner & 1 ? high.x : low.x, corner & 2 ? high.y : low.y, corner & 4 ? high.z : low.z);
+}
+
+/* Points whose hull holds the skeleton: how many, and one of them. */
+static int sbi_tool_hull_count(const sbi_tool *tool)
+{
+    switch (tool->shape) {
+    case SB_TOOL_SPHERE: return 1;
+    case SB_TOOL_CAPSULES: return tool->point_count;
+    case SB_TOOL_PLANE: return 0;
+    default: return 8;
+    }
+}
+static sb_vec3 sbi_tool_hull_point(const sbi_tool *tool, const sb_vec3 *chain, int i)
+{
+    switch (tool->shape) {
+    case SB_TOOL_CAPSULES: return (chain ? chain : tool->points)[i];
+    case SB_TOOL_BOX: return sbi_tool_corner(sb_v3_scale(-1, tool->core), tool->core, i);
+    case SB_TOOL_MESH: return sbi_tool_corner(tool->grid.skeleton_low, tool->grid.skeleton_high, i);
+    default: return sb_v3(0, 0, 0);
+    }
+}
+
+SBI_API int sbi_tool_skeleton(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 *points, int capacity)
+{
+    int is_mesh = tool->shape == SB_TOOL_MESH;
+    int count = is_mesh ? tool->grid.skeleton_count : sbi_tool_hull_count(tool);
+    for (int i = 0; i < count && i < capacity; i++)
+        points[i] = is_mesh ? tool->grid.skeleton[i] : sbi_tool_hull_point(tool, chain, i);
+    return count;
+}
+
+SBI_API int sbi_tool_segments(const sbi_tool *tool, int (*ends)[2], int capacity)
+{
+    int count = 0;
+    for (int i = 0; i + 1 < tool->point_count; i++, count++)
+        if (count < capacity)
+            ends[count][0] = i, ends[count][1] = i + 1;
+    for (int i = 0; i < 8 && tool->shape == SB_TOOL_BOX; i++)
+        for (int axis = 1; axis < 8; axis *= 2) {
+            if (i & axis)
+                continue;
+            if (count < capacity)
+                ends[count][0] = i, ends[count][1] = i | axis;
+            count++;
+        }
+    return count;
+}
+
+SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
+                             sb_vec3 *high)
+{
+    const sbi_tool_grid *grid = &tool->grid;
+    int is_mesh = tool->shape == SB_TOOL_MESH, count = sbi_tool_hull_count(tool);
+    sb_real wider = is_mesh ? grid->cell : tool->radius,
+            far = 0; /* a mesh: its function rounds what it passes through */
+    *low = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+    *high = sb_v3_scale(-1, *low);
+    if (count == 0) { /* a plane */
+        *high = *low;
+        *low = sb_v3_scale(-1, *high);
+        return;
+    }
+    for (int i = 0; i < count; i++) {
+        sb_vec3 p =
+            is_mesh ? sbi_tool_corner(grid->surface_low, grid->surface_high, i) : sbi_tool_hull_point(tool, chain, i);
+        p = sbi_pose_to_space(pose, p);
+        *low = sb_v3(sb_min(low->x, p.x), sb_min(low->y, p.y), sb_min(low->z, p.z));
+        *high = sb_v3(sb_max(high->x, p.x), sb_max(high->y, p.y), sb_max(high->z, p.z));
+        far = sb_max(far, sbi_tool_largest_coordinate(p));
+    }
+    wider += 16 * SB_EPSILON * (far + wider); /* the points' own rounding */
+    *low = sb_v3_sub(*low, sb_v3(wider, wider, wider));
+    *high = sb_v3_add(*high, sb_v3(wider, wider, wider));
+}
+
+/* A point c of the tool on the way p(s) = position(s) + rotation(s) c(s). With the rotation's angle a, |p''| <= m =
+ * a^2 |c| + 2 a |c1 - c0|, so that its speed differs from that of the straight way by m / 2 at most; nor is it larger
+ * than the sum of the parts' speeds. */
+static sb_real sbi_tool_point_motion(const sb_pose *from, sb_vec3 c0, const sb_pose *to, sb_vec3 c1, sb_real angle)
+{
+    sb_real bend = sb_v3_norm(sb_v3_sub(c1, c0)), size = sb_max(sb_v3_norm(c0), sb_v3_norm(c1));
+    sb_real straight = sb_v3_norm(sb_v3_sub(sbi_pose_to_space(to, c1), sbi_pose_to_space(from, c0)));
+    sb_real parts = sb_v3_norm(sb_v3_sub(to->position, from->position)) + angle * size + bend;
+    return sb_min(straight + angle * ((sb_real)0.5 * angle * size + bend), parts);
+}
+
+SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                                const sb_pose *to)
+{
+    sb_real angle = sb_v3_norm(sbi_pose_rotation(from, to)), most = 0;
+    for (int i = 0; i < sbi_tool_hull_count(tool); i++) /* between them all is between their motions */
+        most = sb_max(most, sbi_tool_point_motion(from, sbi_tool_hull_point(tool, chain0, i), to,
+                                                  sbi_tool_hull_point(tool, chain1, i), angle));
+    return most;
+}
+
+/* ---- poses ---- */
+
+SBI_API sb_vec3 sbi_pose_rotation(const sb_pose *from, const sb_pose *to)
+{
+    sb_quat turn = sb_quat_mul(sb_quat_conjugate(from->rotation), to->rotation);
+    sb_vec3 axis = turn.w < 0 ? sb_v3(-turn.x, -turn.y, -turn.z) : sb_v3(turn.x, turn.y, turn.z);
+    sb_real sine = sb_v3_norm(axis);
+    return sb_v3_scale(sine > 0 ? 2 * sb_atan2(sine, sb_abs(turn.w)) / sine : 2, axis);
+}
+
+SBI_API sb_pose sbi_pose_between(const sb_pose *from, const sb_pose *to, sb_real share)
+{
+    sb_pose pose;
+    sb_vec3 turn;
+    if (share <= 0)
+        return *from;
+    if (share >= 1)
+        return *to;
+    turn = sb_v3_scale(share, sbi_pose_rotation(from, to));
+    pose.position = sb_v3_madd(from->position, share, sb_v3_sub(to->position, from->position));
+    pose.rotation = sb_quat_normalise(sb_quat_mul(from->rotation, sb_quat_from_rotation_vector(turn)));
+    return pose;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/face_tree.h ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* face_tree: which faces of a moving surface a box in space may touch. Internal. Calls base only.
@@ -66198,6 +67261,106 @@ SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_bo
     faces->versions[face] = body->pattern_version;
     return blocks;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_mailbox.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_mailbox: hands whole records from one thread to another without waiting. Internal.
+ *
+ * Three slots, of which the caller keeps the records: the writer fills `back`, the reader reads `front`, and the one
+ * between them changes hands by one atomic exchange on either side. No loop and no lock, so neither side can make the
+ * other late; a writer that stops anywhere leaves the reader its last whole record; records the reader is too slow for
+ * are overwritten.
+ *
+ *     writer: slot[sbi_mailbox_back(&box)] = record; sbi_mailbox_post(&box);
+ *     reader: if (sbi_mailbox_take(&box)) use(slot[sbi_mailbox_front(&box)]);
+ *
+ * A seqlock would need no slots, but its data race is undefined in C.
+ *
+ * Atomics, the first of these that there is:
+ *     SB_ATOMIC_EXCHANGE(p, v), SB_ATOMIC_LOAD(p)  the user's, both defined before the implementation: the first puts
+ *                         v into *p and returns what was there, ordering memory both ways (acquire and release); the
+ *                         second reads *p in any order. p is a pointer to SB_ATOMIC_TYPE, int unless defined too
+ *     gcc, clang          __atomic_exchange_n, also in C99 and C++, for MinGW and wasm
+ *     MSVC                _InterlockedExchange, a full barrier
+ *     C11                 <stdatomic.h>; with SB_USE_STDATOMIC in place of the two above
+ * Without any SBI_HAS_ATOMICS is 0, and what needs a mailbox is to refuse to start. */
+#ifndef SB_HAPTIC_MAILBOX_H
+#define SB_HAPTIC_MAILBOX_H
+
+
+#define SBI_HAS_ATOMICS 1
+#if defined(SB_ATOMIC_EXCHANGE) && defined(SB_ATOMIC_LOAD)
+#if !defined(SB_ATOMIC_TYPE)
+#define SB_ATOMIC_TYPE int
+#endif
+#define SBI_ATOMIC_EXCHANGE(p, v) SB_ATOMIC_EXCHANGE(p, v)
+#define SBI_ATOMIC_LOAD(p) SB_ATOMIC_LOAD(p)
+typedef SB_ATOMIC_TYPE sbi_atomic;
+#elif defined(__GNUC__) && !defined(SB_USE_STDATOMIC) /* clang defines it too */
+#define SBI_ATOMIC_EXCHANGE(p, v) __atomic_exchange_n((p), (v), __ATOMIC_ACQ_REL)
+#define SBI_ATOMIC_LOAD(p) __atomic_load_n((p), __ATOMIC_RELAXED)
+typedef int sbi_atomic;
+#elif defined(_MSC_VER) && !defined(SB_USE_STDATOMIC)
+#include <intrin.h>
+#define SBI_ATOMIC_EXCHANGE(p, v) ((int)_InterlockedExchange((p), (v)))
+#define SBI_ATOMIC_LOAD(p) ((int)*(p))
+typedef volatile long sbi_atomic;
+#elif defined(SB_USE_STDATOMIC) ||                                                                                     \
+    (defined(__STDC_VERSION__) && __STDC_VERSION__ >= 201112L && !defined(__STDC_NO_ATOMICS__))
+#include <stdatomic.h>
+#define SBI_ATOMIC_EXCHANGE(p, v) atomic_exchange_explicit((p), (v), memory_order_acq_rel)
+#define SBI_ATOMIC_LOAD(p) atomic_load_explicit((p), memory_order_relaxed)
+typedef atomic_int sbi_atomic;
+#else
+#undef SBI_HAS_ATOMICS
+#define SBI_HAS_ATOMICS 0
+#endif
+
+#if SBI_HAS_ATOMICS
+enum {
+    SBI_MAILBOX_SLOTS = 3,
+    SBI_MAILBOX_NEW = 4,   /* beside the index of the slot between: the reader has not seen it */
+    SBI_MAILBOX_APART = 64 /* bytes of a cache line: neither side's own index shares one with the word both write */
+};
+
+typedef struct sbi_mailbox {
+    unsigned char before[SBI_MAILBOX_APART];
+    int back; /* the writer's slot */
+    unsigned char between[SBI_MAILBOX_APART];
+    sbi_atomic middle; /* slot and SBI_MAILBOX_NEW: all that is shared */
+    unsigned char beside[SBI_MAILBOX_APART];
+    int front; /* the reader's slot */
+    unsigned char after[SBI_MAILBOX_APART];
+} sbi_mailbox;
+
+/* Empty; before a second thread knows of it. */
+SB_INLINE void sbi_mailbox_begin(sbi_mailbox *box)
+{
+    box->back = 0;
+    (void)SBI_ATOMIC_EXCHANGE(&box->middle, 1);
+    box->front = 2;
+}
+/* The slot that the writer fills. */
+SB_INLINE int sbi_mailbox_back(const sbi_mailbox *box) { return box->back; }
+/* Hands it over: the next one to fill is sbi_mailbox_back's then. */
+SB_INLINE void sbi_mailbox_post(sbi_mailbox *box)
+{
+    box->back = SBI_ATOMIC_EXCHANGE(&box->middle, box->back | SBI_MAILBOX_NEW) & ~SBI_MAILBOX_NEW;
+}
+/* 1 when a record was posted since the last call: sbi_mailbox_front's is the newest then. */
+SB_INLINE int sbi_mailbox_take(sbi_mailbox *box)
+{
+    if (!(SBI_ATOMIC_LOAD(&box->middle) & SBI_MAILBOX_NEW))
+        return 0;
+    box->front = SBI_ATOMIC_EXCHANGE(&box->middle, box->front) & ~SBI_MAILBOX_NEW;
+    return 1;
+}
+/* The slot that the reader reads, as long as it likes; no record before the first successful sbi_mailbox_take. */
+SB_INLINE int sbi_mailbox_front(const sbi_mailbox *box) { return box->front; }
+#endif
+
+#endif /* SB_HAPTIC_MAILBOX_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 #endif /* SB_IMPLEMENTATION */
