@@ -316,6 +316,8 @@
 #define sb_contact_points sb_contact_points_f32
 #define sb_contact_pressures sb_contact_pressures_f32
 #define sb_contact_get_info sb_contact_get_info_f32
+#define sb_default_haptic_def sb_default_haptic_def_f32
+#define sb_haptic_from_hd sb_haptic_from_hd_f32
 #endif
 #endif
 
