@@ -273,7 +273,8 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     step->moves_supports = sbi_step_supports_move(step);
     if (step->body->load_count)
         sbi_loads_fill(step->body, step->body->displacement);
-    if (step->linearised || (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
+    if (step->linearised ||
+        (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
     if (step->touch && step->iteration == 0)
         result = sbi_step_begin_touch(step);

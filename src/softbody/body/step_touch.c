@@ -266,8 +266,7 @@ SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
         sb_result result;
         double share;
         memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result =
-            sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
         if (result != SB_OK)
             return result;
         share = sbi_step_search_touch(step);

@@ -24,9 +24,9 @@ typedef struct sbi_touch_step {
     const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
-    sb_real level;           /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
-    sb_real factor;          /* share of the way of a static solve; 1 in a time step */
-    int tries;               /* how often this step was refused or failed already: each time it asks for less motion */
+    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
@@ -35,9 +35,9 @@ typedef struct sbi_touch {
 
     /* from begin to the end of the step, written by the owner */
     int node_count;
-    const int *nodes;     /* [node_count] rows of the matrix, each once */
-    int touching;         /* points of contact at the last evaluation */
-    sb_vec3 *force;       /* on the nodes (N), at the last evaluation */
+    const int *nodes; /* [node_count] rows of the matrix, each once */
+    int touching;     /* points of contact at the last evaluation */
+    sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
     /* room for the step: */
     sb_vec3 *du;     /* (m) what it asks forces at */
     sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */

@@ -40,7 +40,8 @@ SB_INLINE sb_vec3 sbi_contact_carry(sb_vec3 v, sb_vec3 n)
     return now > 0 ? sb_v3_scale(length / now, flat) : sb_v3(0, 0, 0);
 }
 
-/* memory: l (Pa); remembered: t' (Pa); slip: any part along n is left out; bound: B (Pa), of a tool without friction 0. */
+/* memory: l (Pa); remembered: t' (Pa); slip: any part along n is left out; bound: B (Pa), of a tool without friction 0.
+ */
 SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real memory, sb_vec3 n, sb_vec3 slip,
                                              sb_vec3 remembered, sb_real bound)
 {

@@ -18,21 +18,21 @@ typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
     sb_real friction;
     int partner;
-    sb_pose reached, wanted;    /* at the end of the last step; where it is sent */
-    sb_pose next, balance;      /* of the step: at its end, and where its forces balance */
+    sb_pose reached, wanted; /* at the end of the last step; where it is sent */
+    sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
-    int face_count;              /* of its faces in sb_contact.near */
-    sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
-    sb_real lag;                 /* m */
+    int face_count;        /* of its faces in sb_contact.near */
+    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;           /* m */
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
 typedef struct sbi_contact_entry {
     int tool, face, parts, sample, sticks;
-    sb_real memory;                       /* l (Pa) */
-    sb_real gap, area;                    /* m, m^2 at rest */
-    sb_vec3 traction;                     /* t (Pa) on the body */
-    sb_vec3 point, normal, force;         /* m, out of the tool, N on the body */
+    sb_real memory;               /* l (Pa) */
+    sb_real gap, area;            /* m, m^2 at rest */
+    sb_vec3 traction;             /* t (Pa) on the body */
+    sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
 } sbi_contact_entry;
 
 /* A face near a tool. */
@@ -74,8 +74,8 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
-    int *near;           /* [max_tools][face_room] faces by tool */
-    int *scratch;        /* [face_room] outside of steps */
+    int *near;    /* [max_tools][face_room] faces by tool */
+    int *scratch; /* [face_room] outside of steps */
     int patch_count;
     sbi_contact_patch *patches;
     int patch_room;
@@ -88,7 +88,7 @@ struct sb_contact {
     int *region_count;
     int region_room;
     sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
-    sb_real (*blocks)[9];  /* [patch_room][width^2] sums of K by patch */
+    sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
     int blocks_current;
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
@@ -106,8 +106,8 @@ SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
 /* ---- contact_sweep.c ---- */
 /* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
 SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
-/* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross a
- * face. u [rows]: displacements at the end. */
+/* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
+ * a face. u [rows]: displacements at the end. */
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
 /* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
@@ -120,12 +120,12 @@ SBI_API void sbi_contact_join(sb_contact *contact);
 /* ---- contact_state.c ---- */
 /* What a recording keeps of calls: codes stand in files. */
 typedef enum sbi_contact_command {
-    SBI_CONTACT_ADD = 1,      /* cannot be played */
-    SBI_CONTACT_REMOVE = 2,   /* likewise */
-    SBI_CONTACT_MOVE = 3,     /* reals: pose */
-    SBI_CONTACT_PLACE = 4,    /* reals: pose */
-    SBI_CONTACT_BEND = 5,     /* reals: chain */
-    SBI_CONTACT_FRICTION = 6  /* reals: mu */
+    SBI_CONTACT_ADD = 1,     /* cannot be played */
+    SBI_CONTACT_REMOVE = 2,  /* likewise */
+    SBI_CONTACT_MOVE = 3,    /* reals: pose */
+    SBI_CONTACT_PLACE = 4,   /* reals: pose */
+    SBI_CONTACT_BEND = 5,    /* reals: chain */
+    SBI_CONTACT_FRICTION = 6 /* reals: mu */
 } sbi_contact_command;
 SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
                               int count);

@@ -1,5 +1,5 @@
-/* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state is
- * loaded into a body whose contact has the same tools. Faces are named by cell and side. */
+/* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side. */
 #include <string.h>
 
 #include "../base/bytes.h"
@@ -190,8 +190,7 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in,
                element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
                entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
     entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
-    if (entry->face >= 0 &&
-        entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
+    if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
 }
 

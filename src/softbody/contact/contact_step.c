@@ -135,8 +135,8 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
             view.tool = tool;
             view.number = t;
             view.face = near[f];
-            view.parts = sbi_max_int(kind->least,
-                                     sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
+            view.parts =
+                sbi_max_int(kind->least, sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
             view.velocity = step->velocity;
             view.dt = step->dt;
             view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
@@ -168,8 +168,8 @@ static void sbi_contact_measure_regions(sb_contact *contact)
     memset(contact->region_count, 0, places * sizeof(int));
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
-        size_t place = (size_t)patch->tool * (size_t)contact->region_room +
-                       (size_t)contact->faces->regions[patch->face];
+        size_t place =
+            (size_t)patch->tool * (size_t)contact->region_room + (size_t)contact->faces->regions[patch->face];
         for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
             if (contact->stiffness_by_node[patch->nodes[a]] > 0) {
                 contact->region_sum[place] += contact->stiffness_by_node[patch->nodes[a]];
@@ -233,8 +233,8 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
             sbi_contact_forget_nodes(contact);
-            return sbi_fail(error, SB_ERROR_MEMORY,
-                            "more than max_contacts = %d samples of the surface are near tools", contact->max_contacts);
+            return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of the surface are near tools",
+                            contact->max_contacts);
         }
     }
     sbi_contact_stiffen(contact, step->matrix);
@@ -428,7 +428,8 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
         const sbi_contact_patch *patch = contact->patches + p;
         const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
         int count = contact->faces->sizes[patch->face];
-        const int *places = patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
+        const int *places =
+            patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
         for (int i = 0; places && i < count * count; i++) {
             sbi_contact_saved *saved = contact->saved + contact->saved_count++;
             unsigned rows = masked ? masked[contact->nodes[patch->nodes[i / count]]] : 0u;
@@ -531,7 +532,8 @@ static void sbi_contact_arrive(sb_contact *contact)
         tool->reached = tool->next;
         for (int i = 0; i < sbi_tool_point_count(tool->shape); i++)
             tool->chain_reached[i] = tool->chain_next[i];
-        tool->lag = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+        tool->lag =
+            sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
         contact->step_info.lag = sb_max(contact->step_info.lag, tool->lag);
     }
 }

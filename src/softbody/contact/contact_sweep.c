@@ -2,8 +2,8 @@
  *
  * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
  * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
- * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was at
- * least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+ * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was
+ * at least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
 #include <math.h>
 #include <string.h>
 
@@ -45,8 +45,8 @@ static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose 
     sbi_contact_tool *tool = contact->tools + number;
     sb_vec3 low, high;
     sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
-    tool->face_count = sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number),
-                                               contact->faces->face_room);
+    tool->face_count =
+        sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
 }
 
 /* ---- the way ---- */
@@ -137,7 +137,8 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
     const sb_vec3 up = {0, 0, 1};
     sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
     sb_real inner = sbi_tool_inner_radius(tool->shape), before;
-    sb_real gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
+    sb_real gap =
+        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
     if (!(gap < SBI_SWEEP_DEEPEST * inner))
         return 0;
     if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
@@ -163,8 +164,8 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
         const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
         for (int s = 0; s < rule->count; s++) {
             const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
-            sb_vec3 x1 = sb_v3_add(sbi_contact_mean(weights, nodes, count, rest),
-                                   sbi_contact_mean(weights, nodes, count, u));
+            sb_vec3 x1 =
+                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
             if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
                 return 0;
         }
