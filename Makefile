@@ -15,7 +15,7 @@
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
-#   make soak       SOAK_STEPS=1000000 per element, or SOAK_SECONDS=20 for all
+#   make soak       SOAK_STEPS=1000000 per element and SOAK_HOURS=24 per simulated hand, or SOAK_SECONDS=20 for all of each
 #   make coverage   lines of the header that the suite runs, room by room
 #   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
@@ -148,8 +148,8 @@ PORTABLE = core dense element material mesh meshio sparse pcg body step state re
 	couple kdtree cloud cpd field picture
 THREADED = core step golden couple precond multigrid
 # Suites with tests on several threads, and those tests.
-TSAN_SUITES = anything assembly bbar cloud constraint couple cpd custom embed grid integrators load match multigrid nicp \
-	parts precond record schemes step stuffing surface viscoelastic
+TSAN_SUITES = anything assembly bbar cloud constraint couple cpd custom embed grid integrators load mailbox mailbox_given match \
+	multigrid nicp parts precond record schemes step stuffing surface viscoelastic
 TSAN_FILTER = /threads /same multigrid/the cloud/normals grid/surfaces surface/batches record/plays
 LONG = $(wildcard tests/test_verification_*.c tests/test_reference.c)
 FLOAT_TESTS = $(TESTS)
@@ -272,7 +272,7 @@ cross:
 
 LINT_UNITS = $(filter %.c,$(PARTS)) $(TEST_UNITS) tests/link/declarations.c $(FUZZERS) \
 	$(wildcard tests/snippets/*.c)
-LINT_UNITS_double = $(EXAMPLES) $(BENCHES) tests/soak.c
+LINT_UNITS_double = $(EXAMPLES) $(BENCHES) tests/soak.c tests/soak_haptic.c
 LINTS = gcc-double gcc-float clang-double clang-float gxx-double gxx-float clangxx-double clangxx-float
 LINT_STD = $(if $(filter examples/% tests/bench/%,$<),-std=gnu11,-std=c99) # programs may read clocks
 LINT_gcc = $(GCC) $(LINT_STD) $(C_WARNINGS)
@@ -378,8 +378,12 @@ fuzz: build/fuzz/$(FUZZ_WITH)
 build/soak: tests/soak.c $(HEADERS) tests/check.h tests/scene.h build/flags $(LIBRARY)
 	$(call PROGRAM,-std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES))
 
-soak: build/soak
-	SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak
+build/soak_haptic: tests/soak_haptic.c $(HEADERS) tests/check.h tests/haptic_hand.h build/flags
+	$(CC) -std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES) $< -lm -o $@
+
+soak: build/soak build/soak_haptic
+	tests/total.sh "SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak" \
+	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak_haptic"
 
 # gcc's counters; functions that every unit has of its own count as run when one of them was.
 COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)

@@ -104,6 +104,7 @@ typedef struct world {
 /* Arguments that are the same in every world; those that calls change are put right by world_begin. */
 static const sb_mat3 world_identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 static const sb_mat3 world_compliance = {{{REAL(0.001), 0, 0}, {0, REAL(0.001), 0}, {0, 0, REAL(0.001)}}};
+static const double world_transform[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 10, 20, 30, 1};
 static const unsigned char world_mask[WORLD_NODES] = {SB_XYZ, SB_X};
 static const int world_two[1] = {2}, world_slave[1] = {26}, world_starts[2] = {0, 4}, world_pivots[3] = {0, 1, 2};
 static const sb_real world_shares[1] = {REAL(0.3)};

@@ -302,6 +302,8 @@
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
 #define sb_default_tool_def sb_default_tool_def_f32
+#define sb_default_haptic_def sb_default_haptic_def_f32
+#define sb_haptic_from_hd sb_haptic_from_hd_f32
 #endif
 #endif
 

@@ -279,7 +279,7 @@ static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
     faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
     faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
-    faces->marks = (unsigned char *)sbi_arena_take(arena, room, 1);
+    faces->marks = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(faces->face_room), sizeof(uint64_t));
 }
 
 static int sbi_contact_take_arrays(sbi_contact_faces *faces)

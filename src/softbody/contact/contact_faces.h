@@ -8,7 +8,7 @@
  *     tri6           3 n^2: the 3-point rule of each triangle      r                      1 .. 8
  *     quad4, 8, 9    4 n^2: 2 x 2 Gauss points of each cell        0.85 r                 1 .. 8
  *
- * r is the smallest radius of the tool. Any point of a flat face then has a sample within 0.36 r, and sums over samples
+ * r is the smallest radius of the tool. Any point of a flat face then has a sample within 0.35 r, and sums over samples
  * are exact for what a uniform pressure gives the nodes of a flat face with straight edges: linear functions (tri3),
  * quadratic ones (tri6), biquadratic ones times the face's linear Jacobian (quads). Centroids would not be: they leave
  * -1/(9 n^2) of a tri6 at each corner where nothing belongs, and miss the Jacobian of a quad that is no parallelogram.
@@ -59,7 +59,7 @@ typedef struct sbi_contact_faces {
     sb_real *node_areas;                           /* [node_room] (m^2), see sbi_contact_node_area */
     sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
     sbi_face_tree tree;
-    unsigned char *marks; /* [face_room] zeros between queries */
+    uint64_t *marks; /* zeros between queries */
     void *memory, *rule_memory;
 } sbi_contact_faces;
 

@@ -2,9 +2,11 @@
 #include "face_tree.h"
 
 #include <float.h>
+#include <limits.h>
 #include <string.h>
 
 #include "../base/four.h"
+#include "../base/lanes.h"
 
 /* Roundings of a box, each of half an epsilon of the largest coordinate: of a place's conversion, twice over, and
  * twelve of a control point, whose terms sum up to nine times that coordinate. */
@@ -21,6 +23,9 @@ static void sbi_face_tree_layout(sbi_face_tree *tree, sbi_arena *arena)
     /* levels shrink by half, rounded up: one more each at most */
     tree->boxes = (sbi_face_box *)sbi_arena_take(arena, 2 * leaves + SBI_FACE_TREE_LEVELS, sizeof(sbi_face_box));
     tree->ways = (sbi_face_box *)sbi_arena_take(arena, (size_t)room->nodes, sizeof(sbi_face_box));
+    tree->paths = NULL;
+    if (room->width > 4)
+        tree->paths = (sbi_face_path *)sbi_arena_take(arena, (size_t)room->nodes, sizeof(sbi_face_path));
     tree->corners = (int *)sbi_arena_take(arena, places, (size_t)room->width * sizeof(int));
     tree->faces = (int *)sbi_arena_take(arena, places, sizeof(int));
     tree->nodes = (int *)sbi_arena_take(arena, (size_t)room->nodes, sizeof(int));
@@ -74,7 +79,6 @@ static void sbi_face_tree_put(sbi_face_tree *tree, int place, const sbi_face_tre
     tree->sizes[place] = (unsigned char)size;
     if (size != width)
         tree->size = 0;
-    tree->quadratic |= size > 4;
     for (int a = 0; a < size; a++) {
         int *number = tree->numbers + nodes[a];
         if (*number < 0) {
@@ -89,7 +93,7 @@ SBI_API void sbi_face_tree_build(sbi_face_tree *tree, const sbi_face_tree_source
 {
     tree->count = source->count;
     tree->leaf_count = sbi_face_tree_leaves(source->count);
-    tree->node_count = tree->quadratic = 0;
+    tree->node_count = 0;
     tree->size = tree->room.width;
     for (int p = 0; p < SBI_FACE_TREE_LEAF * tree->leaf_count; p++)
         sbi_face_tree_put(tree, p, source, source->faces[sbi_min_int(p, source->count - 1)]);
@@ -102,142 +106,163 @@ SBI_API void sbi_face_tree_build(sbi_face_tree *tree, const sbi_face_tree_source
 
 /* ---- boxes of faces ---- */
 
+/* A box while it is made. */
 typedef struct sbi_face_span {
-    sbi_four low, high;
+    sbi_four low, minus_high;
 } sbi_face_span;
 
-SBI_FORCE_INLINE sbi_face_span sbi_face_span_load(const sbi_face_box *box)
+SBI_FORCE_INLINE sbi_face_span sbi_face_span_point(sbi_four x)
 {
     sbi_face_span span;
-    span.low = sbi_four_load(box->low);
-    span.high = sbi_four_load(box->high);
+    span.low = x;
+    span.minus_high = sbi_four_sub(sbi_four_of(0), x);
     return span;
 }
 
-SBI_FORCE_INLINE void sbi_face_span_join(sbi_face_span *span, const sbi_face_box *box)
+SBI_FORCE_INLINE sbi_face_span sbi_face_span_join(sbi_face_span a, sbi_face_span b)
 {
-    span->low = sbi_four_min(span->low, sbi_four_load(box->low));
-    span->high = sbi_four_max(span->high, sbi_four_load(box->high));
+    a.low = sbi_four_min(a.low, b.low);
+    a.minus_high = sbi_four_min(a.minus_high, b.minus_high);
+    return a;
 }
 
-SBI_FORCE_INLINE void sbi_face_span_grow(sbi_face_span *span, sbi_four x)
-{
-    span->low = sbi_four_min(span->low, x);
-    span->high = sbi_four_max(span->high, x);
-}
-
-SBI_FORCE_INLINE void sbi_face_span_store(sbi_face_box *box, const sbi_face_span *span)
-{
-    sbi_four_store(box->low, span->low);
-    sbi_four_store(box->high, span->high);
-}
-
-/* Grows the span by the control points of a quadratic face with nodes x[size]: its corners; of an edge with ends a, b
- * and middle m the point 2 m - (a + b) / 2; of a quad the same again across. */
-SBI_FORCE_INLINE void sbi_face_tree_add_controls(const sbi_four *x, int size, sbi_face_span *span)
+/* Box of the control points of a quadratic face with nodes x[size]: its corners; of an edge with ends a, b and middle m
+ * the point 2 m - (a + b) / 2; of a quad the same again across. */
+SBI_FORCE_INLINE sbi_face_span sbi_face_span_controls(const sbi_four *x, int size)
 {
     int corners = size == 6 ? 3 : 4;
-    sbi_four half = sbi_four_of(-0.5f), ends = x[0], middles = x[corners], centre;
+    const sbi_four minus_half = sbi_four_of(-0.5f);
+    sbi_four ends = x[0], middles = x[corners], centre;
+    sbi_face_span span = sbi_face_span_point(x[0]);
     for (int a = 0; a < corners; a++) {
-        sbi_four middle = x[corners + a];
-        sbi_face_span_grow(span, x[a]);
-        sbi_face_span_grow(span, sbi_four_madd(sbi_four_add(middle, middle), half,
-                                               sbi_four_add(x[a], x[a + 1 < corners ? a + 1 : 0])));
+        sbi_four middle = x[corners + a], sum = sbi_four_add(x[a], x[a + 1 < corners ? a + 1 : 0]);
+        span = sbi_face_span_join(span, sbi_face_span_point(x[a]));
+        span =
+            sbi_face_span_join(span, sbi_face_span_point(sbi_four_madd(sbi_four_add(middle, middle), minus_half, sum)));
         ends = a ? sbi_four_add(ends, x[a]) : ends;
         middles = a ? sbi_four_add(middles, middle) : middles;
     }
     if (size == 6)
-        return;
+        return span;
     /* quad8 has no node at its centre: its polynomial is (2 middles - ends) / 4 there */
     if (size == 8)
         centre = sbi_four_madd(middles, sbi_four_of(-0.75f), ends);
     else
-        centre = sbi_four_madd(sbi_four_madd(sbi_four_mul(sbi_four_of(4), x[8]), sbi_four_of(0.25f), ends),
-                               sbi_four_of(-1), middles);
-    sbi_face_span_grow(span, centre);
+        centre = sbi_four_sub(sbi_four_madd(sbi_four_mul(sbi_four_of(4), x[8]), sbi_four_of(0.25f), ends), middles);
+    return sbi_face_span_join(span, sbi_face_span_point(centre));
+}
+
+/* Box of a quadratic face with these nodes, on its way. */
+SBI_FORCE_INLINE sbi_face_span sbi_face_tree_span(const sbi_face_tree *tree, const int *corners, int size)
+{
+    sbi_four start[SBI_FACE_TREE_WIDEST], end[SBI_FACE_TREE_WIDEST];
+    for (int a = 0; a < size; a++) {
+        start[a] = sbi_four_load(tree->paths[corners[a]].start);
+        end[a] = sbi_four_load(tree->paths[corners[a]].end);
+    }
+    return sbi_face_span_join(sbi_face_span_controls(start, size), sbi_face_span_controls(end, size));
+}
+
+/* Box of the ways of nodes. */
+SBI_FORCE_INLINE void sbi_face_tree_join(const sbi_face_tree *tree, const int *corners, int count, sbi_face_box *box)
+{
+    sbi_eight all = sbi_eight_load(tree->ways[corners[0]].corner);
+    for (int a = 1; a < count; a++)
+        all = sbi_eight_min(all, sbi_eight_load(tree->ways[corners[a]].corner));
+    sbi_eight_store(box->corner, all);
 }
 
 /* Box of the face at a place. */
-SBI_FORCE_INLINE sbi_face_span sbi_face_tree_span(const sbi_face_tree *tree, int place, int size)
+SBI_FORCE_INLINE void sbi_face_tree_fit(const sbi_face_tree *tree, int place, int size, sbi_face_box *box)
 {
     const int *corners = tree->corners + (size_t)place * (size_t)tree->room.width;
-    sbi_face_span span = sbi_face_span_load(&tree->ways[corners[0]]);
-    sbi_four x[SBI_FACE_TREE_WIDEST];
-    if (tree->quadratic) { /* starts and ends lie on either side of each other */
-        sbi_four start = span.low;
-        span.low = sbi_four_min(start, span.high);
-        span.high = sbi_four_max(start, span.high);
+    sbi_face_span span;
+    if (size <= 4) {
+        sbi_face_tree_join(tree, corners, size, box);
+        return;
     }
-    for (int a = 1; a < size && size <= 4; a++) {
-        sbi_face_span_grow(&span, sbi_four_load(tree->ways[corners[a]].low));
-        sbi_face_span_grow(&span, sbi_four_load(tree->ways[corners[a]].high));
+    span = sbi_face_tree_span(tree, corners, size);
+    sbi_four_store(box->corner, span.low);
+    sbi_four_store(box->corner + 4, span.minus_high);
+}
+
+static sbi_face_box sbi_face_tree_box(const sbi_face_tree *tree, int place)
+{
+    sbi_face_box box;
+    switch (tree->sizes[place]) { /* loops of known length */
+    case 3: sbi_face_tree_fit(tree, place, 3, &box); break;
+    case 4: sbi_face_tree_fit(tree, place, 4, &box); break;
+    case 6: sbi_face_tree_fit(tree, place, 6, &box); break;
+    case 8: sbi_face_tree_fit(tree, place, 8, &box); break;
+    default: sbi_face_tree_fit(tree, place, 9, &box); break;
     }
-    if (size <= 4)
-        return span;
-    for (int a = 0; a < size; a++)
-        x[a] = sbi_four_load(tree->ways[corners[a]].low);
-    sbi_face_tree_add_controls(x, size, &span);
-    for (int a = 0; a < size; a++)
-        x[a] = sbi_four_load(tree->ways[corners[a]].high);
-    sbi_face_tree_add_controls(x, size, &span);
-    return span;
+    return box;
 }
 
 SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high)
 {
-    sbi_face_span span = sbi_face_tree_span(tree, place, tree->sizes[place]);
-    sbi_face_box box;
     sb_vec3 spacing = sb_v3(tree->spacing, tree->spacing, tree->spacing);
-    sbi_face_span_store(&box, &span);
-    *low = sb_v3_sub(sb_v3_add(tree->origin, sb_v3(box.low[0], box.low[1], box.low[2])), spacing);
-    *high = sb_v3_add(sb_v3_add(tree->origin, sb_v3(box.high[0], box.high[1], box.high[2])), spacing);
+    const sbi_face_box box = sbi_face_tree_box(tree, place);
+    const float *c = box.corner;
+    *low = sb_v3_sub(sb_v3_add(tree->origin, sb_v3((sb_real)c[0], (sb_real)c[1], (sb_real)c[2])), spacing);
+    *high = sb_v3_add(sb_v3_sub(tree->origin, sb_v3((sb_real)c[4], (sb_real)c[5], (sb_real)c[6])), spacing);
 }
 
 /* ---- refitting ---- */
 
-SBI_FORCE_INLINE sbi_four sbi_face_tree_place(sb_vec3 x)
+SBI_FORCE_INLINE sbi_four sbi_face_tree_four(sb_vec3 x) { return sbi_four_make((float)x.x, (float)x.y, (float)x.z, 0); }
+
+/* Where a node is and will be, about the origin. whole: vectors may be read with the number behind them. */
+SBI_FORCE_INLINE void sbi_face_tree_follow(const sb_vec3 *x, const sb_vec3 *v, sb_real dt, const sb_real *origin,
+                                           int whole, sbi_four *start, sbi_four *end)
 {
-    return sbi_four_make((float)x.x, (float)x.y, (float)x.z, 0);
+    sb_vec3 at;
+#if SBI_HAS_LANES && (defined(__clang__) || __GNUC__ >= 9)
+    if (whole) {
+        sbi_lanes from = SBI_LANES_AT(&x->x) - SBI_LANES_AT(origin);
+        *start = __builtin_convertvector(from, sbi_four);
+        *end = __builtin_convertvector(from + dt * SBI_LANES_AT(&v->x), sbi_four);
+        return;
+    }
+#endif
+    (void)whole;
+    at = sb_v3_sub(*x, sb_v3(origin[0], origin[1], origin[2]));
+    *start = sbi_face_tree_four(at);
+    *end = sbi_face_tree_four(sb_v3_madd(at, dt, *v));
 }
 
-SBI_FORCE_INLINE void sbi_face_tree_move(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
-                                         int quadratic)
+static void sbi_face_tree_move(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt)
 {
-    const sb_vec3 origin = tree->origin;
+    const sb_real origin[4] = {tree->origin.x, tree->origin.y, tree->origin.z, 0};
     for (int i = 0; i < tree->node_count; i++) {
-        sb_vec3 at = sb_v3_sub(x[tree->nodes[i]], origin);
-        sbi_four start = sbi_face_tree_place(at), end = start;
-        if (v)
-            end = sbi_face_tree_place(sb_v3_madd(at, dt, v[tree->nodes[i]]));
-        sbi_four_store(tree->ways[i].low, quadratic ? start : sbi_four_min(start, end));
-        sbi_four_store(tree->ways[i].high, quadratic ? end : sbi_four_max(start, end));
+        int node = tree->nodes[i];
+        sbi_four start, end;
+        sbi_face_tree_follow(x + node, v + node, dt, origin, node < tree->room.node_end - 1, &start, &end);
+        sbi_four_store(tree->ways[i].corner, sbi_four_min(start, end));
+        sbi_four_store(tree->ways[i].corner + 4, sbi_four_sub(sbi_four_of(0), sbi_four_max(start, end)));
+        if (tree->paths) {
+            sbi_four_store(tree->paths[i].start, start);
+            sbi_four_store(tree->paths[i].end, end);
+        }
     }
 }
 
-/* Boxes of the leaves whose faces have `size` nodes, all of them linear: the boxes of their corners together. */
-SBI_FORCE_INLINE void sbi_face_tree_fit_linear(sbi_face_tree *tree, int size)
-{
-    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
-        const int *corners = tree->corners + (size_t)leaf * (size_t)(SBI_FACE_TREE_LEAF * size);
-        sbi_face_span span = sbi_face_span_load(&tree->ways[corners[0]]);
-        for (int a = 1; a < SBI_FACE_TREE_LEAF * size; a++)
-            sbi_face_span_join(&span, &tree->ways[corners[a]]);
-        sbi_face_span_store(&tree->boxes[leaf], &span);
-    }
-}
-
-/* Boxes of the leaves; size 0: faces differ. */
+/* Boxes of the leaves when all faces have `size` nodes. */
 SBI_FORCE_INLINE void sbi_face_tree_fit_leaves(sbi_face_tree *tree, int size)
 {
+    const int step = SBI_FACE_TREE_LEAF * size;
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++)
+        sbi_face_tree_join(tree, tree->corners + (size_t)leaf * (size_t)step, step, &tree->boxes[leaf]);
+}
+
+/* The same when they differ or are quadratic. */
+static void sbi_face_tree_fit_any_leaves(sbi_face_tree *tree)
+{
     for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
-        int place = SBI_FACE_TREE_LEAF * leaf;
-        sbi_face_span span = sbi_face_tree_span(tree, place, size ? size : tree->sizes[place]);
-        for (int k = 1; k < SBI_FACE_TREE_LEAF; k++) {
-            sbi_face_span other = sbi_face_tree_span(tree, place + k, size ? size : tree->sizes[place + k]);
-            span.low = sbi_four_min(span.low, other.low);
-            span.high = sbi_four_max(span.high, other.high);
-        }
-        sbi_face_span_store(&tree->boxes[leaf], &span);
+        sbi_eight all = sbi_eight_load(sbi_face_tree_box(tree, SBI_FACE_TREE_LEAF * leaf).corner);
+        for (int k = 1; k < SBI_FACE_TREE_LEAF; k++)
+            all = sbi_eight_min(all, sbi_eight_load(sbi_face_tree_box(tree, SBI_FACE_TREE_LEAF * leaf + k).corner));
+        sbi_eight_store(tree->boxes[leaf].corner, all);
     }
 }
 
@@ -245,24 +270,21 @@ static void sbi_face_tree_fit_levels(sbi_face_tree *tree)
 {
     for (int level = 1; level < tree->level_count; level++) {
         const sbi_face_box *below = tree->boxes + tree->level_start[level - 1];
+        sbi_face_box *boxes = tree->boxes + tree->level_start[level];
         int last = tree->level_size[level - 1] - 1;
-        for (int i = 0; i < tree->level_size[level]; i++) {
-            sbi_face_span span = sbi_face_span_load(&below[2 * i]);
-            sbi_face_span_join(&span, &below[sbi_min_int(2 * i + 1, last)]);
-            sbi_face_span_store(&tree->boxes[tree->level_start[level] + i], &span);
-        }
+        for (int i = 0; i < tree->level_size[level]; i++)
+            sbi_eight_store(boxes[i].corner, sbi_eight_min(sbi_eight_load(below[2 * i].corner),
+                                                           sbi_eight_load(below[sbi_min_int(2 * i + 1, last)].corner)));
     }
 }
 
 /* Largest coordinate of the box of all, which no node and no control point exceeds. */
 static void sbi_face_tree_measure(sbi_face_tree *tree)
 {
-    const sbi_face_box *all = &tree->boxes[tree->level_start[tree->level_count - 1]];
+    const float *all = tree->boxes[tree->level_start[tree->level_count - 1]].corner;
     float largest = 0;
-    for (int k = 0; k < 3; k++) {
-        largest = -all->low[k] > largest ? -all->low[k] : largest;
-        largest = all->high[k] > largest ? all->high[k] : largest;
-    }
+    for (int k = 0; k < 7; k++)
+        largest = k != 3 && -all[k] > largest ? -all[k] : largest;
     tree->spacing = SBI_FACE_TREE_ROUNDING * (sb_real)largest;
 }
 
@@ -271,18 +293,13 @@ SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb
     if (tree->count == 0)
         return;
     tree->origin = x[tree->first_node];
-    if (tree->quadratic)
-        sbi_face_tree_move(tree, x, v, dt, 1);
+    sbi_face_tree_move(tree, x, v ? v : x, v ? dt : 0);
+    if (tree->size == 3)
+        sbi_face_tree_fit_leaves(tree, 3);
+    else if (tree->size == 4)
+        sbi_face_tree_fit_leaves(tree, 4);
     else
-        sbi_face_tree_move(tree, x, v, dt, 0);
-    switch (tree->size) { /* loops of known length */
-    case 3: sbi_face_tree_fit_linear(tree, 3); break;
-    case 4: sbi_face_tree_fit_linear(tree, 4); break;
-    case 6: sbi_face_tree_fit_leaves(tree, 6); break;
-    case 8: sbi_face_tree_fit_leaves(tree, 8); break;
-    case 9: sbi_face_tree_fit_leaves(tree, 9); break;
-    default: sbi_face_tree_fit_leaves(tree, 0); break;
-    }
+        sbi_face_tree_fit_any_leaves(tree);
     sbi_face_tree_fit_levels(tree);
     sbi_face_tree_measure(tree);
 }
@@ -296,83 +313,112 @@ static float sbi_face_tree_bound(sb_real x, sb_real origin, sb_real spacing)
     return (float)(sb_max(sb_min(x, most), -most) - origin + spacing);
 }
 
-SBI_FORCE_INLINE int sbi_face_tree_meets(const sbi_face_box *a, const sbi_face_box *b)
-{
-    return !((a->low[0] > b->high[0]) | (a->low[1] > b->high[1]) | (a->low[2] > b->high[2]) | (a->high[0] < b->low[0]) |
-             (a->high[1] < b->low[1]) | (a->high[2] < b->low[2]));
-}
-
-/* Faces that were marked, and the range of their numbers. */
-typedef struct sbi_face_marks {
-    unsigned char *marks;
-    int count, low, high;
-} sbi_face_marks;
-
-static void sbi_face_tree_mark_leaf(const sbi_face_tree *tree, int leaf, const sbi_face_box *wanted,
-                                    sbi_face_marks *found)
-{
-    int place = SBI_FACE_TREE_LEAF * leaf, end = sbi_min_int(place + SBI_FACE_TREE_LEAF, tree->count);
-    for (; place < end; place++) {
-        sbi_face_span span = sbi_face_tree_span(tree, place, tree->sizes[place]);
-        sbi_face_box box;
-        int face = tree->faces[place];
-        sbi_face_span_store(&box, &span);
-        if (!sbi_face_tree_meets(&box, wanted))
-            continue;
-        found->marks[face] = 1;
-        found->low = found->count ? sbi_min_int(found->low, face) : face;
-        found->high = found->count ? sbi_max_int(found->high, face) : face;
-        found->count++;
-    }
-}
-
-static void sbi_face_tree_mark(const sbi_face_tree *tree, const sbi_face_box *wanted, sbi_face_marks *found)
-{
-    int levels[SBI_FACE_TREE_LEVELS + 1], nodes[SBI_FACE_TREE_LEVELS + 1], top = 0;
-    levels[top] = tree->level_count - 1;
-    nodes[top++] = 0;
-    while (top > 0) {
-        int level = levels[--top], node = nodes[top];
-        if (!sbi_face_tree_meets(&tree->boxes[tree->level_start[level] + node], wanted))
-            continue;
-        if (level == 0) {
-            sbi_face_tree_mark_leaf(tree, node, wanted, found);
-            continue;
-        }
-        for (int child = sbi_min_int(2 * node + 1, tree->level_size[level - 1] - 1); child >= 2 * node; child--) {
-            levels[top] = level - 1;
-            nodes[top++] = child;
-        }
-    }
-}
-
-SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, unsigned char *marks, int *faces,
-                                int capacity)
+/* A query's box the other way round: upper corner, lower one with the other sign; a box that does not meet it has a
+ * corner that exceeds it. */
+static void sbi_face_tree_turn(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, sbi_face_box *wanted)
 {
     const sb_vec3 origin = tree->origin;
     const sb_real spacing = tree->spacing;
+    float *c = wanted->corner;
+    c[0] = sbi_face_tree_bound(high.x, origin.x, spacing);
+    c[1] = sbi_face_tree_bound(high.y, origin.y, spacing);
+    c[2] = sbi_face_tree_bound(high.z, origin.z, spacing);
+    c[4] = -sbi_face_tree_bound(low.x, origin.x, -spacing);
+    c[5] = -sbi_face_tree_bound(low.y, origin.y, -spacing);
+    c[6] = -sbi_face_tree_bound(low.z, origin.z, -spacing);
+    c[3] = c[7] = FLT_MAX;
+}
+
+SBI_FORCE_INLINE int sbi_face_tree_meets(const sbi_face_box *box, const sbi_face_box *wanted)
+{
+    return !(sbi_four_exceeds(sbi_four_load(box->corner), sbi_four_load(wanted->corner)) |
+             sbi_four_exceeds(sbi_four_load(box->corner + 4), sbi_four_load(wanted->corner + 4)));
+}
+
+/* Faces that were marked, one bit each, and the range of words with their bits. */
+typedef struct sbi_face_marks {
+    uint64_t *words;
+    int count, low, high;
+} sbi_face_marks;
+
+/* Marks what a leaf has that meets the box; size 0: faces differ or are quadratic. No branches: half of them meet it.
+ */
+SBI_FORCE_INLINE void sbi_face_tree_mark_leaf(const sbi_face_tree *tree, int leaf, int size, const sbi_face_box *wanted,
+                                              sbi_face_marks *found)
+{
+    int place = SBI_FACE_TREE_LEAF * leaf, end = sbi_min_int(place + SBI_FACE_TREE_LEAF, tree->count);
+    for (; place < end; place++) {
+        sbi_face_box box;
+        int face = tree->faces[place], word = face / SBI_FACE_TREE_BITS, meets;
+        if (size)
+            sbi_face_tree_fit(tree, place, size, &box);
+        else
+            box = sbi_face_tree_box(tree, place);
+        meets = sbi_face_tree_meets(&box, wanted);
+        found->words[word] |= (uint64_t)meets << face % SBI_FACE_TREE_BITS;
+        found->low = sbi_min_int(found->low, meets ? word : found->low);
+        found->high = sbi_max_int(found->high, meets ? word : found->high);
+        found->count += meets;
+    }
+}
+
+SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, const sbi_face_box *wanted,
+                                         sbi_face_marks *found)
+{
+    int levels[SBI_FACE_TREE_LEVELS + 1], nodes[SBI_FACE_TREE_LEVELS + 1], top = 0;
+    levels[0] = tree->level_count - 1;
+    nodes[0] = 0;
+    top = sbi_face_tree_meets(&tree->boxes[tree->level_start[levels[0]]], wanted);
+    while (top > 0) {
+        int level = levels[--top], child = 2 * nodes[top], last;
+        if (level == 0) {
+            sbi_face_tree_mark_leaf(tree, nodes[top], size, wanted, found);
+            continue;
+        }
+        last = sbi_min_int(child + 1, tree->level_size[--level] - 1);
+        for (; child <= last; child++) {
+            levels[top] = level;
+            nodes[top] = child;
+            top += sbi_face_tree_meets(&tree->boxes[tree->level_start[level] + child], wanted);
+        }
+    }
+}
+
+/* Number of the lowest bit of a word that has one. */
+SBI_FORCE_INLINE int sbi_face_tree_lowest(uint64_t word)
+{
+#if defined(__GNUC__)
+    return __builtin_ctzll(word);
+#else
+    int bit = 0;
+    while (!(word >> bit & 1))
+        bit++;
+    return bit;
+#endif
+}
+
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
+                                int capacity)
+{
     sbi_face_marks found;
     sbi_face_box wanted;
-    unsigned char *at, *end;
+    int written = 0;
     if (tree->count == 0)
         return 0;
-    memset(&wanted, 0, sizeof wanted);
-    wanted.low[0] = sbi_face_tree_bound(low.x, origin.x, -spacing);
-    wanted.low[1] = sbi_face_tree_bound(low.y, origin.y, -spacing);
-    wanted.low[2] = sbi_face_tree_bound(low.z, origin.z, -spacing);
-    wanted.high[0] = sbi_face_tree_bound(high.x, origin.x, spacing);
-    wanted.high[1] = sbi_face_tree_bound(high.y, origin.y, spacing);
-    wanted.high[2] = sbi_face_tree_bound(high.z, origin.z, spacing);
-    memset(&found, 0, sizeof found);
-    found.marks = marks;
-    sbi_face_tree_mark(tree, &wanted, &found);
-    at = marks + found.low;
-    end = marks + found.high + 1;
-    for (int i = 0; i < found.count; i++, at++) {
-        at = (unsigned char *)memchr(at, 1, (size_t)(end - at));
-        *at = 0;
-        if (i < capacity)
-            faces[i] = (int)(at - marks);
+    sbi_face_tree_turn(tree, low, high, &wanted);
+    found.words = marks;
+    found.low = INT_MAX;
+    found.high = -1;
+    found.count = 0;
+    if (tree->size == 3)
+        sbi_face_tree_mark(tree, 3, &wanted, &found);
+    else
+        sbi_face_tree_mark(tree, 0, &wanted, &found);
+    for (int word = found.low; word <= found.high; word++) {
+        uint64_t bits = marks[word];
+        for (; bits && written < capacity; bits &= bits - 1)
+            faces[written++] = SBI_FACE_TREE_BITS * word + sbi_face_tree_lowest(bits);
+        marks[word] = 0;
     }
     return found.count;
 }

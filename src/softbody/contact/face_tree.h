@@ -23,13 +23,20 @@
 enum {
     SBI_FACE_TREE_LEAF = 4,   /* faces of a leaf */
     SBI_FACE_TREE_WIDEST = 9, /* nodes of a face */
-    SBI_FACE_TREE_LEVELS = 32
+    SBI_FACE_TREE_LEVELS = 32,
+    SBI_FACE_TREE_BITS = 64 /* of a word of marks */
 };
 
-/* The fourth numbers are 0. */
+/* A box: its lower corner, then its upper one with the other sign, so that boxes join by minima alone. Numbers 3 and 7
+ * mean nothing. */
 typedef struct sbi_face_box {
-    float low[4], high[4];
+    float corner[8];
 } sbi_face_box;
+
+/* Where a node is and will be, about the origin. */
+typedef struct sbi_face_path {
+    float start[4], end[4];
+} sbi_face_path;
 
 /* What there is to be room for. */
 typedef struct sbi_face_tree_room {
@@ -51,13 +58,13 @@ typedef struct sbi_face_tree {
     sbi_face_tree_room room;
     int count, leaf_count, node_count;
     int size;             /* nodes of every face: room.width; 0: some have fewer */
-    int quadratic;        /* 1: there are quadratic faces */
     int *faces;           /* [4 leaf_count] by place; the last leaf repeats its last face */
     unsigned char *sizes; /* [4 leaf_count] */
     int *corners;         /* [4 leaf_count][room.width] nodes by their numbers in `nodes` */
     int *nodes;           /* [node_count] in the order in which the leaves need them */
     int *numbers;         /* [room.node_end] -1 between calls */
-    sbi_face_box *ways;   /* [node_count] box of a node's way; with quadratic faces its start and end as they are */
+    sbi_face_box *ways;   /* [node_count] boxes of the nodes' ways */
+    sbi_face_path *paths; /* [node_count] or NULL: no face can be quadratic */
     sbi_face_box *boxes;  /* leaves, then the levels above */
     int level_count, level_start[SBI_FACE_TREE_LEVELS], level_size[SBI_FACE_TREE_LEVELS];
     int first_node;  /* lowest of all, where the origin is: so that what a query finds does not depend on the order */
@@ -74,10 +81,11 @@ SBI_API void sbi_face_tree_build(sbi_face_tree *tree, const sbi_face_tree_source
 /* Boxes that hold all faces with the nodes at x + s dt v (m), for all s in [0, 1]. v NULL: at x. */
 SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
 /* Faces whose boxes meet [low, high] (m; +-SB_REAL_MAX: no bound): returns how many, and writes the first `capacity` of
- * them in ascending order. marks: zeros for each face number, and zeros again afterwards; one for each thread that
- * asks. */
-SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, unsigned char *marks, int *faces,
+ * them in ascending order. marks: [sbi_face_tree_words of the highest number + 1] zeros, and zeros again afterwards;
+ * another one for each thread that asks. */
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
                                 int capacity);
+SB_INLINE int sbi_face_tree_words(int faces) { return faces / SBI_FACE_TREE_BITS + 1; }
 /* Box of the face at a place (below count), as a query sees it. */
 SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high);
 

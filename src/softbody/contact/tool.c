@@ -3,10 +3,6 @@
 
 #define SBI_TOOL_COOKIE 0x7001u
 
-/* Lengths (m) whose squares and, in float, squares of whose rounding errors are numbers. */
-#define SBI_TOOL_LEAST_LENGTH ((sb_real)1e-9)
-#define SBI_TOOL_MOST_LENGTH ((sb_real)1e9)
-
 SB_API sb_tool_def sb_default_tool_def(void)
 {
     sb_tool_def def;
@@ -50,8 +46,6 @@ static sb_result sbi_tool_check_length(sb_real length, const char *name, sb_erro
                         (double)SBI_TOOL_LEAST_LENGTH, (double)SBI_TOOL_MOST_LENGTH);
     return SB_OK;
 }
-
-static sb_real sbi_tool_largest_coordinate(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z))); }
 
 SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real radius, const char *name,
                                        sb_error *error)
@@ -100,8 +94,8 @@ static sb_result sbi_tool_check_shape(const sb_tool_def *def, sb_error *error)
             result = sbi_tool_chain_check(def->points, def->point_count, def->radius, "def.points", error);
         return result;
     case SB_TOOL_BOX: return sbi_tool_check_box(def, error);
-    case SB_TOOL_PLANE: return SB_OK;
-    case SB_TOOL_MESH: return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.shape SB_TOOL_MESH is not there yet");
+    case SB_TOOL_PLANE:
+    case SB_TOOL_MESH: return SB_OK; /* its surface is checked when its grid is laid out */
     default: return sbi_fail(error, SB_ERROR_ARGUMENT, "def.shape %d is unknown", (int)def->shape);
     }
 }
@@ -148,18 +142,24 @@ static sbi_tool_segment sbi_tool_make_segment(sb_vec3 a, sb_vec3 b)
 }
 
 /* The tool and its arrays in one block; the tool comes first. */
-static sbi_tool *sbi_tool_lay_out(sbi_arena *arena, int point_count)
+static sbi_tool *sbi_tool_lay_out(sbi_arena *arena, int point_count, const sbi_tool_grid *grid)
 {
+    size_t nodes = sbi_tool_grid_node_count(grid), hull = nodes > 0 ? SBI_TOOL_MAX_SKELETON : 0;
     sbi_tool *tool = (sbi_tool *)sbi_arena_take(arena, 1, sizeof(sbi_tool));
     sb_vec3 *points = (sb_vec3 *)sbi_arena_take(arena, (size_t)point_count, sizeof(sb_vec3));
     sbi_tool_segment *segments =
         (sbi_tool_segment *)sbi_arena_take(arena, (size_t)point_count, sizeof(sbi_tool_segment));
+    sb_vec3 *skeleton = (sb_vec3 *)sbi_arena_take(arena, hull, sizeof(sb_vec3));
+    float *distances = (float *)sbi_arena_take(arena, nodes, sizeof(float));
     if (!arena->base)
         return NULL;
     memset(tool, 0, sizeof *tool);
     tool->point_count = point_count;
     tool->points = points;
     tool->segments = segments;
+    tool->grid = *grid;
+    tool->grid.skeleton = skeleton;
+    tool->grid.distances = distances;
     return tool;
 }
 
@@ -192,31 +192,58 @@ static void sbi_tool_set_shape(sbi_tool *tool, const sb_tool_def *def)
         tool->least_square = sbi_tool_rounding(tool) * sbi_tool_rounding(tool);
 }
 
+/* The tool without what its surface makes of it, or NULL. */
+static sbi_tool *sbi_tool_allocate(const sb_tool_def *def, const sb_allocator *allocator, const sbi_tool_grid *grid)
+{
+    int point_count = def->shape == SB_TOOL_CAPSULES ? def->point_count : 0;
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_tool *tool;
+    sbi_tool_lay_out(&arena, point_count, grid);
+    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, arena.used, 1);
+    if (!arena.base)
+        return NULL;
+    arena.used = 0;
+    tool = sbi_tool_lay_out(&arena, point_count, grid);
+    if (allocator)
+        tool->allocator = *allocator;
+    sbi_tool_set_shape(tool, def);
+    return tool;
+}
+
+static sb_result sbi_tool_take_surface(sbi_tool *tool, const sb_surface *surface, const sb_jobs *jobs, sb_error *error)
+{
+    sb_result result = sbi_tool_grid_fill(&tool->grid, surface, &tool->allocator, jobs, error);
+    tool->inner_radius = tool->grid.inner_radius;
+    tool->radius = sb_min(2 * tool->grid.cell, tool->inner_radius);
+    return result;
+}
+
 SBI_API sb_result sbi_tool_create(const sb_tool_def *def, const sb_allocator *allocator, const sb_jobs *jobs,
                                   sbi_tool **tool, sb_error *error)
 {
-    sbi_arena arena = {NULL, 0, 0};
+    sbi_tool_grid grid;
+    sb_surface *surface = NULL;
     sbi_tool *made;
-    int point_count;
     sb_result result;
-    (void)jobs;
+    memset(&grid, 0, sizeof grid);
     if (!def || !tool)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a required pointer is NULL");
     result = sbi_tool_check_def(def, error);
+    if (result == SB_OK && def->shape == SB_TOOL_MESH)
+        result = sbi_tool_grid_lay_out(def, allocator, &surface, &grid, error);
     if (result != SB_OK)
         return result;
-    point_count = def->shape == SB_TOOL_CAPSULES ? def->point_count : 0;
-    sbi_tool_lay_out(&arena, point_count);
-    arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(allocator, arena.used, 1);
-    if (!arena.base)
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tool");
-    arena.used = 0;
-    made = sbi_tool_lay_out(&arena, point_count);
-    if (allocator)
-        made->allocator = *allocator;
-    sbi_tool_set_shape(made, def);
-    *tool = made;
-    return SB_OK;
+    made = sbi_tool_allocate(def, allocator, &grid);
+    if (!made)
+        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tool");
+    else if (surface)
+        result = sbi_tool_take_surface(made, surface, jobs, error);
+    sb_surface_destroy(surface);
+    if (result == SB_OK)
+        *tool = made;
+    else
+        sbi_tool_destroy(made);
+    return result;
 }
 
 SBI_API void sbi_tool_destroy(sbi_tool *tool)
@@ -234,33 +261,6 @@ SBI_API sb_real sbi_tool_radius(const sbi_tool *tool) { return tool->radius; }
 SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool) { return tool->inner_radius; }
 
 /* ---- distances ---- */
-
-/* The distance of a point at d from the nearest one of the skeleton where d is too short or too long for its square to
- * be of use. */
-static sb_real sbi_tool_extreme_distance(const sbi_tool *tool, sb_vec3 d, sb_vec3 fallback, sb_vec3 *normal)
-{
-    sb_real size = sbi_tool_largest_coordinate(d), length;
-    *normal = fallback;
-    if (!sb_v3_is_finite(d))
-        return SB_REAL_MAX;
-    if (size <= tool->radius)
-        return -tool->radius;
-    d = sb_v3(d.x / size, d.y / size, d.z / size);
-    length = sb_v3_norm(d);
-    *normal = sb_v3_scale((sb_real)1 / length, d);
-    return size < SB_REAL_MAX / length ? size * length - tool->radius : SB_REAL_MAX;
-}
-
-/* The same for any d. */
-SBI_FORCE_INLINE sb_real sbi_tool_round_distance(const sbi_tool *tool, sb_vec3 d, sb_vec3 fallback, sb_vec3 *normal)
-{
-    sb_real square = sb_v3_dot(d, d), length;
-    if (!(square > tool->least_square) || !(square <= SB_REAL_MAX))
-        return sbi_tool_extreme_distance(tool, d, fallback, normal);
-    length = sb_sqrt(square);
-    *normal = sb_v3_scale((sb_real)1 / length, d);
-    return length - tool->radius;
-}
 
 /* From the point of a segment that is nearest to x, to x. */
 SBI_FORCE_INLINE sb_vec3 sbi_tool_from_segment(const sbi_tool_segment *segment, sb_vec3 x)
@@ -283,7 +283,7 @@ SBI_FORCE_INLINE sb_real sbi_tool_capsules_distance(const sbi_tool *tool, const 
         nearest = square < least ? d : nearest;
         least = square < least ? square : least;
     }
-    return sbi_tool_round_distance(tool, nearest, fallback, normal);
+    return sbi_tool_round_distance(nearest, tool->radius, tool->least_square, fallback, normal);
 }
 
 /* Inside the core of a box, or x is no number: towards its nearest side. */
@@ -312,7 +312,7 @@ SBI_FORCE_INLINE sb_real sbi_tool_box_distance(const sbi_tool *tool, sb_vec3 x, 
     if (!(square > tool->least_square))
         return sbi_tool_core_distance(tool, x, q, fallback, normal);
     d = sb_v3(x.x < 0 ? -d.x : d.x, x.y < 0 ? -d.y : d.y, x.z < 0 ? -d.z : d.z);
-    return sbi_tool_round_distance(tool, d, fallback, normal);
+    return sbi_tool_round_distance(d, tool->radius, tool->least_square, fallback, normal);
 }
 
 static sb_real sbi_tool_plane_distance(sb_vec3 x, sb_vec3 fallback, sb_vec3 *normal)
@@ -337,10 +337,11 @@ SBI_API sb_real sbi_tool_distance(const sbi_tool *tool, const sb_vec3 *chain, sb
 {
     sbi_tool_segment memory[SB_TOOL_MAX_POINTS];
     switch (tool->shape) {
-    case SB_TOOL_SPHERE: return sbi_tool_round_distance(tool, x, fallback, normal);
+    case SB_TOOL_SPHERE: return sbi_tool_round_distance(x, tool->radius, tool->least_square, fallback, normal);
     case SB_TOOL_CAPSULES:
         return sbi_tool_capsules_distance(tool, sbi_tool_find_segments(tool, chain, memory), x, fallback, normal);
     case SB_TOOL_BOX: return sbi_tool_box_distance(tool, x, fallback, normal);
+    case SB_TOOL_MESH: return sbi_tool_grid_distance(&tool->grid, x, fallback, normal);
     default: return sbi_tool_plane_distance(x, fallback, normal);
     }
 }
@@ -362,34 +363,37 @@ SBI_API void sbi_tool_distances(const sbi_tool *tool, const sb_vec3 *chain, int 
 
 /* ---- skeleton, bounds, motion ---- */
 
-static sb_vec3 sbi_tool_corner(sb_vec3 half, int corner)
+static sb_vec3 sbi_tool_corner(sb_vec3 low, sb_vec3 high, int corner)
 {
-    return sb_v3(corner & 1 ? half.x : -half.x, corner & 2 ? half.y : -half.y, corner & 4 ? half.z : -half.z);
+    return sb_v3(corner & 1 ? high.x : low.x, corner & 2 ? high.y : low.y, corner & 4 ? high.z : low.z);
 }
 
-/* Point i of the skeleton. */
-static sb_vec3 sbi_tool_skeleton_point(const sbi_tool *tool, const sb_vec3 *chain, int i)
-{
-    if (tool->shape == SB_TOOL_CAPSULES)
-        return (chain ? chain : tool->points)[i];
-    return tool->shape == SB_TOOL_BOX ? sbi_tool_corner(tool->core, i) : sb_v3(0, 0, 0);
-}
-
-static int sbi_tool_skeleton_count(const sbi_tool *tool)
+/* Points whose hull holds the skeleton: how many, and one of them. */
+static int sbi_tool_hull_count(const sbi_tool *tool)
 {
     switch (tool->shape) {
     case SB_TOOL_SPHERE: return 1;
     case SB_TOOL_CAPSULES: return tool->point_count;
-    case SB_TOOL_BOX: return 8;
-    default: return 0;
+    case SB_TOOL_PLANE: return 0;
+    default: return 8;
+    }
+}
+static sb_vec3 sbi_tool_hull_point(const sbi_tool *tool, const sb_vec3 *chain, int i)
+{
+    switch (tool->shape) {
+    case SB_TOOL_CAPSULES: return (chain ? chain : tool->points)[i];
+    case SB_TOOL_BOX: return sbi_tool_corner(sb_v3_scale(-1, tool->core), tool->core, i);
+    case SB_TOOL_MESH: return sbi_tool_corner(tool->grid.skeleton_low, tool->grid.skeleton_high, i);
+    default: return sb_v3(0, 0, 0);
     }
 }
 
 SBI_API int sbi_tool_skeleton(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 *points, int capacity)
 {
-    int count = sbi_tool_skeleton_count(tool);
+    int is_mesh = tool->shape == SB_TOOL_MESH;
+    int count = is_mesh ? tool->grid.skeleton_count : sbi_tool_hull_count(tool);
     for (int i = 0; i < count && i < capacity; i++)
-        points[i] = sbi_tool_skeleton_point(tool, chain, i);
+        points[i] = is_mesh ? tool->grid.skeleton[i] : sbi_tool_hull_point(tool, chain, i);
     return count;
 }
 
@@ -413,22 +417,26 @@ SBI_API int sbi_tool_segments(const sbi_tool *tool, int (*ends)[2], int capacity
 SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
                              sb_vec3 *high)
 {
-    int count = sbi_tool_skeleton_count(tool);
-    sb_real wider = tool->radius, far = 0;
+    const sbi_tool_grid *grid = &tool->grid;
+    int is_mesh = tool->shape == SB_TOOL_MESH, count = sbi_tool_hull_count(tool);
+    sb_real wider = is_mesh ? grid->cell : tool->radius,
+            far = 0; /* a mesh: its function rounds what it passes through */
     *low = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
     *high = sb_v3_scale(-1, *low);
-    for (int i = 0; i < count; i++) {
-        sb_vec3 p = sbi_pose_to_space(pose, sbi_tool_skeleton_point(tool, chain, i));
-        *low = sb_v3(sb_min(low->x, p.x), sb_min(low->y, p.y), sb_min(low->z, p.z));
-        *high = sb_v3(sb_max(high->x, p.x), sb_max(high->y, p.y), sb_max(high->z, p.z));
-        far = sb_max(far, sbi_tool_largest_coordinate(p));
-    }
     if (count == 0) { /* a plane */
         *high = *low;
         *low = sb_v3_scale(-1, *high);
         return;
     }
-    wider += 16 * SB_EPSILON * (far + wider); /* the corners' own rounding */
+    for (int i = 0; i < count; i++) {
+        sb_vec3 p =
+            is_mesh ? sbi_tool_corner(grid->surface_low, grid->surface_high, i) : sbi_tool_hull_point(tool, chain, i);
+        p = sbi_pose_to_space(pose, p);
+        *low = sb_v3(sb_min(low->x, p.x), sb_min(low->y, p.y), sb_min(low->z, p.z));
+        *high = sb_v3(sb_max(high->x, p.x), sb_max(high->y, p.y), sb_max(high->z, p.z));
+        far = sb_max(far, sbi_tool_largest_coordinate(p));
+    }
+    wider += 16 * SB_EPSILON * (far + wider); /* the points' own rounding */
     *low = sb_v3_sub(*low, sb_v3(wider, wider, wider));
     *high = sb_v3_add(*high, sb_v3(wider, wider, wider));
 }
@@ -448,9 +456,9 @@ SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, con
                                 const sb_pose *to)
 {
     sb_real angle = sb_v3_norm(sbi_pose_rotation(from, to)), most = 0;
-    for (int i = 0; i < sbi_tool_skeleton_count(tool); i++) /* between them all is between their motions */
-        most = sb_max(most, sbi_tool_point_motion(from, sbi_tool_skeleton_point(tool, chain0, i), to,
-                                                  sbi_tool_skeleton_point(tool, chain1, i), angle));
+    for (int i = 0; i < sbi_tool_hull_count(tool); i++) /* between them all is between their motions */
+        most = sb_max(most, sbi_tool_point_motion(from, sbi_tool_hull_point(tool, chain0, i), to,
+                                                  sbi_tool_hull_point(tool, chain1, i), angle));
     return most;
 }
 

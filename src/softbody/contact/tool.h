@@ -77,7 +77,8 @@ typedef struct sbi_tool sbi_tool;
 /* Makes a tool of a def, in one block of memory (a mesh takes scratch besides, which goes back). def->pose is checked,
  * but not kept. SB_ERROR_ARGUMENT or _NOT_FINITE (the field is named), _UNSUPPORTED (a surface of other elements than
  * tri3, or thinner than its grid's cells), _MESH or _INDEX (what is wrong with the surface), _MEMORY; *tool is then
- * untouched. Fast but for meshes: a distance for each node of the grid, in parallel on jobs. */
+ * untouched. Meshes: distances of all nodes of the grid, in parallel on jobs; 0.03 s for 48 cells and
+ * 1,000 triangles, 0.4 s for 128. */
 SBI_API sb_result sbi_tool_create(const sb_tool_def *def, const sb_allocator *allocator, const sb_jobs *jobs,
                                   sbi_tool **tool, sb_error *error);
 SBI_API void sbi_tool_destroy(sbi_tool *tool); /* accepts NULL */
@@ -94,8 +95,9 @@ SBI_API sb_result sbi_tool_chain_check(const sb_vec3 *points, int count, sb_real
  * checked by the caller. Where there is no gradient (on the skeleton, but for a box on the middle of its core) the
  * normal is `fallback`, a unit vector. Never NaN: a point that is no number, or too far off for one, has the distance
  * SB_REAL_MAX and the normal `fallback`.
- * Mesh: a C1 function, within a fraction of a cell of the true distance near the surface; the normal has the direction
- * of its gradient. Where the grid ends, two cells outside the surface's box, a lower bound of the distance goes on. */
+ * Mesh: a C1 function; near the surface some 0.02, at most 0.2 cells from the distance, with a gradient at most 1.1
+ * long, whose direction the normal has. From two cells outside of the surface's box on it is a lower bound of the
+ * distance, at least 0.7 of it, and the normal is no longer its gradient, but points away from the tool. */
 SBI_API sb_real sbi_tool_distance(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 x, sb_vec3 fallback,
                                   sb_vec3 *normal);
 /* The same for x[count], to the bit, faster for chains that replace the tool's own. fallback[count]; gap[count] and
@@ -108,22 +110,24 @@ SBI_API int sbi_tool_point_count(const sbi_tool *tool); /* of its chain; 0 for o
 /* Smallest radius (m) of its surface, which says how close samples on faces must be; SB_REAL_MAX for a plane. Mesh: two
  * cells, or its inner radius where that is smaller. */
 SBI_API sb_real sbi_tool_radius(const sbi_tool *tool);
-/* Depth (m) of the skeleton: each of its points is at least so deep inside. SB_REAL_MAX for a plane. */
+/* Depth (m) of the skeleton: each of its points is at least so deep inside. SB_REAL_MAX for a plane. Mesh: the largest
+ * of some depths up to 0.9 of the greatest, at which what is so deep is in one piece and reaches within twice the depth
+ * of each side of the surface's box, or else one cell: a thin shaft between thick ends has its part of the skeleton. */
 SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool);
 /* A box around the tool in space (m); that of a plane is all of it. */
 SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
                              sb_vec3 *high);
 /* An upper bound (m) of how far any point of the skeleton moves on the way of sbi_pose_between from `from` to `to`,
  * while its chain goes straight from chain0 to chain1 (NULL: its own); 0 for a plane. The points' speeds are bounded
- * too: a part of the way moves them by no more than its share of the bound. Exact without rotation; with rotation by an
- * angle a too large by up to a share of a^2 / 2. */
+ * too: a part of the way moves them by no more than its share of the bound. Exact without rotation and bending; a
+ * rotation by a (rad) adds a^2 / 2 times the skeleton's distance from the frame's origin, or less. */
 SBI_API sb_real sbi_tool_motion(const sbi_tool *tool, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
                                 const sb_pose *to);
 
 /* The skeleton in the tool's frame: how many points it has, the first `capacity` of them in points (may be NULL with
  * capacity 0). A sphere: its centre; capsules: the chain; box: the corners of its core, that at (x, y, z) signs has the
- * bits 1, 2, 4 set where the sign is positive; plane: none; mesh: points of its grid on the hull of what is at least
- * the inner radius deep, at most SBI_TOOL_MAX_SKELETON. */
+ * bits 1, 2, 4 set where the sign is positive; plane: none; mesh: nodes of its grid on the hull of all that are at
+ * least the inner radius deep, at most SBI_TOOL_MAX_SKELETON of them. */
 enum { SBI_TOOL_MAX_SKELETON = 256 };
 SBI_API int sbi_tool_skeleton(const sbi_tool *tool, const sb_vec3 *chain, sb_vec3 *points, int capacity);
 /* Pairs of those points that a segment of the skeleton joins: of capsules and boxes (the edges of the core, of a core
