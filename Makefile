@@ -2,7 +2,7 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double without the slowest, some 4 minutes on two cores
+#   make test       the tests in double without the slowest, some 3 minutes on two cores
 #   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -36,7 +36,8 @@ WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wun
 C_WARNINGS = $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
 INCLUDES = -I. -Itests -Ibuild
 TEST_INCLUDES = -Ibuild/include $(INCLUDES)
-# Tests of what is internal, which the implementation that they are linked with must let them call.
+# Tests of what is internal include headers of src/ and link with the implementation that all share, whose internals are
+# extern for them. With an implementation of its own each would take longer to compile than all others together.
 INTERNAL_TESTS = $(shell grep -l '^\#define SB_SPLIT_BUILD' tests/test_*.c)
 
 PRODUCTS = softbody needle register
