@@ -1,8 +1,10 @@
 /* Trees of boxes over faces: against all faces one by one, dense points of curved faces on their way, other orders of
- * the same faces. They are internal, so that this unit has the library for itself. */
-#define SB_STATIC
-#define SB_IMPLEMENTATION
-#include "../softbody.h"
+ * the same faces. They are internal. */
+#define SB_SPLIT_BUILD
+#include <float.h>
+#include <limits.h>
+
+#include "../src/softbody/contact/face_tree.h"
 
 #include "check.h"
 #include "scene.h"
@@ -128,7 +130,7 @@ static void cloud_check_query(const cloud *c, const sbi_face_tree *tree, sb_vec3
                               int *found)
 {
     int count, at = 0, wrong = 0;
-    double rounding = 8 * (double)(FLT_EPSILON + SB_EPSILON) * (c->offset + 10 * c->unit);
+    double rounding = 8 * ((double)FLT_EPSILON + (double)SB_EPSILON) * (c->offset + 10 * c->unit);
     unsigned char *is_found = (unsigned char *)calloc((size_t)c->faces + 1, 1);
     memset(found, 0xFF, (size_t)c->faces * sizeof(int));
     count = sbi_face_tree_query(tree, low, high, marks, found, c->faces);

@@ -1,8 +1,8 @@
 /* Tests of guests: what conjugate gradients solve together with a matrix, against dense solutions of the joint system.
- * Guests are internal, so that this unit has the library for itself. */
-#define SB_STATIC
-#define SB_IMPLEMENTATION
-#include "../softbody.h" /* with all of it: the tests of others see declarations only */
+ * Guests are internal. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/solve/guest.h"
+#include "../src/softbody/solve/pcg.h"
 
 #include "check.h"
 #include "scene.h"
@@ -440,7 +440,7 @@ static void test_preconditioner_is_symmetric(void)
         for (int i = 0; i < d->size; i += 7)
             d->g[i * d->width + i] -= 8e3;
         s = solver_make(&b, all_kinds[k], list, 1, 1e-6);
-        space = &((sbi_pcg_guest_space *)s.workspace.guests)->space;
+        space = sbi_pcg_guests(&s.workspace);
         space->matrix = &b.a;
         space->scale = 8e3;
         for (int v = 0; v < 2; v++) {

@@ -1,10 +1,7 @@
 /* Tests of the call at 1 kHz: planes, coupling, blending, limits and the bank, by themselves and in a simulated hand.
- * They are internal as long as no contact makes frames, so that this unit has the library for itself. */
-#define SB_STATIC
-#define SB_ELEMENT SB_TET4
-#define SB_NO_FILES
-#define SB_IMPLEMENTATION
-#include "../softbody.h"
+ * They are internal as long as no contact makes frames. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/contact/haptic_servo.h"
 
 #include "check.h"
 #include "dense_double.h"
