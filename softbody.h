@@ -5671,13 +5671,13 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
 SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
 
 typedef struct sb_contact_info {
-    int candidates; /* samples looked at */
-    int touching;   /* with pressure */
-    int sticking;   /* of these held by friction */
-    int iterations; /* systems solved */
-    int retries;    /* times that the step was taken back and done again */
-    int capped;     /* 1: max_iterations ended the iteration; `residual` says how good it is */
-    int thinned;    /* 1: faces had fewer samples than their size asks for */
+    int candidates;   /* samples looked at */
+    int touching;     /* with pressure */
+    int sticking;     /* of these held by friction */
+    int iterations;   /* systems solved */
+    int retries;      /* times that the step was taken back and done again */
+    int capped;       /* 1: max_iterations ended the iteration; `residual` says how good it is */
+    int thinned;      /* 1: faces had fewer samples than their size asks for */
     sb_real deepest;  /* m, overlap */
     sb_real residual; /* of contact's forces, of the largest force */
     sb_real lag;      /* m, largest of all tools' */
@@ -46176,15 +46176,15 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 typedef struct sbi_step {
     sb_body *body;
     sb_step_info *info;
-    sb_step_info own_info; /* where the caller wants none */
-    double begun;          /* on the body's clock (s) */
-    int dynamic;           /* 1: a time step; 0: a static solve */
-    int done;              /* 1: nothing is left to be solved */
-    int iteration;         /* of Newton, from 0 */
-    sb_tangent_kind kind;  /* of the tangent in A */
-    sbi_guests guests;     /* solved together with the body */
-    int guests_begun;      /* those of them that have begun */
-    int starts;            /* 1: this is no step but the search for the accelerations that it starts from */
+    sb_step_info own_info;   /* where the caller wants none */
+    double begun;            /* on the body's clock (s) */
+    int dynamic;             /* 1: a time step; 0: a static solve */
+    int done;                /* 1: nothing is left to be solved */
+    int iteration;           /* of Newton, from 0 */
+    sb_tangent_kind kind;    /* of the tangent in A */
+    sbi_guests guests;       /* solved together with the body */
+    int guests_begun;        /* those of them that have begun */
+    int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
     struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
     int touch_begun;
     int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
@@ -46277,9 +46277,9 @@ typedef struct sbi_touch_step {
     const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
-    sb_real level;           /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
-    sb_real factor;          /* share of the way of a static solve; 1 in a time step */
-    int tries;               /* how often this step was refused or failed already: each time it asks for less motion */
+    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
@@ -46288,9 +46288,9 @@ typedef struct sbi_touch {
 
     /* from begin to the end of the step, written by the owner */
     int node_count;
-    const int *nodes;     /* [node_count] rows of the matrix, each once */
-    int touching;         /* points of contact at the last evaluation */
-    sb_vec3 *force;       /* on the nodes (N), at the last evaluation */
+    const int *nodes; /* [node_count] rows of the matrix, each once */
+    int touching;     /* points of contact at the last evaluation */
+    sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
     /* room for the step: */
     sb_vec3 *du;     /* (m) what it asks forces at */
     sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
@@ -55848,6 +55848,9 @@ SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error);
 SBI_API void sbi_embed_follower_follow(sb_embedding *e);
 SBI_API void sbi_embed_follower_give_up(sb_embedding *e);
+/* The report and the arrays' input as they are made of all places, which what follows a change must equal. */
+SBI_API void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report);
+SBI_API void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts);
 /* Leaves its owner and frees it with the arrays. */
 SBI_API void sbi_embed_follower_destroy(sb_embedding *e);
 
@@ -57142,7 +57145,7 @@ static void sbi_embed_swap_places(sb_embedding *e, sbi_embed_follower *f)
     }
 }
 
-static void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
+SBI_API void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
 {
     memset(report, 0, sizeof *report);
     report->point_count = e->report.point_count;
@@ -57175,7 +57178,7 @@ static void sbi_embed_next_report(const sb_embedding *e, const sbi_embed_followe
 
 /* ---- the arrays of updates ---- */
 
-static void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts)
+SBI_API void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts)
 {
     memset(parts, 0, sizeof *parts);
     parts->places = f->places;
@@ -60632,8 +60635,7 @@ SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
         sb_result result;
         double share;
         memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result =
-            sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
         if (result != SB_OK)
             return result;
         share = sbi_step_search_touch(step);
@@ -60955,7 +60957,8 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     step->moves_supports = sbi_step_supports_move(step);
     if (step->body->load_count)
         sbi_loads_fill(step->body, step->body->displacement);
-    if (step->linearised || (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
+    if (step->linearised ||
+        (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
     if (step->touch && step->iteration == 0)
         result = sbi_step_begin_touch(step);
@@ -68045,7 +68048,8 @@ SB_INLINE sb_vec3 sbi_contact_carry(sb_vec3 v, sb_vec3 n)
     return now > 0 ? sb_v3_scale(length / now, flat) : sb_v3(0, 0, 0);
 }
 
-/* memory: l (Pa); remembered: t' (Pa); slip: any part along n is left out; bound: B (Pa), of a tool without friction 0. */
+/* memory: l (Pa); remembered: t' (Pa); slip: any part along n is left out; bound: B (Pa), of a tool without friction 0.
+ */
 SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real memory, sb_vec3 n, sb_vec3 slip,
                                              sb_vec3 remembered, sb_real bound)
 {
@@ -68110,21 +68114,21 @@ typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
     sb_real friction;
     int partner;
-    sb_pose reached, wanted;    /* at the end of the last step; where it is sent */
-    sb_pose next, balance;      /* of the step: at its end, and where its forces balance */
+    sb_pose reached, wanted; /* at the end of the last step; where it is sent */
+    sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
-    int face_count;              /* of its faces in sb_contact.near */
-    sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
-    sb_real lag;                 /* m */
+    int face_count;        /* of its faces in sb_contact.near */
+    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;           /* m */
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
 typedef struct sbi_contact_entry {
     int tool, face, parts, sample, sticks;
-    sb_real memory;                       /* l (Pa) */
-    sb_real gap, area;                    /* m, m^2 at rest */
-    sb_vec3 traction;                     /* t (Pa) on the body */
-    sb_vec3 point, normal, force;         /* m, out of the tool, N on the body */
+    sb_real memory;               /* l (Pa) */
+    sb_real gap, area;            /* m, m^2 at rest */
+    sb_vec3 traction;             /* t (Pa) on the body */
+    sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
 } sbi_contact_entry;
 
 /* A face near a tool. */
@@ -68166,8 +68170,8 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
-    int *near;           /* [max_tools][face_room] faces by tool */
-    int *scratch;        /* [face_room] outside of steps */
+    int *near;    /* [max_tools][face_room] faces by tool */
+    int *scratch; /* [face_room] outside of steps */
     int patch_count;
     sbi_contact_patch *patches;
     int patch_room;
@@ -68180,7 +68184,7 @@ struct sb_contact {
     int *region_count;
     int region_room;
     sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
-    sb_real (*blocks)[9];  /* [patch_room][width^2] sums of K by patch */
+    sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
     int blocks_current;
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
@@ -68198,8 +68202,8 @@ SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
 /* ---- contact_sweep.c ---- */
 /* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
 SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
-/* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross a
- * face. u [rows]: displacements at the end. */
+/* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
+ * a face. u [rows]: displacements at the end. */
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
 /* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
@@ -68212,12 +68216,12 @@ SBI_API void sbi_contact_join(sb_contact *contact);
 /* ---- contact_state.c ---- */
 /* What a recording keeps of calls: codes stand in files. */
 typedef enum sbi_contact_command {
-    SBI_CONTACT_ADD = 1,      /* cannot be played */
-    SBI_CONTACT_REMOVE = 2,   /* likewise */
-    SBI_CONTACT_MOVE = 3,     /* reals: pose */
-    SBI_CONTACT_PLACE = 4,    /* reals: pose */
-    SBI_CONTACT_BEND = 5,     /* reals: chain */
-    SBI_CONTACT_FRICTION = 6  /* reals: mu */
+    SBI_CONTACT_ADD = 1,     /* cannot be played */
+    SBI_CONTACT_REMOVE = 2,  /* likewise */
+    SBI_CONTACT_MOVE = 3,    /* reals: pose */
+    SBI_CONTACT_PLACE = 4,   /* reals: pose */
+    SBI_CONTACT_BEND = 5,    /* reals: chain */
+    SBI_CONTACT_FRICTION = 6 /* reals: mu */
 } sbi_contact_command;
 SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
                               int count);
@@ -68245,8 +68249,8 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
  *
  * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
  * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
- * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was at
- * least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+ * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was
+ * at least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
 #include <math.h>
 #include <string.h>
 
@@ -68287,8 +68291,8 @@ static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose 
     sbi_contact_tool *tool = contact->tools + number;
     sb_vec3 low, high;
     sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
-    tool->face_count = sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number),
-                                               contact->faces->face_room);
+    tool->face_count =
+        sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
 }
 
 /* ---- the way ---- */
@@ -68379,7 +68383,8 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
     const sb_vec3 up = {0, 0, 1};
     sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
     sb_real inner = sbi_tool_inner_radius(tool->shape), before;
-    sb_real gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
+    sb_real gap =
+        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
     if (!(gap < SBI_SWEEP_DEEPEST * inner))
         return 0;
     if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
@@ -68405,8 +68410,8 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
         const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
         for (int s = 0; s < rule->count; s++) {
             const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
-            sb_vec3 x1 = sb_v3_add(sbi_contact_mean(weights, nodes, count, rest),
-                                   sbi_contact_mean(weights, nodes, count, u));
+            sb_vec3 x1 =
+                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
             if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
                 return 0;
         }
@@ -68575,8 +68580,8 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
             view.tool = tool;
             view.number = t;
             view.face = near[f];
-            view.parts = sbi_max_int(kind->least,
-                                     sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
+            view.parts =
+                sbi_max_int(kind->least, sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
             view.velocity = step->velocity;
             view.dt = step->dt;
             view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
@@ -68608,8 +68613,8 @@ static void sbi_contact_measure_regions(sb_contact *contact)
     memset(contact->region_count, 0, places * sizeof(int));
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
-        size_t place = (size_t)patch->tool * (size_t)contact->region_room +
-                       (size_t)contact->faces->regions[patch->face];
+        size_t place =
+            (size_t)patch->tool * (size_t)contact->region_room + (size_t)contact->faces->regions[patch->face];
         for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
             if (contact->stiffness_by_node[patch->nodes[a]] > 0) {
                 contact->region_sum[place] += contact->stiffness_by_node[patch->nodes[a]];
@@ -68673,8 +68678,8 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
             sbi_contact_forget_nodes(contact);
-            return sbi_fail(error, SB_ERROR_MEMORY,
-                            "more than max_contacts = %d samples of the surface are near tools", contact->max_contacts);
+            return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of the surface are near tools",
+                            contact->max_contacts);
         }
     }
     sbi_contact_stiffen(contact, step->matrix);
@@ -68868,7 +68873,8 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
         const sbi_contact_patch *patch = contact->patches + p;
         const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
         int count = contact->faces->sizes[patch->face];
-        const int *places = patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
+        const int *places =
+            patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
         for (int i = 0; places && i < count * count; i++) {
             sbi_contact_saved *saved = contact->saved + contact->saved_count++;
             unsigned rows = masked ? masked[contact->nodes[patch->nodes[i / count]]] : 0u;
@@ -68971,7 +68977,8 @@ static void sbi_contact_arrive(sb_contact *contact)
         tool->reached = tool->next;
         for (int i = 0; i < sbi_tool_point_count(tool->shape); i++)
             tool->chain_reached[i] = tool->chain_next[i];
-        tool->lag = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+        tool->lag =
+            sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
         contact->step_info.lag = sb_max(contact->step_info.lag, tool->lag);
     }
 }
@@ -69246,8 +69253,8 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 
 /* ==== src/softbody/contact/contact_state.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state is
- * loaded into a body whose contact has the same tools. Faces are named by cell and side. */
+/* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side. */
 #include <string.h>
 
 
@@ -69436,8 +69443,7 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in,
                element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
                entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
     entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
-    if (entry->face >= 0 &&
-        entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
+    if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
 }
 
@@ -69677,7 +69683,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
     size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left,
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
                            &c->touch.way,   &c->touch.kept, &c->positions};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
