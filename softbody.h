@@ -46274,11 +46274,12 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
 /* The step that begins. */
 typedef struct sbi_touch_step {
     const sb_matrix *matrix; /* A before supports and constraints: what stiffness is measured by (N/m) */
-    const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
+    const sb_vec3 *start;    /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
     sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
 } sbi_touch_step;
 
@@ -46312,6 +46313,11 @@ typedef struct sbi_touch {
     /* matrix += K without masked axes; and what it was before, to the bit. */
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* An increment of a static solve has converged: 1 when it must be solved again with what was remembered of it, for
+     * the round-th time; 0: the increment is done. */
+    int (*balance)(void *user, int round);
+    /* out [rows] += factor times the forces (N) of the last step or increment that was done. */
+    void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
     /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
     int (*accept)(void *user, const sb_vec3 *u);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
@@ -60045,6 +60051,8 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
 /* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
 SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
+/* Work (J) of the forces of the last evaluation along increment [rows]. */
+SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment);
 /* out [rows] += factor times the forces of the last evaluation. */
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
@@ -60055,6 +60063,8 @@ SBI_API sb_result sbi_step_solve_touch(sbi_step *step);
 SBI_API void sbi_step_touch_reactions(const sbi_step *step);
 /* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
+/* 1: an increment of a static solve has converged, but contact's loads do not balance yet: iterate again. */
+SBI_API int sbi_step_balance_touch(sbi_step *step, int round);
 SBI_API void sbi_step_commit_touch(sbi_step *step);
 SBI_API void sbi_step_undo_touch(sbi_step *step);
 
@@ -60404,13 +60414,20 @@ static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
 /* Axes that its blocks in the matrix leave out: constraints condense the whole ones. */
 static const unsigned char *sbi_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
 
-/* du = the displacement at u + share increment since the start of the step. */
-static void sbi_touch_gather(const sb_body *b, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
+/* Displacement that du counts from: that at the start of the step, or of the increment of a static solve. */
+static const sb_vec3 *sbi_touch_start(const sbi_step *step)
 {
-    const sbi_touch *touch = b->touch;
+    return step->dynamic ? step->body->start : step->body->converged;
+}
+
+/* du = the displacement at u + share increment since the start. */
+static void sbi_touch_gather(const sbi_step *step, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
+{
+    const sbi_touch *touch = step->touch;
+    const sb_vec3 *start = sbi_touch_start(step);
     for (int k = 0; k < touch->node_count; k++) {
         int node = touch->nodes[k];
-        sb_vec3 d = sb_v3_sub(u[node], b->start[node]);
+        sb_vec3 d = sb_v3_sub(u[node], start[node]);
         touch->du[k] = increment ? sb_v3_madd(d, share, increment[node]) : d;
     }
 }
@@ -60424,11 +60441,12 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     sb_result result;
     memset(&told, 0, sizeof told);
     told.matrix = &b->matrix;
-    told.start = b->start;
+    told.start = sbi_touch_start(step);
     told.velocity = b->velocity;
     told.dt = step->dynamic ? step->dt : 0;
-    told.level = step->level;
+    told.level = step->dynamic ? step->level : 1;
     told.factor = step->dynamic ? 1 : step->load_factor;
+    told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
@@ -60441,16 +60459,24 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew)
 {
-    const sb_body *b = step->body;
-    sbi_touch_gather(b, b->displacement, increment, share);
-    b->touch->evaluate(b->touch->user, b->touch->du, renew);
+    sbi_touch_gather(step, step->body->displacement, increment, share);
+    step->touch->evaluate(step->touch->user, step->touch->du, renew);
 }
 
 SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u)
 {
-    sbi_touch_gather(step->body, u, NULL, 1);
+    sbi_touch_gather(step, u, NULL, 1);
     step->touch->evaluate(step->touch->user, step->touch->du, 0);
     return (sb_real)step->touch->energy(step->touch->user);
+}
+
+SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment)
+{
+    const sbi_touch *touch = step->touch;
+    sb_real sum = 0;
+    for (int k = 0; k < touch->node_count; k++)
+        sum += sb_v3_dot(touch->force[k], increment[touch->nodes[k]]);
+    return sum;
 }
 
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out)
@@ -60669,6 +60695,11 @@ SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
         return SB_OK;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
+}
+
+SBI_API int sbi_step_balance_touch(sbi_step *step, int round)
+{
+    return step->touch->balance(step->touch->user, round);
 }
 
 SBI_API void sbi_step_commit_touch(sbi_step *step)
@@ -61261,6 +61292,7 @@ typedef struct sbi_step_line {
     sb_real slope; /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
     sb_real load_size; /* sum of what the loads that follow the body add: for rounding */
+    sb_real touch;     /* potential of contact at the start, which is looked at as it is along the line */
 } sbi_step_line;
 
 static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
@@ -61275,11 +61307,24 @@ static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
     line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
 }
 
+/* The residual of a step of several iterations has contact's forces already, that of a linearised one has not. */
+static void sbi_step_add_touch_line(sbi_step *step, sbi_step_line *line)
+{
+    sb_real work;
+    line->touch = sbi_step_touch_energy(step, step->body->displacement);
+    work = sbi_step_touch_work(step, step->body->increment);
+    if (step->linearised)
+        line->slope -= work;
+    else
+        line->linear += work;
+    line->load_size += sb_abs(line->touch) + sb_abs(work);
+}
+
 static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
     sb_body *b = step->body;
     int n = b->domain.node_count;
-    sbi_step_line line = {0, 0, 0, 0, 0};
+    sbi_step_line line = {0, 0, 0, 0, 0, 0};
     line.slope = sbi_step_dot(b->residual, b->increment, n);
     line.linear = line.slope - sbi_step_dot(b->internal, b->increment, n);
     if (step->dynamic) {
@@ -61298,11 +61343,8 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
-    if (step->touch && !step->linearised) { /* the residual has its forces, whose energy is looked at as it is */
-        sbi_touch *touch = step->touch;
-        for (int k = 0; k < touch->node_count; k++)
-            line.linear += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
-    }
+    if (step->touch)
+        sbi_step_add_touch_line(step, &line);
     return line;
 }
 
@@ -61321,13 +61363,10 @@ static void sbi_step_trial(const sbi_step *step, sb_real t)
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
-/* Energy of a trial displacement, elastic and that of contact; 0 when it is inadmissible, with *bad the element that
- * is. */
+/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
     *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
-    if (*bad < 0 && step->touch && !step->linearised)
-        *energy += sbi_step_touch_energy(step, trial);
     return *bad < 0 && sb_is_finite(*energy);
 }
 
@@ -61399,6 +61438,8 @@ static sb_result sbi_step_search(sbi_step *step)
         if (!sbi_step_try(step, b->work2, &energy, &bad))
             continue;
         change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        if (step->touch)
+            change += sbi_step_touch_energy(step, b->work2) - line.touch;
         noise =
             32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) + t * line.load_size) +
             4 * SB_EPSILON * b->assembly.energy_unit;
@@ -61428,6 +61469,8 @@ SBI_API sb_result sbi_step_accept(sbi_step *step)
         if (!sb_v3_is_finite(b->displacement[i]))
             return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the displacement of node %d is not finite",
                                  i);
+    if (step->touch && step->line_search && step->linearised) /* a share was taken: what is read is of there */
+        sbi_step_evaluate_touch(step, NULL, 1, 1);
     b->force_current = 0;
     step->has_velocity = 1;
     return SB_OK;
@@ -62099,6 +62142,19 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
     }
 }
 
+/* One increment: to balance, and with contact until its pressures hold the surface where it belongs. */
+static sb_result sbi_static_iterate(sbi_step *step)
+{
+    sb_result result = sbi_step_iterate(step, sbi_step_linearise(step));
+    for (int round = 1; result == SB_OK && step->touch && sbi_step_balance_touch(step, round); round++) {
+        step->norm = step->last_norm = 0;
+        step->iteration = 1; /* contact has begun */
+        step->done = 0;
+        result = sbi_step_iterate(step, sbi_step_linearise(step));
+    }
+    return result;
+}
+
 /* Raises the load factor to 1. An increment that fails goes back to the last converged one and is halved. */
 static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options)
 {
@@ -62119,7 +62175,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
         step->quasi = options->quasi_newton != 0;
         sbi_static_loads(b, step->load_factor);
         step->iteration = step->done = 0;
-        result = sbi_step_iterate(step, sbi_step_linearise(step));
+        result = sbi_static_iterate(step);
         spent = step->info->newton_iterations - before;
         if (result != SB_OK) {
             memcpy(b->displacement, b->converged, bytes);
@@ -62154,14 +62210,16 @@ static void sbi_static_commit(sbi_step *step)
     memcpy(b->equilibrated, b->external, bytes);
     sbi_loads_commit(b, b->displacement, b->displacement, step->info->load_factor);
     sbi_loads_end_static(b, step->info->load_factor);
-    if (sbi_step_force(step) == SB_OK && b->elimination) {
+    if (sbi_step_force(step) == SB_OK) {
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sb_v3_sub(b->internal[i], b->external[i]);
-        sbi_constraint_reactions(b, b->work);
-    } else if (b->force_current)
-        for (int i = 0; i < b->domain.node_count; i++)
-            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
-                                                sb_v3_sub(b->internal[i], b->external[i]), zero);
+        if (step->touch)
+            step->touch->add_done(step->touch->user, -1, b->work);
+        if (b->elimination)
+            sbi_constraint_reactions(b, b->work);
+        for (int i = 0; !b->elimination && i < b->domain.node_count; i++)
+            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], b->work[i], zero);
+    }
     b->acceleration_known = 0;
 }
 
@@ -62195,6 +62253,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     step.max_newton = sbi_max_int(options->max_newton, 2);
     step.max_iterations = options->max_iterations;
     step.line_search = 1;
+    step.touch = body->touch;
     sbi_step_save(body);
     sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
@@ -62202,9 +62261,12 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
         sbi_static_commit(&step);
+        if (step.touch)
+            sbi_step_commit_touch(&step);
         sbi_step_leave(body, duration);
         info->error = error;
     } else {
+        sbi_step_undo_touch(&step);
         sbi_step_restore(body);
     }
     if (result == SB_OK)
@@ -68118,7 +68180,10 @@ typedef struct sbi_contact_tool {
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
     int face_count;        /* of its faces in sb_contact.near */
+    sb_pose from;          /* at the start of the step, or of the increment of a static solve */
+    sb_pose stage;         /* at the end of the last increment that was done */
     sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
+    sb_real way;           /* m, of its skeleton in the step */
     sb_real lag;           /* m */
 } sbi_contact_tool;
 
@@ -68170,6 +68235,9 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
+    int is_static;
+    const sb_vec3 *x;    /* [rows] places at its start (m): the body's own, or: */
+    sb_vec3 *places;     /* [node_room] in a static solve, whose increments do not move the body before its end */
     int *near;    /* [max_tools][face_room] faces by tool */
     int *scratch; /* [face_room] outside of steps */
     int patch_count;
@@ -68192,6 +68260,8 @@ struct sb_contact {
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
+    sbi_contact_entry *before; /* [max_contacts] the entries before a static solve, for undo */
+    int before_count;
     void *memory;
 };
 
@@ -68200,8 +68270,9 @@ struct sb_contact {
 SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
 
 /* ---- contact_sweep.c ---- */
-/* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
-SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
+/* How far each tool goes in this step: `next`, `balance` and what else follows from it. SB_ERROR_NOT_CONVERGED: farther
+ * in one increment of a static solve than what could not pass through. */
+SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error);
 /* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
  * a face. u [rows]: displacements at the end. */
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
@@ -68311,7 +68382,7 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
                              const int *near, int count, int *deepest)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body), up = {0, 0, 1};
+    const sb_vec3 *x = contact->x, up = {0, 0, 1};
     sb_real least = SB_REAL_MAX, radius = sbi_tool_radius(shape);
     for (int f = 0; f < count; f++) {
         int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
@@ -68360,19 +68431,52 @@ static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step
 {
     sbi_contact_tool *tool = contact->tools + number;
     sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    tool->from = step->stage > 0 ? tool->stage : tool->reached;
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
     sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
+    tool->way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
     sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
 }
 
-SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
+/* Places at the start of the step. */
+static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *step)
 {
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), step->velocity, step->dt);
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    contact->x = sb_body_positions(contact->body);
+    contact->is_static = !(step->dt > 0);
+    if (!contact->is_static)
+        return;
+    for (int i = 0; i < sb_body_node_count(contact->body); i++)
+        contact->places[i] = sb_v3_add(rest[i], step->start[i]);
+    contact->x = contact->places;
+}
+
+/* A tool near faces that a static increment would take farther than by half of its inner radius; -1: none. */
+static int sbi_sweep_overreaches(const sb_contact *contact)
+{
+    for (int i = 0; contact->is_static && i < contact->max_tools; i++) {
+        const sbi_contact_tool *tool = contact->tools + i;
+        if (tool->shape && tool->face_count > 0 && tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
+            return i;
+    }
+    return -1;
+}
+
+SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
+{
+    int far;
+    sbi_sweep_find_places(contact, step);
+    sbi_contact_faces_refit(contact->faces, contact->x, step->velocity, step->dt);
     for (int i = 0; i < contact->max_tools; i++)
         if (contact->tools[i].shape)
             sbi_sweep_tool(contact, i, step);
+    far = sbi_sweep_overreaches(contact);
+    if (far >= 0)
+        return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "tool %d goes too far in one increment: take more load_steps",
+                        far);
+    return SB_OK;
 }
 
 /* ---- afterwards ---- */
@@ -68398,7 +68502,7 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
     const sbi_contact_tool *tool = contact->tools + number;
     const int *near = sbi_sweep_near(contact, number);
     if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
@@ -68433,7 +68537,8 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
     sb_vec3 low, high;
     int *near = contact->scratch, count, face = -1;
     sb_real gap;
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+    contact->x = sb_body_positions(contact->body);
+    sbi_contact_faces_refit(contact->faces, contact->x, NULL, 0);
     sbi_tool_bounds(shape, chain, pose, &low, &high);
     count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);
     gap = sbi_sweep_gap(contact, shape, chain, pose, near, count, &face);
@@ -68449,7 +68554,10 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
 #include <string.h>
 
 
-enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
+enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
+
+/* Overlap that a static solve leaves, over how far the surface was pushed. */
+#define SBI_CONTACT_OVERLAP ((sb_real)1e-3)
 
 /* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
  * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
@@ -68461,7 +68569,7 @@ static int sbi_contact_place_node(sb_contact *contact, int node)
 {
     if (contact->node_place[node] < 0) {
         contact->node_place[node] = contact->touch.node_count;
-        contact->positions[contact->touch.node_count] = sb_body_positions(contact->body)[node];
+        contact->positions[contact->touch.node_count] = contact->x[node];
         contact->nodes[contact->touch.node_count++] = node;
     }
     return contact->node_place[node];
@@ -68486,7 +68594,7 @@ typedef struct sbi_contact_view {
 static sb_vec3 sbi_contact_face_normal(const sb_contact *contact, int face)
 {
     const int *n = sbi_contact_face_nodes(contact->faces, face);
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     sb_vec3 cross = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
     sb_real size = sb_v3_norm(cross);
     return size > 0 ? sb_v3_scale(1 / size, cross) : sb_v3(0, 0, 1);
@@ -68497,7 +68605,7 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
 {
     const sbi_contact_faces *faces = contact->faces;
     const int *nodes = sbi_contact_face_nodes(faces, view->face);
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, view->face, view->parts);
     int count = faces->sizes[view->face];
     sb_vec3 out = sb_v3_scale(-1, sbi_contact_face_normal(contact, view->face));
@@ -68517,7 +68625,7 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
             continue;
         if (contact->sample_count == contact->max_contacts)
             return 0;
-        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->reached, at));
+        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->from, at));
         memset(sample, 0, sizeof *sample);
         sample->patch = contact->patch_count;
         sample->sample = s;
@@ -68557,13 +68665,15 @@ static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *vi
     return 1;
 }
 
-/* How near (m) a sample counts: as far as it may move against the tool in a step, and of a plane, which moves as it
- * will, half a face. */
-static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_tool *shape, int face)
+/* How near (m) a sample counts: as far as the face beside it may have been dragged and the tool goes, but no farther than
+ * what moves against a tool in a step, of which something may pass through. A sample that comes from beyond is found in
+ * the next step. */
+static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_contact_tool *tool, int face)
 {
-    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
-        return (sb_real)0.5 * contact->faces->lengths[face];
-    return sbi_tool_inner_radius(shape);
+    sb_real length = contact->faces->lengths[face];
+    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+        return (sb_real)0.5 * length;
+    return sb_min(sbi_tool_inner_radius(tool->shape), length + tool->way);
 }
 
 /* All patches, with 1/2^thin of the parts that faces should have. 0: no room is left. */
@@ -68584,7 +68694,7 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
                 sbi_max_int(kind->least, sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
             view.velocity = step->velocity;
             view.dt = step->dt;
-            view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
+            view.reach = sbi_contact_reach(contact, tool, near[f]);
             if (!sbi_contact_add_patch(contact, &view))
                 return 0;
         }
@@ -68668,13 +68778,24 @@ static void sbi_contact_remember(sb_contact *contact)
     }
 }
 
+/* A static solve replaces entries increment by increment: these are what it began with. */
+static void sbi_contact_keep_before(sb_contact *contact)
+{
+    contact->before_count = contact->entry_count;
+    memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
+}
+
 /* ---- begin ---- */
 
 static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
     int thin = 0;
-    sbi_contact_sweep(contact, step);
+    sb_result result = sbi_contact_sweep(contact, step, error);
+    if (result != SB_OK)
+        return result;
+    if (contact->is_static && step->stage == 0)
+        sbi_contact_keep_before(contact);
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
             sbi_contact_forget_nodes(contact);
@@ -68914,7 +69035,7 @@ static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const
                                                 const sbi_contact_sample *s)
 {
     sbi_contact_entry entry;
-    sb_real fade = 1 - s->slip / sb_sqrt(s->area);
+    sb_real fade = contact->is_static ? 1 : 1 - s->slip / sb_sqrt(s->area);
     memset(&entry, 0, sizeof entry);
     entry.tool = patch->tool;
     entry.face = patch->face;
@@ -68983,10 +69104,63 @@ static void sbi_contact_arrive(sb_contact *contact)
     }
 }
 
+/* Overlap of what touches, and how far the surface was pushed there, along the normal (m). */
+static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed)
+{
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    *overlap = *pushed = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        int count = contact->faces->sizes[patch->face];
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 home =
+                sbi_contact_mean(s->weights, sbi_contact_face_nodes(contact->faces, patch->face), count, rest);
+            if (!(s->answer.pressure > 0))
+                continue;
+            *overlap = sb_max(*overlap, -s->gap);
+            *pushed = sb_max(*pushed, sb_abs(sb_v3_dot(sb_v3_sub(s->point, home), s->normal)));
+        }
+    }
+}
+
+/* Samples remember their pressures until they alone hold the surface off the tools. */
+static int sbi_contact_balance(void *user, int round)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_real overlap, pushed;
+    sbi_contact_measure_overlap(contact, &overlap, &pushed);
+    if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
+        for (int i = 0; i < contact->sample_count; i++)
+            if (sbi_contact_remembers(contact, contact->patches + contact->samples[i].patch, contact->samples[i].k))
+                contact->samples[i].memory = contact->samples[i].answer.pressure;
+        return 1;
+    }
+    sbi_contact_keep_entries(contact);
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].stage = contact->tools[t].balance;
+    return 0;
+}
+
+static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
+        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
+            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
+    }
+}
+
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    sbi_contact_keep_entries(contact);
+    if (!contact->is_static)
+        sbi_contact_keep_entries(contact);
+    for (int t = 0; contact->is_static && t < contact->max_tools; t++)
+        contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
@@ -68996,7 +69170,15 @@ static void sbi_contact_commit(void *user)
     sbi_contact_forget_nodes(contact);
 }
 
-static void sbi_contact_undo(void *user) { sbi_contact_forget_nodes((sb_contact *)user); }
+static void sbi_contact_undo(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    if (contact->is_static) {
+        contact->entry_count = contact->before_count;
+        memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+    }
+    sbi_contact_forget_nodes(contact);
+}
 
 SBI_API void sbi_contact_join(sb_contact *contact)
 {
@@ -69009,6 +69191,8 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
     touch->accept = sbi_contact_accept;
+    touch->balance = sbi_contact_balance;
+    touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
     touch->undo = sbi_contact_undo;
     sbi_body_set_touch(contact->body, touch);
@@ -69684,7 +69868,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions};
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
@@ -69701,6 +69885,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
+    c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)

@@ -60,6 +60,8 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
 /* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
 SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
+/* Work (J) of the forces of the last evaluation along increment [rows]. */
+SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment);
 /* out [rows] += factor times the forces of the last evaluation. */
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
@@ -70,6 +72,8 @@ SBI_API sb_result sbi_step_solve_touch(sbi_step *step);
 SBI_API void sbi_step_touch_reactions(const sbi_step *step);
 /* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
+/* 1: an increment of a static solve has converged, but contact's loads do not balance yet: iterate again. */
+SBI_API int sbi_step_balance_touch(sbi_step *step, int round);
 SBI_API void sbi_step_commit_touch(sbi_step *step);
 SBI_API void sbi_step_undo_touch(sbi_step *step);
 

@@ -35,13 +35,20 @@ static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
 /* Axes that its blocks in the matrix leave out: constraints condense the whole ones. */
 static const unsigned char *sbi_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
 
-/* du = the displacement at u + share increment since the start of the step. */
-static void sbi_touch_gather(const sb_body *b, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
+/* Displacement that du counts from: that at the start of the step, or of the increment of a static solve. */
+static const sb_vec3 *sbi_touch_start(const sbi_step *step)
 {
-    const sbi_touch *touch = b->touch;
+    return step->dynamic ? step->body->start : step->body->converged;
+}
+
+/* du = the displacement at u + share increment since the start. */
+static void sbi_touch_gather(const sbi_step *step, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
+{
+    const sbi_touch *touch = step->touch;
+    const sb_vec3 *start = sbi_touch_start(step);
     for (int k = 0; k < touch->node_count; k++) {
         int node = touch->nodes[k];
-        sb_vec3 d = sb_v3_sub(u[node], b->start[node]);
+        sb_vec3 d = sb_v3_sub(u[node], start[node]);
         touch->du[k] = increment ? sb_v3_madd(d, share, increment[node]) : d;
     }
 }
@@ -55,11 +62,12 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     sb_result result;
     memset(&told, 0, sizeof told);
     told.matrix = &b->matrix;
-    told.start = b->start;
+    told.start = sbi_touch_start(step);
     told.velocity = b->velocity;
     told.dt = step->dynamic ? step->dt : 0;
-    told.level = step->level;
+    told.level = step->dynamic ? step->level : 1;
     told.factor = step->dynamic ? 1 : step->load_factor;
+    told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
@@ -72,16 +80,24 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew)
 {
-    const sb_body *b = step->body;
-    sbi_touch_gather(b, b->displacement, increment, share);
-    b->touch->evaluate(b->touch->user, b->touch->du, renew);
+    sbi_touch_gather(step, step->body->displacement, increment, share);
+    step->touch->evaluate(step->touch->user, step->touch->du, renew);
 }
 
 SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u)
 {
-    sbi_touch_gather(step->body, u, NULL, 1);
+    sbi_touch_gather(step, u, NULL, 1);
     step->touch->evaluate(step->touch->user, step->touch->du, 0);
     return (sb_real)step->touch->energy(step->touch->user);
+}
+
+SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment)
+{
+    const sbi_touch *touch = step->touch;
+    sb_real sum = 0;
+    for (int k = 0; k < touch->node_count; k++)
+        sum += sb_v3_dot(touch->force[k], increment[touch->nodes[k]]);
+    return sum;
 }
 
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out)
@@ -300,6 +316,11 @@ SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
         return SB_OK;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
+}
+
+SBI_API int sbi_step_balance_touch(sbi_step *step, int round)
+{
+    return step->touch->balance(step->touch->user, round);
 }
 
 SBI_API void sbi_step_commit_touch(sbi_step *step)

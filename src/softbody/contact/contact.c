@@ -52,7 +52,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions};
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
@@ -69,6 +69,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
+    c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)

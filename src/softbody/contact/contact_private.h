@@ -22,7 +22,10 @@ typedef struct sbi_contact_tool {
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
     int face_count;        /* of its faces in sb_contact.near */
+    sb_pose from;          /* at the start of the step, or of the increment of a static solve */
+    sb_pose stage;         /* at the end of the last increment that was done */
     sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
+    sb_real way;           /* m, of its skeleton in the step */
     sb_real lag;           /* m */
 } sbi_contact_tool;
 
@@ -74,6 +77,9 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
+    int is_static;
+    const sb_vec3 *x;    /* [rows] places at its start (m): the body's own, or: */
+    sb_vec3 *places;     /* [node_room] in a static solve, whose increments do not move the body before its end */
     int *near;    /* [max_tools][face_room] faces by tool */
     int *scratch; /* [face_room] outside of steps */
     int patch_count;
@@ -96,6 +102,8 @@ struct sb_contact {
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
+    sbi_contact_entry *before; /* [max_contacts] the entries before a static solve, for undo */
+    int before_count;
     void *memory;
 };
 
@@ -104,8 +112,9 @@ struct sb_contact {
 SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
 
 /* ---- contact_sweep.c ---- */
-/* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
-SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
+/* How far each tool goes in this step: `next`, `balance` and what else follows from it. SB_ERROR_NOT_CONVERGED: farther
+ * in one increment of a static solve than what could not pass through. */
+SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error);
 /* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
  * a face. u [rows]: displacements at the end. */
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
