@@ -7,7 +7,7 @@
 #include "check.h"
 #include "scene.h"
 
-/* ---- faces at random ------------------------------------------------------------------------------------------ */
+/* ---- faces at random --------------------------------------------------------------------------------------------- */
 
 enum { CLOUD_WIDTH = 9 };
 
@@ -114,7 +114,7 @@ static void cloud_box(const cloud *c, unsigned long long *seed, sb_vec3 *low, sb
         high->y = SB_REAL_MAX;
 }
 
-/* ---- queries ---------------------------------------------------------------------------------------------------- */
+/* ---- queries ----------------------------------------------------------------------------------------------------- */
 
 static int cloud_meets(sb_vec3 a_low, sb_vec3 a_high, sb_vec3 low, sb_vec3 high, double widen)
 {
@@ -128,7 +128,7 @@ static void cloud_check_query(const cloud *c, const sbi_face_tree *tree, sb_vec3
                               int *found)
 {
     int count, at = 0, wrong = 0;
-    double rounding = 8 * (double)(FLT_EPSILON + SB_EPSILON) * (c->offset + 10 * c->unit);
+    double rounding = 8 * ((double)FLT_EPSILON + (double)SB_EPSILON) * (c->offset + 10 * c->unit);
     unsigned char *is_found = (unsigned char *)calloc((size_t)c->faces + 1, 1);
     memset(found, 0xFF, (size_t)c->faces * sizeof(int));
     count = sbi_face_tree_query(tree, low, high, marks, found, c->faces);
@@ -292,8 +292,7 @@ static void test_tree_finds_a_bulge(void)
     sbi_face_tree_free(&tree, NULL);
 }
 
-/* ---- memory and emptiness ------------------------------------------------------------------------------------------
- */
+/* ---- memory and emptiness ---------------------------------------------------------------------------------------- */
 
 static void test_tree_without_faces(void)
 {
