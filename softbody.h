@@ -693,6 +693,20 @@
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
 #define sb_default_tool_def sb_default_tool_def_f32
+#define sb_default_contact_def sb_default_contact_def_f32
+#define sb_contact_create sb_contact_create_f32
+#define sb_contact_destroy sb_contact_destroy_f32
+#define sb_contact_add_tool sb_contact_add_tool_f32
+#define sb_contact_remove_tool sb_contact_remove_tool_f32
+#define sb_contact_move_tool sb_contact_move_tool_f32
+#define sb_contact_place_tool sb_contact_place_tool_f32
+#define sb_contact_bend_tool sb_contact_bend_tool_f32
+#define sb_contact_set_friction sb_contact_set_friction_f32
+#define sb_contact_wrench sb_contact_wrench_f32
+#define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_points sb_contact_points_f32
+#define sb_contact_pressures sb_contact_pressures_f32
+#define sb_contact_get_info sb_contact_get_info_f32
 #define sb_default_haptic_def sb_default_haptic_def_f32
 #define sb_haptic_from_hd sb_haptic_from_hd_f32
 #endif
@@ -5560,6 +5574,119 @@ SB_API sb_tool_def sb_default_tool_def(void);
 #endif /* SB_TOOL_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact: tools that push, slide on and grip a body, and the forces that they feel. Floor 4.
+ *
+ *     sb_contact_def def = sb_default_contact_def();
+ *     def.body = body;
+ *     sb_contact_create(&def, &contact, &error);
+ *     sb_contact_add_tool(contact, &tool_def, &tool, &error);
+ *     each frame: sb_contact_move_tool(contact, tool, &pose);
+ *                 sb_body_step(body, dt, &info);
+ *                 sb_contact_wrench(contact, tool, &wrench);
+ *
+ * Steps and static solves of the body do contact by themselves. The surface of the body feels a pressure p = max(0, l -
+ * k g) where it overlaps a tool (gap g < 0), on samples so close that forces are smooth while it slides; k is
+ * `stiffness` times the local stiffness of the step's own matrix, so that modulus, size, mass and dt need no tuning; l
+ * remembers the pressure of the step before, so that the overlap vanishes where the surface rests. Friction is
+ * Coulomb's, anchored: what sticks does not creep. All is solved within the implicit step; the preconditioner is made
+ * once.
+ *
+ * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
+ * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
+ * is taken back and done again with half the tools' way, at last with tools that stay.
+ *
+ * Friction needs damping in the integrator: implicit Euler, or generalised alpha with a spectral radius of 0.5 or less;
+ * Newmark's average acceleration rings where the surface touches. Bodies with explicit steps are refused.
+ * Source: Wriggers, Computational Contact Mechanics (return mapping, augmented Lagrangian). */
+#ifndef SB_CONTACT_H
+#define SB_CONTACT_H
+
+
+typedef struct sb_contact sb_contact;
+
+/* What a contact is made from. Start from sb_default_contact_def(). */
+typedef struct sb_contact_def {
+    sb_body *body;      /* borrowed: destroy the contact first; one contact per body */
+    sb_real stiffness;  /* of the pressure, over the body's own, >= 3; default 10. More is stiffer and costs iterations;
+                         * 3 .. 30 is sensible */
+    int max_iterations; /* systems of contact in a linearised step, >= 1; default 4 */
+    int max_contacts;   /* samples near tools at a time, in [64, 2^20]; default 8192: memory is taken at creation. Where
+                         * there are more, faces get fewer samples for that step (info.thinned) */
+    int max_tools;      /* in [1, 64]; default 8 */
+    const sb_allocator *allocator; /* NULL (default): the body's */
+    unsigned cookie;               /* set by sb_default_contact_def; a def made without it is refused */
+} sb_contact_def;
+SB_API sb_contact_def sb_default_contact_def(void);
+
+/* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
+ * are explicit; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched. Nothing allocates
+ * afterwards but sb_contact_add_tool. */
+SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
+SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
+
+/* ---- tools ---- */
+
+/* Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it
+ * overlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or max_tools are
+ * there; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such). */
+SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error);
+/* In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is
+ * none. Nothing changes then. */
+SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool);
+/* Where it is to be at the end of the next step. */
+SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose);
+/* At once, without a way, and with its contacts forgotten. SB_ERROR_ARGUMENT: too deep in the body, as at creation. */
+SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error);
+/* Capsules: the chain at the end of the next step, points[as many as the def had] (m, in the tool's frame). */
+SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_vec3 *points);
+SB_API sb_result sb_contact_set_friction(sb_contact *contact, int tool, sb_real friction);
+
+/* ---- readings of the last step or static solve: no allocation ---- */
+
+typedef struct sb_wrench {
+    sb_vec3 force;  /* N */
+    sb_vec3 torque; /* N m about the tool's position */
+} sb_wrench;
+/* What the body does to the tool: the sum of exactly the forces put on the body's nodes, with the opposite sign. */
+SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool);
+/* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
+SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
+
+typedef struct sb_contact_point {
+    int tool;
+    int element;    /* cell behind the face */
+    int face;       /* of that cell, in the order of sb_element's faces */
+    int sticks;     /* 1: friction holds it; 0: it slips, or there is no friction */
+    sb_real gap;    /* m, negative: overlap */
+    sb_real area;   /* m^2 at rest */
+    sb_vec3 point;  /* m, in space */
+    sb_vec3 normal; /* out of the tool */
+    sb_vec3 force;  /* N, on the body */
+} sb_contact_point;
+/* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
+SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);
+/* [node_count] mean pressure (Pa at rest) that tools exert on the surface at each node: for drawing. 0 elsewhere. */
+SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
+
+typedef struct sb_contact_info {
+    int candidates;   /* samples looked at */
+    int touching;     /* with pressure */
+    int sticking;     /* of these held by friction */
+    int iterations;   /* systems solved */
+    int retries;      /* times that the step was taken back and done again */
+    int capped;       /* 1: max_iterations ended the iteration; `residual` says how good it is */
+    int thinned;      /* 1: faces had fewer samples than their size asks for */
+    sb_real deepest;  /* m, overlap */
+    sb_real residual; /* of contact's forces, of the largest force */
+    sb_real lag;      /* m, largest of all tools' */
+} sb_contact_info;
+SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact);
+
+#endif /* SB_CONTACT_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/haptic.h ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* haptic: forces for a hand at 1 kHz from a simulation that steps at 60 or 100 Hz. */
@@ -6252,10 +6379,11 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * block, in the mean node's units), so that units and stiffness do not. After each solve every guest may settle: when
  * one has changed its rows the iteration goes on from where it is, with a tenth of the tolerance from the fourth solve
  * on, since states that hang on little would turn over and back. SB_ERROR_DIVERGED: unknowns of guests are those of the
- * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them. */
+ * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them.
+ * current: 1: as sbi_pcg_solve_current; 0: the matrix has changed since the preconditioner's update. */
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, sb_pcg_info *info);
+                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info);
 
 /* ==== src/softbody/body/load.h, internal ==== */
 /* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
@@ -40395,7 +40523,7 @@ static sb_result sbi_pcg_settle(sbi_pcg_state *s, sb_preconditioner *preconditio
 
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, sb_pcg_info *info)
+                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -40406,13 +40534,13 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     int idle;
     options = options ? options : &defaults;
     if (!guests || guests->count == 0)
-        return sbi_pcg_solve_current(matrix, preconditioner, rhs, x, options, workspace, info);
+        return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, current, info);
     if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace) || !sbi_pcg_has_room(workspace, guests))
         return SB_ERROR_ARGUMENT;
     memset(&report, 0, sizeof report);
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    state.current = 1;
+    state.current = current;
     g = (sbi_pcg_guest_space *)workspace->guests;
     state.guests = &g->space;
     if (g->space.kept_room > 0)
@@ -40429,7 +40557,7 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     if (!idle)
         sbi_pcg_guess_guests(&state);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
-    if (!idle)
+    if (current && !idle)
         sbi_pcg_set_drifts(&state, options->tolerance);
     result =
         sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
@@ -46048,15 +46176,19 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 typedef struct sbi_step {
     sb_body *body;
     sb_step_info *info;
-    sb_step_info own_info; /* where the caller wants none */
-    double begun;          /* on the body's clock (s) */
-    int dynamic;           /* 1: a time step; 0: a static solve */
-    int done;              /* 1: nothing is left to be solved */
-    int iteration;         /* of Newton, from 0 */
-    sb_tangent_kind kind;  /* of the tangent in A */
-    sbi_guests guests;     /* solved together with the body */
-    int guests_begun;      /* those of them that have begun */
-    int starts;            /* 1: this is no step but the search for the accelerations that it starts from */
+    sb_step_info own_info;   /* where the caller wants none */
+    double begun;            /* on the body's clock (s) */
+    int dynamic;             /* 1: a time step; 0: a static solve */
+    int done;                /* 1: nothing is left to be solved */
+    int iteration;           /* of Newton, from 0 */
+    sb_tangent_kind kind;    /* of the tangent in A */
+    sbi_guests guests;       /* solved together with the body */
+    int guests_begun;        /* those of them that have begun */
+    int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
+    struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
+    int touch_begun;
+    int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
+                * have made it fail */
 
     /* what is solved */
     sb_real dt;     /* s */
@@ -46119,6 +46251,80 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
                                      sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */
+
+/* ==== src/softbody/body/step_touch.h ==== */
+/* step_touch: what touches a body: forces on its surface that change while a step is solved, as those of contact do.
+ * Floor 3, internal.
+ *
+ * Unlike a guest (solve/guest.h) it has no unknowns, but is nonlinear. A step of one iteration solves
+ *     (A + K) x' = b + F(x) + K x
+ * for the whole increment x' again and again, F and K at the increment x before: a semi-smooth Newton iteration in
+ * which forces, tangent A and preconditioner of the tissue are made once. A step of several iterations has F in its
+ * residual and K in its tangent like any load's. Between the nodes of each face that it acts on the matrix has blocks
+ * already, so that nothing is made anew.
+ *
+ * It sees its own nodes only: in all calls below arrays are [node_count], in the order of `nodes`. du is the nodes'
+ * displacement since the start of the step. */
+#ifndef SB_STEP_TOUCH_H
+#define SB_STEP_TOUCH_H
+
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+
+/* The step that begins. */
+typedef struct sbi_touch_step {
+    const sb_matrix *matrix; /* A before supports and constraints: what stiffness is measured by (N/m) */
+    const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
+    const sb_vec3 *velocity; /* [rows] at the start (m/s) */
+    sb_real dt;              /* s; 0: static */
+    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+} sbi_touch_step;
+
+typedef struct sbi_touch {
+    void *user;
+    int max_iterations; /* of a step of one iteration, >= 1 */
+
+    /* from begin to the end of the step, written by the owner */
+    int node_count;
+    const int *nodes; /* [node_count] rows of the matrix, each once */
+    int touching;     /* points of contact at the last evaluation */
+    sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
+    /* room for the step: */
+    sb_vec3 *du;     /* (m) what it asks forces at */
+    sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
+    sb_vec3 *left;   /* the same less K x' (N), x' its solution */
+    sb_vec3 *way;    /* x' - x (m) */
+    sb_vec3 *kept;   /* the right-hand side without contact (N) */
+
+    /* written by the step, for who reads */
+    int iterations, capped; /* 1: max_iterations ended it */
+    sb_real residual;       /* what contact's forces are off by at the end, of the largest force */
+
+    sb_result (*begin)(void *user, const sbi_touch_step *step, sb_error *error);
+    /* Forces and stiffness at du. renew: bounds of friction are those of here, else those of the last renewal. */
+    void (*evaluate)(void *user, const sb_vec3 *du, int renew);
+    /* Potential (J) of the forces of the last evaluation, with its bounds of friction. */
+    double (*energy)(void *user);
+    /* out = K x, K of the last evaluation, without masked axes. masked [rows] axes as bits; NULL: none. */
+    void (*multiply)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+    /* matrix += K without masked axes; and what it was before, to the bit. */
+    void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
+    void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
+    int (*accept)(void *user, const sb_vec3 *u);
+    /* The step is done, or has failed: as before `begin`. Neither can fail. */
+    void (*commit)(void *user);
+    void (*undo)(void *user);
+} sbi_touch;
+
+/* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
+SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+#endif
+
+#endif /* SB_STEP_TOUCH_H */
 
 /* ==== src/softbody/body/body_guest.h ==== */
 /* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor
@@ -46420,6 +46626,7 @@ struct sb_body {
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
+    struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -46505,6 +46712,7 @@ struct sb_body {
     sb_vec3 *equilibrated; /* dead loads that the last static solve ended with (N) */
     sb_vec3 *residual;     /* M a + D v + internal - external */
     sb_vec3 *rhs, *increment, *reaction;
+    sb_vec3 *previous;                  /* increment of the iteration of contact before */
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;                     /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
@@ -50350,7 +50558,7 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
 #include <string.h>
 
 /* The vectors by node, which a live mesh carries over when it grows. */
-enum { SBI_BODY_VECTORS = 26 };
+enum { SBI_BODY_VECTORS = 27 };
 static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
 {
     sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
@@ -50368,6 +50576,7 @@ static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECT
                                         &body->rhs,
                                         &body->increment,
                                         &body->reaction,
+                                        &body->previous,
                                         &body->velocity0,
                                         &body->acceleration0,
                                         &body->start,
@@ -59824,6 +60033,30 @@ SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held);
 SBI_API void sbi_step_guest_reactions(const sbi_step *step);
 SBI_API void sbi_step_commit_guests(sbi_step *step);
 SBI_API void sbi_step_undo_guests(sbi_step *step);
+/* way.G way of the way that the last solve has added to nodes (way [rows]) and unknowns. */
+SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way);
+/* Unknowns go back to a share of what the last solve added to them. */
+SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share);
+
+/* ---- step_touch.c: of steps with step->touch ---- */
+/* The tangent at the start is there: contact begins. */
+SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
+/* Its forces where share increment is still to be added to the displacement (increment NULL: nothing is). */
+SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
+/* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
+SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
+/* out [rows] += factor times the forces of the last evaluation. */
+SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
+/* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
+SBI_API void sbi_step_add_touch(sbi_step *step);
+/* Solves the system of a linearised step, again and again. */
+SBI_API sb_result sbi_step_solve_touch(sbi_step *step);
+/* Reactions less its forces on supported axes. */
+SBI_API void sbi_step_touch_reactions(const sbi_step *step);
+/* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
+SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
+SBI_API void sbi_step_commit_touch(sbi_step *step);
+SBI_API void sbi_step_undo_touch(sbi_step *step);
 
 /* ---- step_system.c ---- */
 /* Where the supports of node i should be at the present load factor; exact at the end of the way. */
@@ -59831,8 +60064,12 @@ SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
 SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
-/* Solves it for the body's increment, with guests. */
+/* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
+SBI_API void sbi_step_fill_system(sbi_step *step);
+/* Solves it for the body's increment, with guests and contact. */
 SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current);
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
  * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
@@ -60057,6 +60294,42 @@ SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
         sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
 }
 
+/* What the last solve added to a guest's unknowns, and the way of its nodes: in. */
+static void sbi_step_guest_way(const sbi_guest_work *work, const sb_vec3 *way)
+{
+    const sbi_guest *guest = work->guest;
+    double *at = work->in + guest->unknown_count;
+    for (int k = 0; k < guest->unknown_count; k++)
+        work->in[k] = guest->unknown[k] - work->start[k];
+    for (int k = 0; k < guest->node_count; k++, at += 3) {
+        at[0] = (double)way[guest->nodes[k]].x;
+        at[1] = (double)way[guest->nodes[k]].y;
+        at[2] = (double)way[guest->nodes[k]].z;
+    }
+}
+
+SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way)
+{
+    double sum = 0;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        sbi_step_guest_way(work, way);
+        work->guest->multiply(work->guest->user, work->in, work->out);
+        for (size_t k = 0; k < work->width; k++)
+            sum += work->in[k] * work->out[k];
+    }
+    return sum;
+}
+
+SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            work->guest->unknown[k] = work->start[k] + share * (work->guest->unknown[k] - work->start[k]);
+    }
+}
+
 SBI_API void sbi_step_guest_reactions(const sbi_step *step)
 {
     sb_body *b = step->body;
@@ -60093,6 +60366,322 @@ SBI_API void sbi_step_undo_guests(sbi_step *step)
             work->guest->undo(work->guest->user);
     }
     step->guests_begun = 0;
+}
+
+/* ==== src/softbody/body/step_touch.c ==== */
+/* step_touch: what touches a body takes part in its steps, see step_touch.h. */
+
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_TOUCH_CUTS = 8 }; /* evaluations of a line search */
+
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch) { body->touch = touch; }
+SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
+
+/* ---- between the body's vectors and those of the nodes in touch ---- */
+
+static double sbi_touch_dot(const sbi_touch *touch, const sb_vec3 *a, const sb_vec3 *b)
+{
+    double sum = 0;
+    for (int k = 0; k < touch->node_count; k++)
+        sum += (double)a[k].x * (double)b[k].x + (double)a[k].y * (double)b[k].y + (double)a[k].z * (double)b[k].z;
+    return sum;
+}
+
+/* Norm on axes without supports (N). */
+static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
+{
+    double sum = 0;
+    for (int k = 0; k < b->touch->node_count; k++) {
+        sb_vec3 v = sbi_body_pick_axes(b->fixed[b->touch->nodes[k]], sb_v3(0, 0, 0), a[k]);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    return sqrt(sum);
+}
+
+/* Axes that its blocks in the matrix leave out: constraints condense the whole ones. */
+static const unsigned char *sbi_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
+
+/* du = the displacement at u + share increment since the start of the step. */
+static void sbi_touch_gather(const sb_body *b, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
+{
+    const sbi_touch *touch = b->touch;
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        sb_vec3 d = sb_v3_sub(u[node], b->start[node]);
+        touch->du[k] = increment ? sb_v3_madd(d, share, increment[node]) : d;
+    }
+}
+
+/* ---- begin ---- */
+
+SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
+{
+    const sb_body *b = step->body;
+    sbi_touch_step told;
+    sb_result result;
+    memset(&told, 0, sizeof told);
+    told.matrix = &b->matrix;
+    told.start = b->start;
+    told.velocity = b->velocity;
+    told.dt = step->dynamic ? step->dt : 0;
+    told.level = step->level;
+    told.factor = step->dynamic ? 1 : step->load_factor;
+    told.tries = step->tries;
+    step->touch_begun = 1;
+    step->touch->iterations = step->touch->capped = 0;
+    step->touch->residual = 0;
+    result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    if (result != SB_OK && step->info->error.result != result)
+        return sbi_fail(&step->info->error, result, "contact cannot begin a step");
+    return result;
+}
+
+SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew)
+{
+    const sb_body *b = step->body;
+    sbi_touch_gather(b, b->displacement, increment, share);
+    b->touch->evaluate(b->touch->user, b->touch->du, renew);
+}
+
+SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u)
+{
+    sbi_touch_gather(step->body, u, NULL, 1);
+    step->touch->evaluate(step->touch->user, step->touch->du, 0);
+    return (sb_real)step->touch->energy(step->touch->user);
+}
+
+SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out)
+{
+    const sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        out[touch->nodes[k]] = sb_v3_madd(out[touch->nodes[k]], factor, touch->force[k]);
+}
+
+/* ---- the system ---- */
+
+SBI_API void sbi_step_add_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    touch->add_blocks(touch->user, sbi_touch_mask(b), &b->matrix);
+    if (!step->linearised)
+        return;
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->linear);
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        touch->linear[k] = sb_v3_add(touch->linear[k], touch->force[k]);
+        if (!b->elimination)
+            touch->linear[k] = sbi_body_pick_axes(b->fixed[node], sb_v3(0, 0, 0), touch->linear[k]);
+        touch->kept[k] = b->rhs[node];
+        b->rhs[node] = sb_v3_add(b->rhs[node], touch->linear[k]);
+    }
+}
+
+/* The system without contact again, and then with it as it was evaluated last. */
+static void sbi_step_renew_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    touch->restore_blocks(touch->user, &b->matrix);
+    if (b->elimination) {
+        sbi_step_fill_system(step);
+        return;
+    }
+    for (int k = 0; k < touch->node_count; k++)
+        b->rhs[touch->nodes[k]] = touch->kept[k];
+    sbi_step_add_touch(step);
+}
+
+/* ---- how much of a new increment is taken ---- */
+
+/* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
+ * end, and rises evenly by `rise` to there. */
+static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
+{
+    const sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = sb_v3_madd(b->previous[touch->nodes[k]], (sb_real)share, touch->way[k]);
+    touch->evaluate(touch->user, touch->du, 0);
+    return end - (1 - share) * rise - sbi_touch_dot(touch, touch->force, touch->way);
+}
+
+/* Where the slope vanishes, to a tenth of what it was at 0: false position, in which an end that stays counts half. */
+static double sbi_step_touch_root(sbi_step *step, double end, double rise, double at0, double at1)
+{
+    double low = 0, high = 1, slope_low = at0, slope_high = at1, share = 1;
+    int side = 0;
+    for (int i = 0; i < SBI_TOUCH_CUTS; i++) {
+        double slope;
+        share = (low * slope_high - high * slope_low) / (slope_high - slope_low);
+        slope = sbi_step_touch_slope(step, end, rise, share);
+        if (fabs(slope) <= -0.1 * at0)
+            break;
+        if (slope > 0) {
+            slope_low *= side > 0 ? 0.5 : 1;
+            high = share, slope_high = slope, side = 1;
+        } else {
+            slope_high *= side < 0 ? 0.5 : 1;
+            low = share, slope_low = slope, side = -1;
+        }
+    }
+    return share;
+}
+
+/* way.(A + K + G) way, of the whole system that was solved; way [rows] is in body->work. */
+static double sbi_step_touch_rise(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
+    double sum = 0;
+    sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+    for (int i = 0; i < b->domain.node_count; i++)
+        sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
+               (double)b->work[i].z * (double)b->work2[i].z;
+    return sum + sbi_step_guest_rise(step, b->work);
+}
+
+/* touch->way, and body->work without slaves, = what the solve added to the increment; touch->left = F + K x of the
+ * system less K x' */
+static void sbi_step_measure_way(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = b->increment[touch->nodes[k]];
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->left);
+    for (int k = 0; k < touch->node_count; k++) {
+        touch->left[k] = sb_v3_sub(touch->linear[k], touch->left[k]);
+        touch->way[k] = sb_v3_sub(touch->du[k], b->previous[touch->nodes[k]]);
+    }
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sb_v3_sub(b->increment[i], b->previous[i]);
+    if (b->elimination)
+        sbi_elimination_clear_slaves(b->elimination, b->work);
+}
+
+/* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
+ * increment overshoot, and a free block is thrown away by it. Returns the share. */
+static double sbi_step_search_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    double own, end, at1, whole, share;
+    sbi_step_measure_way(step);
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->way, touch->du);
+    own = sbi_touch_dot(touch, touch->way, touch->du);
+    end = sbi_touch_dot(touch, touch->way, touch->left);
+    at1 = sbi_step_touch_slope(step, end, 0, 1);
+    if (!(at1 > 0.1 * own))
+        return 1;
+    whole = sbi_step_touch_rise(step);
+    if (!(at1 > 0.1 * whole))
+        return 1;
+    share = sbi_step_touch_root(step, end, whole - own, -whole, at1);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_madd(b->previous[i], (sb_real)share, b->work[i]);
+    if (b->elimination)
+        sbi_elimination_expand(b->elimination, b->increment, step->opens_gaps);
+    sbi_step_shorten_guests(step, share);
+    return share;
+}
+
+/* ---- the iteration ---- */
+
+/* The force (N) that what is left over is compared with. */
+static double sbi_step_touch_scale(const sbi_step *step)
+{
+    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+}
+
+/* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
+ * tolerance admits. */
+static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
+{
+    const sb_body *b = step->body;
+    const double share = 0.3;
+    double rhs = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
+        rhs += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    if (step->touch->touching == 0 || !(rhs > 0))
+        return tolerance;
+    return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
+}
+
+/* Forces at the new increment, with friction's bounds of there; touch->residual is what they differ by from those that
+ * the solve had. */
+static void sbi_step_end_way(sbi_step *step)
+{
+    sbi_touch *touch = step->touch;
+    double scale;
+    sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
+    for (int k = 0; k < touch->node_count; k++)
+        touch->left[k] = sb_v3_sub(touch->left[k], touch->force[k]);
+    scale = sbi_step_touch_scale(step);
+    touch->residual = scale > 0 ? (sb_real)(sbi_touch_norm(step->body, touch->left) / scale) : 0;
+}
+
+SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    sb_real tolerance = step->linear_tolerance;
+    for (touch->iterations = 1;; touch->iterations++) {
+        sb_result result;
+        double share;
+        memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        if (result != SB_OK)
+            return result;
+        share = sbi_step_search_touch(step);
+        sbi_step_end_way(step);
+        touch->capped = !(share == 1 && touch->residual <= tolerance);
+        if (!touch->capped || touch->iterations >= touch->max_iterations)
+            break;
+        sbi_step_renew_touch(step);
+    }
+    if (b->elimination)
+        touch->restore_blocks(touch->user, &b->matrix);
+    return SB_OK;
+}
+
+/* ---- end ---- */
+
+SBI_API void sbi_step_touch_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        b->reaction[node] =
+            sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], touch->force[k]), b->reaction[node]);
+    }
+}
+
+SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
+{
+    if (step->touch->accept(step->touch->user, step->body->displacement))
+        return SB_OK;
+    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
+                    "the body moves so far in this step that a tool may have passed through it: take a shorter one");
+}
+
+SBI_API void sbi_step_commit_touch(sbi_step *step)
+{
+    step->touch_begun = 0;
+    step->touch->commit(step->touch->user);
+}
+
+SBI_API void sbi_step_undo_touch(sbi_step *step)
+{
+    if (step->touch_begun)
+        step->touch->undo(step->touch->user);
+    step->touch_begun = 0;
 }
 
 /* ==== src/softbody/body/step_residual.c ==== */
@@ -60292,6 +60881,17 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
+/* residual -= forces of contact. That of a linearised step is without: they change while it is solved. */
+static void sbi_step_add_touch_residual(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_step_evaluate_touch(step, NULL, 1, 1);
+    memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    sbi_step_add_touch_force(step, 1, b->work);
+    sbi_step_add_touch_force(step, -1, b->residual);
+    sbi_step_raise_scale(step, b->work, SBI_STEP_ALL);
+}
+
 /* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
  * theirs. */
 static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
@@ -60323,6 +60923,8 @@ SBI_API void sbi_step_residual(sbi_step *step)
     sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
     if (b->load_count)
         sbi_step_add_loads(step);
+    if (step->touch && !step->linearised)
+        sbi_step_add_touch_residual(step);
     if (step->dynamic) {
         sbi_step_raise_scale(step, b->internal, SBI_STEP_ALL);
         sbi_step_add_dynamics(step);
@@ -60355,8 +60957,13 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     step->moves_supports = sbi_step_supports_move(step);
     if (step->body->load_count)
         sbi_loads_fill(step->body, step->body->displacement);
-    if (step->linearised) /* its residual may need K v */
+    if (step->linearised ||
+        (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
+    if (step->touch && step->iteration == 0)
+        result = sbi_step_begin_touch(step);
+    if (result != SB_OK)
+        return result;
     sbi_step_residual(step);
     if (!sb_is_finite(step->norm))
         return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "the forces are not finite");
@@ -60512,6 +61119,8 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
     else
         sbi_step_support_reactions(step);
     sbi_step_guest_reactions(step);
+    if (step->touch && step->linearised)
+        sbi_step_touch_reactions(step);
 }
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
@@ -60558,6 +61167,25 @@ static int sbi_step_condense(sbi_step *step)
     return open;
 }
 
+SBI_API void sbi_step_fill_system(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_elimination *e = b->elimination;
+    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    step->opens_gaps = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
+    if (e && step->touch)
+        sbi_step_add_touch(step);
+    if (e)
+        step->opens_gaps = sbi_step_condense(step);
+    else
+        sbi_step_keep_support_rows(b);
+    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    if (!e && step->touch)
+        sbi_step_add_touch(step);
+}
+
 SBI_API sb_result sbi_step_make_system(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -60565,15 +61193,10 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
     sb_result result;
     double begin = sbi_body_now(b);
-    step->opens_gaps = 0;
     sbi_step_predict(step);
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
-    if (e)
-        step->opens_gaps = sbi_step_condense(step);
-    else
-        sbi_step_keep_support_rows(b);
-    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    if (step->touch && step->linearised)
+        sbi_step_evaluate_touch(step, b->increment, 1, 1);
+    sbi_step_fill_system(step);
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
@@ -60581,7 +61204,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_system(sbi_step *step)
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -60589,15 +61212,12 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
     sb_result result;
-    double begin = sbi_body_now(b);
-    options.tolerance = (double)sbi_step_linear_tolerance(step);
+    options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
-    info->seconds_solve += sbi_body_now(b) - begin;
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
     info->pcg_iterations += pcg.iterations;
-    info->newton_iterations++;
     if (step->linearised)
         info->residual = (sb_real)pcg.residual;
     if (result == SB_ERROR_NOT_CONVERGED) { /* still the best increment so far: use it */
@@ -60606,6 +61226,19 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     }
     if (e)
         sbi_elimination_expand(e, b->increment, step->opens_gaps);
+    return result;
+}
+
+SBI_API sb_result sbi_step_solve_system(sbi_step *step)
+{
+    sb_result result;
+    double begin = sbi_body_now(step->body);
+    if (step->touch && step->linearised)
+        result = sbi_step_solve_touch(step);
+    else
+        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), 1);
+    step->info->seconds_solve += sbi_body_now(step->body) - begin;
+    step->info->newton_iterations++;
     return result;
 }
 
@@ -60665,6 +61298,11 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
+    if (step->touch && !step->linearised) { /* the residual has its forces, whose energy is looked at as it is */
+        sbi_touch *touch = step->touch;
+        for (int k = 0; k < touch->node_count; k++)
+            line.linear += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
+    }
     return line;
 }
 
@@ -60683,10 +61321,13 @@ static void sbi_step_trial(const sbi_step *step, sb_real t)
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
-/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
+/* Energy of a trial displacement, elastic and that of contact; 0 when it is inadmissible, with *bad the element that
+ * is. */
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
     *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
+    if (*bad < 0 && step->touch && !step->linearised)
+        *energy += sbi_step_touch_energy(step, trial);
     return *bad < 0 && sb_is_finite(*energy);
 }
 
@@ -61099,6 +61740,8 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 
 /* ---- begin and end ---- */
 
+enum { SBI_STEP_TRIES = 5 }; /* of tools: a half, a quarter, an eighth, a sixteenth of the way, none */
+
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
     sb_vec3 *state, *saved;
@@ -61226,6 +61869,7 @@ static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_i
     step->tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     step->linear_tolerance = step->linearised ? body->tolerance : 0;
     step->line_search = !(step->linearised && sbi_step_is_tame(body));
+    step->touch = is_explicit ? NULL : body->touch;
 }
 
 /* Checks the arguments and keeps what a failing step gives back. */
@@ -61272,6 +61916,8 @@ static void sbi_step_settle(sbi_step *step)
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
     sbi_step_commit_guests(step);
+    if (step->touch)
+        sbi_step_commit_touch(step);
 }
 
 static sb_result sbi_step_close(sbi_step *step, sb_result result)
@@ -61298,7 +61944,9 @@ SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *con
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
 {
-    sb_result result;
+    sb_result result = step->touch ? sbi_step_accept_touch(step) : SB_OK;
+    if (result != SB_OK)
+        return result;
     sbi_step_reactions(step);
     result = sbi_step_finish(step);
     if (result != SB_OK)
@@ -61307,18 +61955,33 @@ SBI_API sb_result sbi_step_commit(sbi_step *step)
     return sbi_step_close(step, SB_OK);
 }
 
+/* Generalised alpha extrapolates: where the material does not admit the end, the balance is tried at the end. */
+static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
+{
+    return result == SB_ERROR_INVERTED && step->body->integrator == SB_GENERALISED_ALPHA && step->level < 1;
+}
+
+/* Tools may have made the step fail, or have passed through: they go half as far each time, at last they stay. */
+static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
+{
+    return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
+}
+
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
 {
     sbi_step fresh;
-    if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
+    int later = sbi_step_can_balance_later(step, *result), less = sbi_step_can_touch_less(step, *result);
+    if (!later && !less)
         return 0;
     memset(&fresh, 0, sizeof fresh);
     sbi_step_undo_guests(step);
+    sbi_step_undo_touch(step);
+    fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
     fresh.guests = step->guests;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
-    fresh.radius = 0;
+    fresh.radius = later ? 0 : step->radius;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
@@ -61331,6 +61994,7 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
     if (!step->body) /* refused at once */
         return result;
     sbi_step_undo_guests(step);
+    sbi_step_undo_touch(step);
     sbi_step_restore(step->body);
     return sbi_step_close(step, result);
 }
@@ -67338,6 +68002,1787 @@ SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_bo
             blocks[a * size + b] = sb_matrix_find(&body->matrix, nodes[a], nodes[b]);
     faces->versions[face] = body->pattern_version;
     return blocks;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_law.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_law: pressure and friction at one sample, and their stiffness. Internal, pure functions.
+ *
+ *     p = max(0, l - k g)                                       n out of the tool, g the gap (m, negative: overlap)
+ *     tau = P t' - kt s,  t = tau if |tau| <= B, else B tau/|tau|
+ *     K = k n n^T + kt (I - n n^T)                              sticks
+ *     K = k n n^T + kt B/|tau| (I - n n^T - d d^T), d = tau/|tau|     slips
+ *
+ * l, t' are remembered pressure and traction of the step before, P turns the latter into the tangent plane, s is the
+ * slip, B = mu p the bound of friction of the last renewal. Without the curvature of the tool and dB/dp, K is symmetric
+ * and positive semidefinite. Gradient and tangent of the potential (B fixed)
+ *     p^2 / (2 k) + (|tau|^2 / (2 kt), or (B |tau| - B^2/2) / kt).
+ * Source: Wriggers, Computational Contact Mechanics, ch. 5 and 6. */
+#ifndef SB_CONTACT_LAW_H
+#define SB_CONTACT_LAW_H
+
+
+/* Tangential over normal stiffness while it sticks. */
+#define SBI_CONTACT_TANGENTIAL ((sb_real)0.5)
+
+typedef enum sbi_contact_state { SBI_CONTACT_OFF = 0, SBI_CONTACT_STICKS = 1, SBI_CONTACT_SLIPS = 2 } sbi_contact_state;
+
+typedef struct sbi_contact_answer {
+    sbi_contact_state state;
+    sb_real pressure;        /* Pa */
+    sb_vec3 traction;        /* Pa, tangential, on the body */
+    sb_vec3 direction;       /* d of a sample that slips, or 0 */
+    sb_real normal, tangent; /* Pa/m: K = normal n n^T + tangent (I - n n^T - d d^T) */
+    sb_real energy;          /* J/m^2 */
+} sbi_contact_answer;
+
+/* v without its part along the unit vector n. */
+SB_INLINE sb_vec3 sbi_contact_tangential(sb_vec3 v, sb_vec3 n) { return sb_v3_madd(v, -sb_v3_dot(v, n), n); }
+
+/* v turned into the plane across n: its projection with the length of v. */
+SB_INLINE sb_vec3 sbi_contact_carry(sb_vec3 v, sb_vec3 n)
+{
+    sb_vec3 flat = sbi_contact_tangential(v, n);
+    sb_real length = sb_v3_norm(v), now = sb_v3_norm(flat);
+    return now > 0 ? sb_v3_scale(length / now, flat) : sb_v3(0, 0, 0);
+}
+
+/* memory: l (Pa); remembered: t' (Pa); slip: any part along n is left out; bound: B (Pa), of a tool without friction 0.
+ */
+SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real memory, sb_vec3 n, sb_vec3 slip,
+                                             sb_vec3 remembered, sb_real bound)
+{
+    sbi_contact_answer a;
+    sb_real kt = SBI_CONTACT_TANGENTIAL * k, size;
+    sb_vec3 tau;
+    a.state = SBI_CONTACT_OFF;
+    a.pressure = memory - k * gap;
+    a.traction = a.direction = sb_v3(0, 0, 0);
+    a.normal = a.tangent = a.energy = 0;
+    if (!(a.pressure > 0)) {
+        a.pressure = 0; /* friction of a bound that is still to be renewed stays, for the sake of the potential */
+    } else {
+        a.state = SBI_CONTACT_SLIPS;
+        a.normal = k;
+        a.energy = a.pressure * a.pressure / (2 * k);
+    }
+    if (!(bound > 0))
+        return a;
+    tau = sb_v3_madd(sbi_contact_carry(remembered, n), -kt, sbi_contact_tangential(slip, n));
+    size = sb_v3_norm(tau);
+    if (size <= bound) {
+        a.state = SBI_CONTACT_STICKS;
+        a.traction = tau;
+        a.tangent = kt;
+        a.energy += size * size / (2 * kt);
+        return a;
+    }
+    a.direction = sb_v3_scale(1 / size, tau);
+    a.traction = sb_v3_scale(bound, a.direction);
+    a.tangent = kt * bound / size;
+    a.energy += (bound * size - bound * bound / 2) / kt;
+    return a;
+}
+
+/* factor times K, row-major. */
+SB_INLINE void sbi_contact_stiffness(const sbi_contact_answer *a, sb_vec3 n, sb_real factor, sb_real out[9])
+{
+    sb_real normal = factor * (a->normal - a->tangent), tangent = factor * a->tangent;
+    const sb_real u[3] = {n.x, n.y, n.z}, d[3] = {a->direction.x, a->direction.y, a->direction.z};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            out[3 * i + j] = normal * u[i] * u[j] + (i == j ? tangent : 0) - tangent * d[i] * d[j];
+}
+
+#endif /* SB_CONTACT_LAW_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_private: what is inside an sb_contact. Internal: the files contact*.c share it.
+ *
+ * Data of a step flow one way: sweep (how far each tool goes) -> patches (faces near a tool, one for each tool that
+ * they are near) -> samples of patches, with what the step before remembers of them -> law -> forces and blocks by
+ * patch -> entries (samples in touch), which are what is read, saved and remembered. */
+#ifndef SB_CONTACT_PRIVATE_H
+#define SB_CONTACT_PRIVATE_H
+
+
+/* A tool's place in the list. Chains are of capsules, [point count]. */
+typedef struct sbi_contact_tool {
+    sbi_tool *shape; /* NULL: the place is free */
+    sb_real friction;
+    int partner;
+    sb_pose reached, wanted; /* at the end of the last step; where it is sent */
+    sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    int face_count;        /* of its faces in sb_contact.near */
+    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;           /* m */
+} sbi_contact_tool;
+
+/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
+typedef struct sbi_contact_entry {
+    int tool, face, parts, sample, sticks;
+    sb_real memory;               /* l (Pa) */
+    sb_real gap, area;            /* m, m^2 at rest */
+    sb_vec3 traction;             /* t (Pa) on the body */
+    sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
+} sbi_contact_entry;
+
+/* A face near a tool. */
+typedef struct sbi_contact_patch {
+    int tool, face, parts;
+    int first, count;             /* its samples */
+    int touching;                 /* of them at the last evaluation */
+    int nodes[SB_MAX_FACE_NODES]; /* places in the list of nodes */
+} sbi_contact_patch;
+
+typedef struct sbi_contact_sample {
+    int patch, sample;
+    const sb_real *weights;   /* [nodes of the face] */
+    sb_real area;             /* m^2 at rest */
+    sb_real k;                /* Pa/m */
+    sb_real memory;           /* l (Pa), remembered */
+    sb_vec3 remembered;       /* t (Pa) */
+    sb_vec3 carried;          /* where the tool's own motion takes it over the step (m) */
+    sb_vec3 normal;           /* of the last evaluation, out of the tool in space */
+    sb_vec3 point;            /* m */
+    sb_real gap, slip, bound; /* m, m, Pa */
+    sbi_contact_answer answer;
+} sbi_contact_sample;
+
+/* A block of the matrix before contact was added. */
+typedef struct sbi_contact_saved {
+    int block;
+    sb_real values[9];
+} sbi_contact_saved;
+
+struct sb_contact {
+    sb_allocator allocator;
+    sb_body *body;
+    sb_real stiffness;
+    int max_tools, max_contacts;
+    sbi_contact_faces *faces;
+    sbi_contact_tool *tools; /* [max_tools] */
+    sbi_touch touch;
+    sb_contact_info info, step_info; /* of the last step; of the one under way */
+
+    /* of the step */
+    int *near;    /* [max_tools][face_room] faces by tool */
+    int *scratch; /* [face_room] outside of steps */
+    int patch_count;
+    sbi_contact_patch *patches;
+    int patch_room;
+    sbi_contact_sample *samples; /* [max_contacts] */
+    int sample_count;
+    int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
+    int *nodes;          /* [node_room] */
+    sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
+    sb_real *region_sum; /* [max_tools][regions] of k while it is summed, then k (Pa/m) */
+    int *region_count;
+    int region_room;
+    sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
+    sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
+    int blocks_current;
+    sbi_contact_saved *saved; /* [patch_room width^2] */
+    int saved_count;
+
+    /* of the last step */
+    sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
+    int entry_count;
+    void *memory;
+};
+
+/* ---- contact_tool.c ---- */
+/* Gives a tool back; a free place is fine. */
+SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
+
+/* ---- contact_sweep.c ---- */
+/* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
+SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
+/* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
+ * a face. u [rows]: displacements at the end. */
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
+/* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
+SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                                  int *element);
+
+/* ---- contact_step.c ---- */
+/* What the body calls in its steps. */
+SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* ---- contact_state.c ---- */
+/* What a recording keeps of calls: codes stand in files. */
+typedef enum sbi_contact_command {
+    SBI_CONTACT_ADD = 1,     /* cannot be played */
+    SBI_CONTACT_REMOVE = 2,  /* likewise */
+    SBI_CONTACT_MOVE = 3,    /* reals: pose */
+    SBI_CONTACT_PLACE = 4,   /* reals: pose */
+    SBI_CONTACT_BEND = 5,    /* reals: chain */
+    SBI_CONTACT_FRICTION = 6 /* reals: mu */
+} sbi_contact_command;
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count);
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose);
+/* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
+SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_leave_state(const sb_contact *contact);
+
+/* Place of a sample with these weights. */
+SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int a = 0; a < count; a++)
+        sum = sb_v3_madd(sum, weights[a], values[nodes[a]]);
+    return sum;
+}
+
+#endif /* SB_CONTACT_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_sweep.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
+ *
+ * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
+ * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
+ * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was
+ * at least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+#include <math.h>
+#include <string.h>
+
+
+#define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
+#define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample near the tool against it */
+enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
+
+/* ---- faces near a tool ---- */
+
+/* Box of a tool on the way between two poses, grown by its radius and by what the straight line between the two misses
+ * of a turn. */
+static void sbi_sweep_box(const sbi_tool *shape, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                          const sb_pose *to, sb_vec3 *low, sb_vec3 *high)
+{
+    sb_vec3 low1, high1, sides;
+    sb_real turn = sb_v3_norm(sbi_pose_rotation(from, to)), grow;
+    sbi_tool_bounds(shape, chain0, from, low, high);
+    sbi_tool_bounds(shape, chain1, to, &low1, &high1);
+    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
+        return;
+    sides = sb_v3(sb_max(high->x - low->x, high1.x - low1.x), sb_max(high->y - low->y, high1.y - low1.y),
+                  sb_max(high->z - low->z, high1.z - low1.z));
+    grow = sbi_tool_radius(shape) + sb_v3_norm(sides) * sb_min((sb_real)1, turn * turn / 8);
+    *low = sb_v3(sb_min(low->x, low1.x) - grow, sb_min(low->y, low1.y) - grow, sb_min(low->z, low1.z) - grow);
+    *high = sb_v3(sb_max(high->x, high1.x) + grow, sb_max(high->y, high1.y) + grow, sb_max(high->z, high1.z) + grow);
+}
+
+static int *sbi_sweep_near(const sb_contact *contact, int tool)
+{
+    return contact->near + (size_t)tool * (size_t)contact->faces->face_room;
+}
+
+static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_vec3 low, high;
+    sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
+    tool->face_count =
+        sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
+}
+
+/* ---- the way ---- */
+
+/* chain = a share of the way between two. */
+static void sbi_sweep_bend(const sbi_contact_tool *tool, sb_real share, const sb_vec3 *to, sb_vec3 *chain)
+{
+    for (int i = 0; i < sbi_tool_point_count(tool->shape); i++) {
+        sb_vec3 way = sb_v3_sub(to[i], tool->chain_reached[i]);
+        chain[i] = share == 1 ? to[i] : sb_v3_madd(tool->chain_reached[i], share, way);
+    }
+}
+
+/* Least gap of the faces near a tool at a pose, where the body is. */
+static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                             const int *near, int count, int *deepest)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body), up = {0, 0, 1};
+    sb_real least = SB_REAL_MAX, radius = sbi_tool_radius(shape);
+    for (int f = 0; f < count; f++) {
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        for (int s = 0; s < rule->count; s++) {
+            sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)s * faces->sizes[face],
+                                          sbi_contact_face_nodes(faces, face), faces->sizes[face], x);
+            sb_vec3 normal;
+            sb_real gap = sbi_tool_distance(shape, chain, sbi_pose_to_tool(pose, at), up, &normal);
+            if (gap < least && deepest)
+                *deepest = face;
+            least = sb_min(least, gap);
+        }
+    }
+    return least;
+}
+
+/* Share of the way to where it is sent that a tool may go: free up to the body, and some into it. */
+static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real inner = sbi_tool_inner_radius(tool->shape), share = 0;
+    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), less = 1;
+    for (int i = 0; i < step->tries; i++)
+        less *= (sb_real)0.5;
+    if (step->tries >= SBI_SWEEP_LAST_TRY)
+        return 0;
+    if (way <= SBI_SWEEP_ADVANCE * inner || step->dt == 0)
+        return less;
+    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted);
+    for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
+        sb_pose at = sbi_pose_between(&tool->reached, &tool->wanted, share);
+        sb_real gap;
+        sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+        gap = sbi_sweep_gap(contact, tool->shape, tool->chain_next, &at, sbi_sweep_near(contact, number),
+                            tool->face_count, NULL);
+        if (!(gap > clear))
+            break;
+        share += gap / way;
+    }
+    return less * sb_min((sb_real)1, share + SBI_SWEEP_ADVANCE * inner / way);
+}
+
+static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step *step)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+    tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
+    sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+}
+
+SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
+{
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), step->velocity, step->dt);
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape)
+            sbi_sweep_tool(contact, i, step);
+}
+
+/* ---- afterwards ---- */
+
+/* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
+static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
+{
+    const sb_vec3 up = {0, 0, 1};
+    sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
+    sb_real inner = sbi_tool_inner_radius(tool->shape), before;
+    sb_real gap =
+        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
+    if (!(gap < SBI_SWEEP_DEEPEST * inner))
+        return 0;
+    if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
+        return 1;
+    if (gap > -SBI_SWEEP_DEEPEST * inner)
+        return 0;
+    before = sbi_tool_distance(tool->shape, tool->chain_reached, sbi_pose_to_tool(&tool->reached, x0), up, &normal);
+    return !(gap > before); /* a body that was put deep into a tool may come out */
+}
+
+static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    const sbi_contact_tool *tool = contact->tools + number;
+    const int *near = sbi_sweep_near(contact, number);
+    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+        return 1;
+    for (int f = 0; f < tool->face_count; f++) {
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(tool->shape));
+        int count = faces->sizes[face];
+        const int *nodes = sbi_contact_face_nodes(faces, face);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        for (int s = 0; s < rule->count; s++) {
+            const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+            sb_vec3 x1 =
+                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
+            if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
+{
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape && !sbi_sweep_tool_is_safe(contact, i, u))
+            return 0;
+    return 1;
+}
+
+SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                                  int *element)
+{
+    sb_vec3 low, high;
+    int *near = contact->scratch, count, face = -1;
+    sb_real gap;
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+    sbi_tool_bounds(shape, chain, pose, &low, &high);
+    count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);
+    gap = sbi_sweep_gap(contact, shape, chain, pose, near, count, &face);
+    *element = face >= 0 ? contact->faces->elements[face] : -1;
+    return gap < 0 ? -gap : 0;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_step.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_step: contact within a step: samples near tools, their stiffness and memory, forces and blocks. */
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
+
+/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
+ * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+#define SBI_CONTACT_REMEMBERS ((sb_real)3)
+
+/* ---- nodes and patches ---- */
+
+static int sbi_contact_place_node(sb_contact *contact, int node)
+{
+    if (contact->node_place[node] < 0) {
+        contact->node_place[node] = contact->touch.node_count;
+        contact->positions[contact->touch.node_count] = sb_body_positions(contact->body)[node];
+        contact->nodes[contact->touch.node_count++] = node;
+    }
+    return contact->node_place[node];
+}
+
+static void sbi_contact_forget_nodes(sb_contact *contact)
+{
+    for (int k = 0; k < contact->touch.node_count; k++)
+        contact->node_place[contact->nodes[k]] = -1;
+    contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+}
+
+/* What the samples of a face are looked at with. */
+typedef struct sbi_contact_view {
+    const sbi_contact_tool *tool;
+    int number, face, parts;
+    const sb_vec3 *velocity; /* [rows] */
+    sb_real dt, reach;       /* s; m */
+} sbi_contact_view;
+
+/* Unit normal of a face out of its body, at the start of the step; 0 where it is flat. */
+static sb_vec3 sbi_contact_face_normal(const sb_contact *contact, int face)
+{
+    const int *n = sbi_contact_face_nodes(contact->faces, face);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    sb_vec3 cross = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
+    sb_real size = sb_v3_norm(cross);
+    return size > 0 ? sb_v3_scale(1 / size, cross) : sb_v3(0, 0, 1);
+}
+
+/* Takes the samples of a face that are near the tool, where they are or where they would go. 0: no room is left. */
+static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *view)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, view->face);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, view->face, view->parts);
+    int count = faces->sizes[view->face];
+    sb_vec3 out = sb_v3_scale(-1, sbi_contact_face_normal(contact, view->face));
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&view->tool->balance, out);
+    for (int s = 0; s < rule->count; s++) {
+        const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+        sb_vec3 at = sbi_contact_mean(weights, nodes, count, x), normal, ahead, carried;
+        sbi_contact_sample *sample = contact->samples + contact->sample_count;
+        sb_real gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
+                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal);
+        if (gap >= view->reach && view->dt > 0) {
+            ahead = sb_v3_madd(at, view->dt, sbi_contact_mean(weights, nodes, count, view->velocity));
+            gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
+                                    sbi_pose_to_tool(&view->tool->balance, ahead), fallback, &normal);
+        }
+        if (!(gap < view->reach))
+            continue;
+        if (contact->sample_count == contact->max_contacts)
+            return 0;
+        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->reached, at));
+        memset(sample, 0, sizeof *sample);
+        sample->patch = contact->patch_count;
+        sample->sample = s;
+        sample->weights = weights;
+        sample->carried = sb_v3_sub(carried, at);
+        sample->normal = out;
+        contact->sample_count++;
+    }
+    return 1;
+}
+
+/* A patch of a face with samples near the tool, if there are any. 0: no room is left. */
+static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *view)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_contact_patch *patch = contact->patches + contact->patch_count;
+    const int *nodes = sbi_contact_face_nodes(faces, view->face);
+    int first = contact->sample_count;
+    if (contact->patch_count == contact->patch_room)
+        return 0;
+    if (!sbi_contact_add_samples(contact, view))
+        return 0;
+    if (contact->sample_count == first)
+        return 1;
+    memset(patch, 0, sizeof *patch);
+    patch->tool = view->number;
+    patch->face = view->face;
+    patch->parts = view->parts;
+    patch->first = first;
+    patch->count = contact->sample_count - first;
+    for (int a = 0; a < faces->sizes[view->face]; a++)
+        patch->nodes[a] = sbi_contact_place_node(contact, nodes[a]);
+    for (int i = first; i < contact->sample_count; i++)
+        contact->samples[i].area =
+            sbi_contact_sample_area(faces, contact->body, view->face, view->parts, contact->samples[i].sample);
+    contact->patch_count++;
+    return 1;
+}
+
+/* How near (m) a sample counts: as far as it may move against the tool in a step, and of a plane, which moves as it
+ * will, half a face. */
+static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_tool *shape, int face)
+{
+    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
+        return (sb_real)0.5 * contact->faces->lengths[face];
+    return sbi_tool_inner_radius(shape);
+}
+
+/* All patches, with 1/2^thin of the parts that faces should have. 0: no room is left. */
+static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *step, int thin)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sbi_contact_forget_nodes(contact);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        const int *near = contact->near + (size_t)t * (size_t)faces->face_room;
+        for (int f = 0; tool->shape && f < tool->face_count; f++) {
+            sbi_contact_view view;
+            const sbi_contact_kind *kind = &faces->kinds[faces->sizes[near[f]]];
+            view.tool = tool;
+            view.number = t;
+            view.face = near[f];
+            view.parts =
+                sbi_max_int(kind->least, sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
+            view.velocity = step->velocity;
+            view.dt = step->dt;
+            view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
+            if (!sbi_contact_add_patch(contact, &view))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+/* ---- stiffness ---- */
+
+/* tr A_aa / 3 over the node's area, by place; 0 where it has no area or no stiffness. */
+static void sbi_contact_measure_nodes(sb_contact *contact, const sb_matrix *matrix)
+{
+    for (int k = 0; k < contact->touch.node_count; k++) {
+        int node = contact->nodes[k];
+        const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
+        sb_real trace = (a[0] + a[4] + a[8]) / 3, area = sbi_contact_node_area(contact->faces, node);
+        contact->stiffness_by_node[k] = trace > 0 && area > 0 ? trace / area : 0;
+    }
+}
+
+/* One stiffness for a tool and a region: so a plane that is pressed on a body has the same pressure everywhere. */
+static void sbi_contact_measure_regions(sb_contact *contact)
+{
+    size_t places = (size_t)contact->max_tools * (size_t)contact->region_room;
+    memset(contact->region_sum, 0, places * sizeof(sb_real));
+    memset(contact->region_count, 0, places * sizeof(int));
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        size_t place =
+            (size_t)patch->tool * (size_t)contact->region_room + (size_t)contact->faces->regions[patch->face];
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+            if (contact->stiffness_by_node[patch->nodes[a]] > 0) {
+                contact->region_sum[place] += contact->stiffness_by_node[patch->nodes[a]];
+                contact->region_count[place]++;
+            }
+    }
+    for (size_t i = 0; i < places; i++)
+        if (contact->region_count[i] > 0)
+            contact->region_sum[i] *= contact->stiffness / (sb_real)contact->region_count[i];
+}
+
+static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
+{
+    sbi_contact_measure_nodes(contact, matrix);
+    sbi_contact_measure_regions(contact);
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_patch *patch = contact->patches + contact->samples[i].patch;
+        contact->samples[i].k = contact->region_sum[(size_t)patch->tool * (size_t)contact->region_room +
+                                                    (size_t)contact->faces->regions[patch->face]];
+    }
+}
+
+/* ---- memory ---- */
+
+/* Order of samples: by tool, face, number. */
+static int sbi_contact_compare(const sbi_contact_patch *patch, const sbi_contact_sample *sample,
+                               const sbi_contact_entry *entry)
+{
+    if (patch->tool != entry->tool)
+        return patch->tool < entry->tool ? -1 : 1;
+    if (patch->face != entry->face)
+        return patch->face < entry->face ? -1 : 1;
+    return sample->sample < entry->sample ? -1 : sample->sample > entry->sample;
+}
+
+/* Hands what the last step left over to the samples: both lists are in the same order. */
+static void sbi_contact_remember(sb_contact *contact)
+{
+    int e = 0;
+    for (int i = 0; i < contact->sample_count; i++) {
+        sbi_contact_sample *sample = contact->samples + i;
+        const sbi_contact_patch *patch = contact->patches + sample->patch;
+        while (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) > 0)
+            e++;
+        if (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) == 0 &&
+            contact->entries[e].parts == patch->parts) {
+            sample->memory = contact->entries[e].memory;
+            sample->remembered = contact->entries[e].traction;
+            sample->normal = contact->entries[e].normal;
+        }
+    }
+}
+
+/* ---- begin ---- */
+
+static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    int thin = 0;
+    sbi_contact_sweep(contact, step);
+    while (!sbi_contact_find_patches(contact, step, thin)) {
+        if (thin++ == SBI_CONTACT_THINNEST) {
+            sbi_contact_forget_nodes(contact);
+            return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of the surface are near tools",
+                            contact->max_contacts);
+        }
+    }
+    sbi_contact_stiffen(contact, step->matrix);
+    sbi_contact_remember(contact);
+    contact->touch.nodes = contact->nodes;
+    contact->step_info.candidates = contact->sample_count;
+    contact->step_info.retries = step->tries;
+    contact->step_info.thinned = thin > 0;
+    contact->blocks_current = 0;
+    contact->saved_count = 0;
+    return SB_OK;
+}
+
+/* ---- evaluation ---- */
+
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du;
+    int renew;
+} sbi_contact_work;
+
+static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
+                                        sbi_contact_sample *s)
+{
+    const sb_contact *contact = work->contact;
+    const sbi_contact_tool *tool = contact->tools + patch->tool;
+    int count = contact->faces->sizes[patch->face];
+    sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
+    sb_vec3 slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
+                               &normal);
+    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
+    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
+    if (work->renew)
+        s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
+}
+
+static void sbi_contact_evaluate_chunk(void *user, int chunk)
+{
+    const sbi_contact_work *work = (const sbi_contact_work *)user;
+    sb_contact *contact = work->contact;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
+    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+        sbi_contact_patch *patch = contact->patches + p;
+        patch->touching = 0;
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            sbi_contact_evaluate_sample(work, patch, contact->samples + i);
+            patch->touching += contact->samples[i].answer.state != SBI_CONTACT_OFF;
+        }
+    }
+}
+
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* Forces on the nodes, in the order of samples. */
+static void sbi_contact_sum_forces(sb_contact *contact)
+{
+    sb_vec3 *force = contact->touch.force;
+    memset(force, 0, (size_t)contact->touch.node_count * sizeof *force);
+    contact->touch.touching = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        int count = contact->faces->sizes[patch->face];
+        contact->touch.touching += patch->touching;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 f = sb_v3_scale(s->area, sbi_contact_stress(s));
+            for (int a = 0; s->answer.state != SBI_CONTACT_OFF && a < count; a++)
+                force[patch->nodes[a]] = sb_v3_madd(force[patch->nodes[a]], s->weights[a], f);
+        }
+    }
+}
+
+static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_work work;
+    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
+    work.contact = contact;
+    work.du = du;
+    work.renew = renew;
+    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    sbi_contact_sum_forces(contact);
+    contact->blocks_current = 0;
+}
+
+static double sbi_contact_energy(void *user)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    double sum = 0;
+    for (int i = 0; i < contact->sample_count; i++)
+        sum += (double)contact->samples[i].area * (double)contact->samples[i].answer.energy;
+    return sum;
+}
+
+/* ---- stiffness as blocks ---- */
+
+/* blocks [count][count] of a patch: K of its samples with their nodes' weights. */
+static void sbi_contact_patch_blocks(const sb_contact *contact, const sbi_contact_patch *patch, sb_real (*blocks)[9])
+{
+    int count = contact->faces->sizes[patch->face];
+    memset(blocks, 0, (size_t)(count * count) * sizeof *blocks);
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real k[9];
+        if (s->answer.state == SBI_CONTACT_OFF)
+            continue;
+        sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+        for (int a = 0; a < count; a++)
+            for (int b = 0; b < count; b++) {
+                sb_real w = s->weights[a] * s->weights[b];
+                for (int c = 0; c < 9; c++)
+                    blocks[a * count + b][c] += w * k[c];
+            }
+    }
+}
+
+static void sbi_contact_make_chunk(void *user, int chunk)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
+    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++)
+        if (contact->patches[p].touching)
+            sbi_contact_patch_blocks(contact, contact->patches + p, contact->blocks + (size_t)p * width * width);
+}
+
+static void sbi_contact_make_blocks(sb_contact *contact)
+{
+    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
+    if (!contact->blocks_current)
+        sbi_run(sbi_body_jobs(contact->body), sbi_contact_make_chunk, contact, chunks);
+    contact->blocks_current = 1;
+}
+
+/* v without masked axes. */
+SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
+{
+    return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
+}
+
+static sb_vec3 sbi_contact_times(const sb_real *m, sb_vec3 v)
+{
+    return sb_v3(m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
+                 m[6] * v.x + m[7] * v.y + m[8] * v.z);
+}
+
+static void sbi_contact_multiply(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_contact *contact = (sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    sbi_contact_make_blocks(contact);
+    memset(out, 0, (size_t)contact->touch.node_count * sizeof *out);
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
+        int count = contact->faces->sizes[patch->face];
+        for (int b = 0; patch->touching && b < count; b++) {
+            unsigned axes = masked ? masked[contact->nodes[patch->nodes[b]]] : 0u;
+            sb_vec3 v = sbi_contact_unmasked(axes, x[patch->nodes[b]]);
+            for (int a = 0; a < count; a++)
+                out[patch->nodes[a]] = sb_v3_add(out[patch->nodes[a]], sbi_contact_times(blocks[a * count + b], v));
+        }
+    }
+    for (int k = 0; masked && k < contact->touch.node_count; k++)
+        out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
+}
+
+/* values += block without masked rows and columns. */
+static void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (!(rows >> i & 1u) && !(columns >> j & 1u))
+                values[3 * i + j] += block[3 * i + j];
+}
+
+static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_matrix *matrix)
+{
+    sb_contact *contact = (sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    sbi_contact_make_blocks(contact);
+    contact->saved_count = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
+        int count = contact->faces->sizes[patch->face];
+        const int *places =
+            patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
+        for (int i = 0; places && i < count * count; i++) {
+            sbi_contact_saved *saved = contact->saved + contact->saved_count++;
+            unsigned rows = masked ? masked[contact->nodes[patch->nodes[i / count]]] : 0u;
+            unsigned columns = masked ? masked[contact->nodes[patch->nodes[i % count]]] : 0u;
+            saved->block = places[i];
+            memcpy(saved->values, matrix->blocks[places[i]], sizeof saved->values);
+            sbi_contact_add_block(matrix->blocks[places[i]], blocks[i], rows, columns);
+        }
+    }
+}
+
+/* Backwards, since faces share blocks. */
+static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
+{
+    sb_contact *contact = (sb_contact *)user;
+    while (contact->saved_count > 0) {
+        const sbi_contact_saved *saved = contact->saved + --contact->saved_count;
+        memcpy(matrix->blocks[saved->block], saved->values, sizeof saved->values);
+    }
+}
+
+/* ---- end ---- */
+
+static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
+
+/* 1: pressures may be remembered here, see SBI_CONTACT_REMEMBERS. */
+static int sbi_contact_remembers(const sb_contact *contact, const sbi_contact_patch *patch, sb_real k)
+{
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+        if (!(k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
+            return 0;
+    return 1;
+}
+
+/* A sample in touch becomes an entry. What it remembers fades where it slips, within the distance of its neighbour. */
+static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const sbi_contact_patch *patch,
+                                                const sbi_contact_sample *s)
+{
+    sbi_contact_entry entry;
+    sb_real fade = 1 - s->slip / sb_sqrt(s->area);
+    memset(&entry, 0, sizeof entry);
+    entry.tool = patch->tool;
+    entry.face = patch->face;
+    entry.parts = patch->parts;
+    entry.sample = s->sample;
+    entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
+    if (fade > 0 && sbi_contact_remembers(contact, patch, s->k))
+        entry.memory = fade * s->answer.pressure;
+    entry.traction = s->answer.traction;
+    entry.gap = s->gap;
+    entry.area = s->area;
+    entry.point = s->point;
+    entry.normal = s->normal;
+    entry.force = sb_v3_scale(s->area, sbi_contact_stress(s));
+    return entry;
+}
+
+static void sbi_contact_sum_wrenches(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].force = contact->tools[t].torque = sb_v3(0, 0, 0);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sbi_contact_tool *tool = contact->tools + entry->tool;
+        sb_vec3 arm = sb_v3_sub(entry->point, tool->balance.position);
+        tool->force = sb_v3_add(tool->force, entry->force);
+        tool->torque = sb_v3_add(tool->torque, sb_v3_cross(arm, entry->force));
+    }
+}
+
+/* Entries of the samples that touch. */
+static void sbi_contact_keep_entries(sb_contact *contact)
+{
+    sbi_contact_entry *fresh = contact->spare;
+    int count = 0;
+    contact->step_info.touching = contact->step_info.sticking = 0;
+    contact->step_info.deepest = 0;
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        if (!(s->answer.pressure > 0))
+            continue;
+        fresh[count] = sbi_contact_make_entry(contact, contact->patches + s->patch, s);
+        contact->step_info.touching++;
+        contact->step_info.sticking += fresh[count++].sticks;
+        contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
+    }
+    contact->spare = contact->entries;
+    contact->entries = fresh;
+    contact->entry_count = count;
+}
+
+/* Tools are where they went. */
+static void sbi_contact_arrive(sb_contact *contact)
+{
+    contact->step_info.lag = 0;
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        if (!tool->shape)
+            continue;
+        tool->reached = tool->next;
+        for (int i = 0; i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_reached[i] = tool->chain_next[i];
+        tool->lag =
+            sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+        contact->step_info.lag = sb_max(contact->step_info.lag, tool->lag);
+    }
+}
+
+static void sbi_contact_commit(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_entries(contact);
+    sbi_contact_sum_wrenches(contact);
+    sbi_contact_arrive(contact);
+    contact->step_info.iterations = contact->touch.iterations;
+    contact->step_info.capped = contact->touch.capped;
+    contact->step_info.residual = contact->touch.residual;
+    contact->info = contact->step_info;
+    sbi_contact_forget_nodes(contact);
+}
+
+static void sbi_contact_undo(void *user) { sbi_contact_forget_nodes((sb_contact *)user); }
+
+SBI_API void sbi_contact_join(sb_contact *contact)
+{
+    sbi_touch *touch = &contact->touch;
+    touch->user = contact;
+    touch->begin = sbi_contact_begin;
+    touch->evaluate = sbi_contact_evaluate;
+    touch->energy = sbi_contact_energy;
+    touch->multiply = sbi_contact_multiply;
+    touch->add_blocks = sbi_contact_add_blocks;
+    touch->restore_blocks = sbi_contact_restore_blocks;
+    touch->accept = sbi_contact_accept;
+    touch->commit = sbi_contact_commit;
+    touch->undo = sbi_contact_undo;
+    sbi_body_set_touch(contact->body, touch);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_tool.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_tool: the tools of a contact: made, moved, removed. */
+#include <string.h>
+
+
+/* ---- memory ---- */
+
+SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool)
+{
+    sbi_contact_tool *t = contact->tools + tool;
+    sbi_tool_destroy(t->shape);
+    sbi_free(&contact->allocator, t->chain_reached);
+    memset(t, 0, sizeof *t);
+}
+
+/* Chains of the tool at all of its poses. */
+static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *tool, const sb_tool_def *def,
+                                         sb_error *error)
+{
+    size_t count = (size_t)sbi_tool_point_count(tool->shape);
+    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance};
+    size_t copies = sizeof chains / sizeof *chains;
+    sb_vec3 *points;
+    if (count == 0)
+        return SB_OK;
+    points = (sb_vec3 *)sbi_alloc(&contact->allocator, copies * count, sizeof *points);
+    if (!points)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a chain of %d points", (int)count);
+    for (size_t i = 0; i < copies; i++) {
+        *chains[i] = points + i * count;
+        memcpy(*chains[i], def->points, count * sizeof *points);
+    }
+    return SB_OK;
+}
+
+/* ---- checks ---- */
+
+static sb_result sbi_contact_check_thickness(const sb_contact *contact, const sbi_tool *shape, sb_error *error)
+{
+    int face;
+    sb_real thinnest = sbi_contact_faces_thinnest(contact->faces, &face);
+    if (sbi_tool_radius(shape) >= thinnest)
+        return SB_OK;
+    return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, contact->faces->elements[face],
+                            "a tool of radius %g m is too thin for the face of element %d: it needs %g m, or a finer "
+                            "surface (a needle is needle.h's)",
+                            (double)sbi_tool_radius(shape), contact->faces->elements[face], (double)thinnest);
+}
+
+static sb_result sbi_contact_check_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain,
+                                         const sb_pose *pose, sb_error *error)
+{
+    int element;
+    sb_real depth = sbi_contact_depth(contact, shape, chain, pose, &element);
+    if (!(depth > (sb_real)0.5 * sbi_tool_inner_radius(shape)))
+        return SB_OK;
+    return sbi_fail_element(error, SB_ERROR_ARGUMENT, element,
+                            "the tool lies %g m deep in the body at element %d: more than half its inner radius",
+                            (double)depth, element);
+}
+
+static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *def, sbi_contact_tool *made,
+                                       sb_error *error)
+{
+    sb_result result = sbi_tool_create(def, &contact->allocator, sbi_body_jobs(contact->body), &made->shape, error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_tool_pose_check(&def->pose, "def.pose", &made->reached, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_thickness(contact, made->shape, error);
+    if (result == SB_OK)
+        result = sbi_contact_take_chains(contact, made, def, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
+    made->wanted = made->next = made->balance = made->reached;
+    made->friction = def->friction;
+    made->partner = def->partner;
+    return result;
+}
+
+/* ---- calls ---- */
+
+SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error)
+{
+    int place = 0;
+    sb_result result;
+    if (!contact || !def || !tool)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tool needs a contact, a def and a place for its number");
+    while (place < contact->max_tools && contact->tools[place].shape)
+        place++;
+    if (place == contact->max_tools)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the contact has max_tools = %d already", contact->max_tools);
+    result = sbi_contact_make_tool(contact, def, contact->tools + place, error);
+    if (result != SB_OK)
+        sbi_contact_free_tool(contact, place);
+    if (result == SB_OK) {
+        *tool = place;
+        sbi_contact_tell(contact, SBI_CONTACT_ADD, place, NULL, 0);
+    }
+    return result;
+}
+
+static sbi_contact_tool *sbi_contact_find_tool(const sb_contact *contact, int tool)
+{
+    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape ? contact->tools + tool : NULL;
+}
+
+/* Contacts of a tool are no more. */
+static void sbi_contact_forget(sb_contact *contact, int tool)
+{
+    int count = 0;
+    for (int e = 0; e < contact->entry_count; e++)
+        if (contact->entries[e].tool != tool)
+            contact->entries[count++] = contact->entries[e];
+    contact->entry_count = count;
+    contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+}
+
+SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool)
+{
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    if (!sbi_contact_find_tool(contact, tool))
+        return SB_ERROR_INDEX;
+    sbi_contact_forget(contact, tool);
+    sbi_contact_free_tool(contact, tool);
+    sbi_contact_tell(contact, SBI_CONTACT_REMOVE, tool, NULL, 0);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose)
+{
+    sbi_contact_tool *t;
+    sb_result result;
+    if (!contact || !pose)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    result = sbi_tool_pose_check(pose, "the pose", &t->wanted, NULL);
+    if (result == SB_OK)
+        sbi_contact_tell_pose(contact, SBI_CONTACT_MOVE, tool, pose);
+    return result;
+}
+
+SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error)
+{
+    sbi_contact_tool *t;
+    sb_pose unit;
+    sb_result result;
+    if (!contact || !pose)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tool is placed by a contact and a pose");
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return sbi_fail(error, SB_ERROR_INDEX, "there is no tool %d", tool);
+    result = sbi_tool_pose_check(pose, "the pose", &unit, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
+    if (result != SB_OK)
+        return result;
+    t->reached = t->wanted = t->next = t->balance = unit;
+    sbi_contact_forget(contact, tool);
+    sbi_contact_tell_pose(contact, SBI_CONTACT_PLACE, tool, pose);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_vec3 *points)
+{
+    sbi_contact_tool *t;
+    sb_result result;
+    int count;
+    if (!contact || !points)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    count = sbi_tool_point_count(t->shape);
+    if (count == 0)
+        return SB_ERROR_ARGUMENT;
+    result = sbi_tool_chain_check(points, count, sbi_tool_radius(t->shape), "points", NULL);
+    if (result != SB_OK)
+        return result;
+    memcpy(t->chain_wanted, points, (size_t)count * sizeof *points);
+    sbi_contact_tell(contact, SBI_CONTACT_BEND, tool, &points[0].x, 3 * count);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_set_friction(sb_contact *contact, int tool, sb_real friction)
+{
+    sbi_contact_tool *t;
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    if (!sb_is_finite(friction))
+        return SB_ERROR_NOT_FINITE;
+    if (!(friction >= 0))
+        return SB_ERROR_ARGUMENT;
+    t->friction = friction;
+    sbi_contact_tell(contact, SBI_CONTACT_FRICTION, tool, &friction, 1);
+    return SB_OK;
+}
+
+/* ---- readings of a tool ---- */
+
+SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool)
+{
+    const sbi_contact_tool *t;
+    if (!contact || !on_tool)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    on_tool->force = sb_v3_scale(-1, t->force);
+    on_tool->torque = sb_v3_scale(-1, t->torque);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag)
+{
+    const sbi_contact_tool *t;
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    if (pose)
+        *pose = t->reached;
+    if (lag)
+        *lag = sbi_tool_motion(t->shape, t->chain_reached, &t->reached, t->chain_wanted, &t->wanted);
+    return SB_OK;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_state.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side. */
+#include <string.h>
+
+
+static const char sbi_contact_name[] = "contact";
+enum { SBI_CONTACT_VERSION = 1 };
+
+/* ---- words ---- */
+
+static void sbi_contact_put_int(sbi_state_out *out, int value)
+{
+    unsigned char bytes[8];
+    sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 8);
+    sbi_state_put(out, bytes, sizeof bytes);
+}
+
+static void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        unsigned char bytes[8];
+        sbi_put_bytes(bytes, sbi_real_bits(values[i]), 8);
+        sbi_state_put(out, bytes, sizeof bytes);
+    }
+}
+
+/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
+typedef struct sbi_contact_in {
+    const unsigned char *bytes;
+    size_t left;
+    int bad;
+} sbi_contact_in;
+
+static uint64_t sbi_contact_get_word(sbi_contact_in *in)
+{
+    uint64_t word = 0;
+    if (in->left < 8) {
+        in->bad = 1;
+        return 0;
+    }
+    word = sbi_get_bytes(in->bytes, 8);
+    in->bytes += 8;
+    in->left -= 8;
+    return word;
+}
+
+static int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
+
+static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        values[i] = sbi_real_of(sbi_contact_get_word(in));
+        in->bad |= !sb_is_finite(values[i]);
+    }
+}
+
+/* ---- what goes from step to step ---- */
+
+enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
+
+static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+
+static void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
+{
+    sbi_contact_pack_vector(pose->position, out);
+    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
+}
+
+static sb_pose sbi_contact_unpack_pose(const sb_real *in)
+{
+    sb_pose pose;
+    pose.position = sb_v3(in[0], in[1], in[2]);
+    pose.rotation = sb_quat_make(in[3], in[4], in[5], in[6]);
+    return pose;
+}
+
+static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *out)
+{
+    sb_real reals[SBI_CONTACT_TOOL_REALS];
+    int points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    sbi_contact_put_int(out, tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0);
+    if (!tool->shape)
+        return;
+    sbi_contact_put_int(out, points);
+    reals[0] = tool->friction;
+    sbi_contact_pack_pose(&tool->reached, reals + 1);
+    sbi_contact_pack_pose(&tool->wanted, reals + 8);
+    sbi_contact_pack_vector(tool->force, reals + 15);
+    sbi_contact_pack_vector(tool->torque, reals + 18);
+    sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
+    for (int i = 0; i < points; i++) {
+        sbi_contact_pack_vector(tool->chain_reached[i], reals);
+        sbi_contact_pack_vector(tool->chain_wanted[i], reals + 3);
+        sbi_contact_put_reals(out, reals, 6);
+    }
+}
+
+static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_entry *entry, sbi_state_out *out)
+{
+    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->memory, entry->gap, entry->area};
+    sbi_contact_put_int(out, entry->tool);
+    sbi_contact_put_int(out, contact->faces->elements[entry->face]);
+    sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    sbi_contact_put_int(out, entry->parts);
+    sbi_contact_put_int(out, entry->sample);
+    sbi_contact_put_int(out, entry->sticks);
+    sbi_contact_pack_vector(entry->traction, reals + 3);
+    sbi_contact_pack_vector(entry->point, reals + 6);
+    sbi_contact_pack_vector(entry->normal, reals + 9);
+    sbi_contact_pack_vector(entry->force, reals + 12);
+    sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
+}
+
+static void sbi_contact_save(const void *user, sbi_state_out *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    sbi_contact_put_int(out, contact->max_tools);
+    for (int t = 0; t < contact->max_tools; t++)
+        sbi_contact_put_tool(contact->tools + t, out);
+    sbi_contact_put_int(out, contact->entry_count);
+    for (int e = 0; e < contact->entry_count; e++)
+        sbi_contact_put_entry(contact, contact->entries + e, out);
+}
+
+/* ---- loading: a check without effect, then the same walk with it ---- */
+
+static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_contact_in *in, int takes, sb_error *error)
+{
+    sbi_contact_tool *tool = contact->tools + number, read = *tool;
+    sb_real reals[SBI_CONTACT_TOOL_REALS];
+    int shape = sbi_contact_get_int(in), points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    if (shape != (tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0))
+        return sbi_fail(error, SB_ERROR_STATE, "the state has another tool %d than the contact: make the same first",
+                        number);
+    if (!tool->shape)
+        return SB_OK;
+    if (sbi_contact_get_int(in) != points)
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state has another number of points", number);
+    sbi_contact_get_reals(in, reals, SBI_CONTACT_TOOL_REALS);
+    read.friction = reals[0];
+    read.reached = sbi_contact_unpack_pose(reals + 1);
+    read.wanted = sbi_contact_unpack_pose(reals + 8);
+    read.force = sb_v3(reals[15], reals[16], reals[17]);
+    read.torque = sb_v3(reals[18], reals[19], reals[20]);
+    read.next = read.balance = read.reached;
+    in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+    for (int i = 0; i < points; i++) {
+        sbi_contact_get_reals(in, reals, 6);
+        if (takes) {
+            tool->chain_reached[i] = sb_v3(reals[0], reals[1], reals[2]);
+            tool->chain_wanted[i] = sb_v3(reals[3], reals[4], reals[5]);
+        }
+    }
+    if (takes)
+        *tool = read;
+    return SB_OK;
+}
+
+/* The face of a cell's side, or -1. */
+static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
+{
+    for (int f = 0; f < faces->face_end; f++)
+        if (faces->sizes[f] && faces->elements[f] == element && faces->sides[f] == side)
+            return f;
+    return -1;
+}
+
+/* entry->face: -1 where the mesh has no such face, or the face no such sample. */
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_contact_entry *entry)
+{
+    sb_real reals[SBI_CONTACT_ENTRY_REALS];
+    int element, side;
+    memset(entry, 0, sizeof *entry);
+    entry->tool = sbi_contact_get_int(in);
+    element = sbi_contact_get_int(in);
+    side = sbi_contact_get_int(in);
+    entry->parts = sbi_contact_get_int(in);
+    entry->sample = sbi_contact_get_int(in);
+    entry->sticks = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
+    entry->memory = reals[0], entry->gap = reals[1], entry->area = reals[2];
+    entry->traction = sb_v3(reals[3], reals[4], reals[5]);
+    entry->point = sb_v3(reals[6], reals[7], reals[8]);
+    entry->normal = sb_v3(reals[9], reals[10], reals[11]);
+    entry->force = sb_v3(reals[12], reals[13], reals[14]);
+    in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
+               element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
+               entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
+    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
+    if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
+        entry->face = -1;
+}
+
+static sb_result sbi_contact_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                   sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    sb_result result = SB_OK;
+    int count;
+    (void)body;
+    if (sbi_contact_get_int(&in) != contact->max_tools)
+        return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
+                        contact->max_tools);
+    for (int t = 0; t < contact->max_tools && result == SB_OK; t++)
+        result = sbi_contact_get_tool(contact, t, &in, 0, error);
+    if (result != SB_OK)
+        return result;
+    count = sbi_contact_get_int(&in);
+    if (count > contact->max_contacts)
+        return sbi_fail(error, SB_ERROR_STATE, "the state has %d contacts, max_contacts is %d", count,
+                        contact->max_contacts);
+    for (int e = 0; e < count && !in.bad; e++) {
+        sbi_contact_entry entry;
+        sbi_contact_get_entry(contact, &in, 0, &entry);
+    }
+    if (in.bad || count < 0 || in.left != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
+    return SB_OK;
+}
+
+static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
+{
+    if (a->tool != b->tool)
+        return a->tool < b->tool;
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+static void sbi_contact_insert(sb_contact *contact, const sbi_contact_entry *entry)
+{
+    int at = contact->entry_count++;
+    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
+        contact->entries[at] = contact->entries[at - 1];
+    contact->entries[at] = *entry;
+}
+
+static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    int count;
+    (void)sbi_contact_get_int(&in);
+    for (int t = 0; t < contact->max_tools; t++)
+        (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
+    count = sbi_contact_get_int(&in);
+    contact->entry_count = 0;
+    memset(&contact->info, 0, sizeof contact->info);
+    for (int e = 0; e < count; e++) {
+        sbi_contact_entry entry;
+        sbi_contact_get_entry(contact, &in, 1, &entry);
+        if (entry.face >= 0)
+            sbi_contact_insert(contact, &entry);
+    }
+}
+
+/* ---- recording ---- */
+
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = tool;
+    sbi_body_tell_part(contact->body, sbi_contact_name, ints, 2, reals, (size_t)count);
+}
+
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose)
+{
+    sb_real reals[SBI_CONTACT_POSE_REALS];
+    sbi_contact_pack_pose(pose, reals);
+    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
+}
+
+static sb_result sbi_contact_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                    size_t real_count, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_result result = SB_ERROR_FORMAT;
+    sb_pose pose;
+    if (int_count == 2 && (ints[0] == SBI_CONTACT_ADD || ints[0] == SBI_CONTACT_REMOVE))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "tool %d was %s during the recording, which cannot be played: begin it afterwards", ints[1],
+                        ints[0] == SBI_CONTACT_ADD ? "added" : "removed");
+    if (int_count == 2 && ints[0] == SBI_CONTACT_FRICTION && real_count == 1)
+        result = sb_contact_set_friction(contact, ints[1], reals[0]);
+    if (int_count == 2 && ints[0] == SBI_CONTACT_BEND && ints[1] >= 0 && ints[1] < contact->max_tools &&
+        contact->tools[ints[1]].shape &&
+        real_count == 3 * (size_t)sbi_tool_point_count(contact->tools[ints[1]].shape) && real_count > 0)
+        result = sb_contact_bend_tool(contact, ints[1], (const sb_vec3 *)(const void *)reals);
+    if (int_count == 2 && real_count == SBI_CONTACT_POSE_REALS) {
+        pose = sbi_contact_unpack_pose(reals);
+        if (ints[0] == SBI_CONTACT_MOVE)
+            result = sb_contact_move_tool(contact, ints[1], &pose);
+        if (ints[0] == SBI_CONTACT_PLACE)
+            return sb_contact_place_tool(contact, ints[1], &pose, error);
+    }
+    return result == SB_OK ? SB_OK : sbi_fail(error, result, "a recorded command to a tool cannot be played");
+}
+
+SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
+{
+    sbi_state_part part;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, sbi_contact_name, sizeof sbi_contact_name);
+    part.version = SBI_CONTACT_VERSION;
+    part.user = contact;
+    part.save = sbi_contact_save;
+    part.check = sbi_contact_check;
+    part.load = sbi_contact_load;
+    part.replay = sbi_contact_replay;
+    return sbi_body_join(contact->body, &part, error);
+}
+
+SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, sbi_contact_name); }
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_read.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_read: what a contact says of the last step, besides its tools' wrenches. */
+#include <string.h>
+
+
+SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity)
+{
+    if (!contact)
+        return 0;
+    for (int e = 0; points && e < contact->entry_count && e < capacity; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sb_contact_point *point = points + e;
+        memset(point, 0, sizeof *point);
+        point->tool = entry->tool;
+        point->element = contact->faces->elements[entry->face];
+        point->face = contact->faces->sides[entry->face];
+        point->sticks = entry->sticks;
+        point->gap = entry->gap;
+        point->area = entry->area;
+        point->point = entry->point;
+        point->normal = entry->normal;
+        point->force = entry->force;
+    }
+    return contact->entry_count;
+}
+
+SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures)
+{
+    const sbi_contact_faces *faces;
+    int nodes;
+    if (!contact || !pressures)
+        return SB_ERROR_ARGUMENT;
+    faces = contact->faces;
+    nodes = sb_body_node_count(contact->body);
+    memset(pressures, 0, (size_t)nodes * sizeof *pressures);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *list = sbi_contact_face_nodes(faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(faces, entry->face, entry->parts, entry->sample);
+        sb_real push = sb_v3_dot(entry->force, entry->normal);
+        for (int a = 0; a < faces->sizes[entry->face]; a++)
+            pressures[list[a]] += weights[a] * push;
+    }
+    for (int i = 0; i < nodes; i++) {
+        sb_real area = sbi_contact_node_area(faces, i);
+        pressures[i] = area > 0 ? pressures[i] / area : 0;
+    }
+    return SB_OK;
+}
+
+SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact)
+{
+    sb_contact_info none;
+    memset(&none, 0, sizeof none);
+    return contact ? contact->info : none;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact: making a contact, its tools. */
+
+#include <string.h>
+
+
+#define SBI_CONTACT_COOKIE 0xc0117ac7u
+enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+
+SB_API sb_contact_def sb_default_contact_def(void)
+{
+    sb_contact_def def;
+    memset(&def, 0, sizeof def);
+    def.stiffness = 10;
+    def.max_iterations = 4;
+    def.max_contacts = 8192;
+    def.max_tools = 8;
+    def.cookie = SBI_CONTACT_COOKIE;
+    return def;
+}
+
+/* ---- creation ---- */
+
+static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *error)
+{
+    if (!def || def->cookie != SBI_CONTACT_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_contact_def");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a contact needs a body");
+    if (!(def->stiffness >= 3) || !sb_is_finite(def->stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.stiffness is %g, it must be at least 3", (double)def->stiffness);
+    if (def->max_iterations < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations is %d, it must be at least 1",
+                        def->max_iterations);
+    if (def->max_contacts < 64 || def->max_contacts > 1 << 20)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_contacts is %d, it must be in [64, 2^20]",
+                        def->max_contacts);
+    if (def->max_tools < 1 || def->max_tools > 64)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_tools is %d, it must be in [1, 64]", def->max_tools);
+    if (sbi_body_get_touch(def->body))
+        return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
+    if (!sbi_body_is_implicit(def->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
+    return SB_OK;
+}
+
+static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions};
+    c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
+    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
+    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
+    c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
+    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
+    c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
+    c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
+    c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
+    c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
+    c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
+}
+
+static int sbi_contact_take_memory(sb_contact *c)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_lay_out(c, &arena);
+    if (arena.overflow)
+        return 0;
+    c->memory = sbi_alloc_zeroed(&c->allocator, arena.used, 1);
+    if (!c->memory)
+        return 0;
+    arena.base = (unsigned char *)c->memory;
+    arena.used = 0;
+    sbi_contact_lay_out(c, &arena);
+    for (int i = 0; i < c->faces->node_room; i++)
+        c->node_place[i] = -1;
+    return 1;
+}
+
+static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, sb_error *error)
+{
+    sb_result result = sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
+    if (result != SB_OK)
+        return result;
+    c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
+    for (int f = 0; f < c->faces->face_end; f++)
+        c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
+    c->touch.max_iterations = def->max_iterations;
+    if (!sbi_contact_take_memory(c))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
+    return SB_OK;
+}
+
+static void sbi_contact_release(sb_contact *contact)
+{
+    sb_allocator allocator = contact->allocator;
+    for (int t = 0; contact->tools && t < contact->max_tools; t++)
+        sbi_contact_free_tool(contact, t);
+    sbi_contact_faces_destroy(contact->faces);
+    sbi_free(&allocator, contact->memory);
+    sbi_free(&allocator, contact);
+}
+
+SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error)
+{
+    sb_contact *made;
+    sb_result result = sbi_contact_check_def(def, error);
+    if (result == SB_OK && !contact)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the contact");
+    if (result != SB_OK)
+        return result;
+    made = (sb_contact *)sbi_alloc_zeroed(def->allocator ? def->allocator : sbi_body_allocator(def->body), 1,
+                                          sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact");
+    made->allocator = def->allocator ? *def->allocator : *sbi_body_allocator(def->body);
+    made->body = def->body;
+    made->stiffness = def->stiffness;
+    made->max_tools = def->max_tools;
+    made->max_contacts = def->max_contacts;
+    result = sbi_contact_fill_in(made, def, error);
+    if (result != SB_OK) {
+        sbi_contact_release(made);
+        return result;
+    }
+    result = sbi_contact_join_state(made, error);
+    if (result != SB_OK) {
+        sbi_contact_release(made);
+        return result;
+    }
+    sbi_contact_join(made);
+    *contact = made;
+    return SB_OK;
+}
+
+SB_API void sb_contact_destroy(sb_contact *contact)
+{
+    if (!contact)
+        return;
+    sbi_body_set_touch(contact->body, NULL);
+    sbi_contact_leave_state(contact);
+    sbi_contact_release(contact);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
