@@ -2,7 +2,7 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double without the slowest, some 4 minutes on two cores
+#   make test       the tests in double without the slowest, some 3 minutes on two cores
 #   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -15,7 +15,7 @@
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
-#   make soak       SOAK_STEPS=1000000 per element, or SOAK_SECONDS=20 for all
+#   make soak       SOAK_STEPS=1000000 per element and SOAK_HOURS=24 per simulated hand, or SOAK_SECONDS=20 for all of each
 #   make coverage   lines of the header that the suite runs, room by room
 #   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
@@ -35,10 +35,10 @@ WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wun
 	-Wvla
 C_WARNINGS = $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
 INCLUDES = -I. -Itests -Ibuild
-TEST_INCLUDES = $(if $(filter $<,$(WHOLE_TESTS)),,-Ibuild/include) $(INCLUDES)
-# Tests of what is internal hold an implementation of their own; its warnings, which take half of their time, are those of
-# the one that all share, and theirs are for make lint.
-WHOLE_TESTS = $(shell grep -l '^\#define SB_IMPLEMENTATION' tests/test_*.c)
+TEST_INCLUDES = -Ibuild/include $(INCLUDES)
+# Tests of what is internal include headers of src/ and link with the implementation that all share, whose internals are
+# extern for them. With an implementation of its own each would take longer to compile than all others together.
+INTERNAL_TESTS = $(shell grep -l '^\#define SB_SPLIT_BUILD' tests/test_*.c)
 
 PRODUCTS = softbody needle register
 HEADERS = $(PRODUCTS:%=%.h)
@@ -127,18 +127,16 @@ build/calls.h: tests/calls.awk tests/calls.txt $(filter %.h,$(PARTS))
 define suite
 build/$(1)/%.o: tests/%.c $(DECLARATIONS) $(wildcard tests/*.h examples/*.h) build/flags
 	@mkdir -p $$(@D)
-	$(2) -Ibuild/$(1) $$(TEST_INCLUDES) $(3) $$(UNIT_CFLAGS) $$(if $$(filter $$<,$$(WHOLE_TESTS)),-w) -c $$< -o $$@
-$(WHOLE_TESTS:tests/%.c=build/$(1)/%.o): $(HEADERS)
+	$(2) -Ibuild/$(1) $$(TEST_INCLUDES) $(3) $$(UNIT_CFLAGS) -c $$< -o $$@
+$(INTERNAL_TESTS:tests/%.c=build/$(1)/%.o): $(filter %.h,$(PARTS))
 build/$(1)/implementation.o: tests/implementation.c $(HEADERS) build/flags
 	@mkdir -p $$(@D)
-	$(2) $(INCLUDES) $(3) -c $$< -o $$@
+	$(2) $(INCLUDES) $(3) $(if $(filter $(INTERNAL_TESTS),$(or $(6),$(TESTS))),-DSB_SPLIT_BUILD) -c $$< -o $$@
 build/$(1)/suites.h: $(or $(6),$(TESTS)) Makefile
 	@mkdir -p $$(@D)
 	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(or $(6),$(TESTS)) >$$@
 build/$(1)/main.o: build/$(1)/suites.h
 build/$(1)/test_hostile.o: build/calls.h
-build/$(1)/test_live_matrix.o: softbody.h # of rooms below the public calls, whose code it therefore includes
-build/$(1)/test_guest.o: softbody.h
 build/$(1)/tests$(5): $$(patsubst tests/%.c,build/$(1)/%.o,$(or $(6),$(TESTS)) tests/main.c tests/implementation.c)
 	$(2) $$^ -lm $(4) -o $$@
 endef
@@ -174,6 +172,9 @@ $(eval $(call suite,wasm,$(WASM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-lwasi-e
 SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c)) \
 	-grid/badly -grid/weighted -grid/convergence -grid/stretched -grid/bars -match/livers -nicp/livers -loads/livers
 QUICK = $(or $(FILTER),$(SLOW))
+# Long too, and left to make check by make test.
+SLOWER = -multigrid/bodies -needle_materials/every -parts/parts -needle_programs/the -live_mesh/iterations \
+	-integrators/explicit -schemes/one
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
@@ -192,8 +193,8 @@ tested: build/double/tests build/amalgamate build/fuzz/plain $(PROGRAMS)
 ifeq ($(FILTER),)
 test:
 	@$(MAKE) --no-print-directory -j$$(nproc) tested
-	CHECK_QUICK=1 TOTAL_JOBS=$$(nproc) tests/total.sh \
-	    $(foreach part,1/4 2/4 3/4 4/4,"build/double/tests $(part) $(SLOW)") $(PROGRAM_TESTS)
+	CHECK_QUICK=1 CHECK_SHORT=1 TOTAL_JOBS=$$(nproc) tests/total.sh \
+	    $(foreach part,1/4 2/4 3/4 4/4,"build/double/tests $(part) $(SLOW) $(SLOWER)") $(PROGRAM_TESTS)
 else
 test: build/double/tests
 	build/double/tests $(FILTER)
@@ -236,16 +237,22 @@ verification: build/double/tests
 # The tests named golden... hold results as constants: the library and these tests, built by each compiler at each
 # optimisation, also where fused multiply-add is to be had, with wider vectors, narrower ones and none, must give the
 # same bits. (The library sees to that for its own code only, so the tests' code gets the flag.)
-GOLDEN_UNITS = tests/implementation.c $(shell grep -l '"golden' $(TESTS))
-GOLDEN_OTHERS = $(filter-out $(GOLDEN_UNITS),$(TEST_UNITS))
+GOLDEN_TESTS = $(shell grep -l '"golden' $(TESTS))
+GOLDEN_UNITS = tests/implementation.c $(GOLDEN_TESTS)
 GOLDEN_NAMES = gcc-O0 gcc-O2 gcc-O3 clang-O0 clang-O2 clang-O3
+
+build/golden/suites.h: $(GOLDEN_TESTS) Makefile
+	@mkdir -p $(@D)
+	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(GOLDEN_TESTS) >$@
+build/golden/main.o: tests/main.c tests/check.h build/golden/suites.h build/flags
+	$(CC) $(CFLAGS) -Ibuild/golden $(TEST_INCLUDES) -std=c99 $(C_WARNINGS) -c $< -o $@
 
 NO_AVX512 = $(shell $(GCC) -mno-avx512f -E -x c /dev/null >/dev/null 2>&1 && echo -mno-avx512f)
 define golden
 build/golden-$(1)/%.o: tests/%.c $(HEADERS) $(wildcard tests/*.h examples/*.h)
 	@mkdir -p $$(@D)
 	$(2) $(INCLUDES) $$(if $$(filter %/implementation.c,$$<),,-ffp-contract=off) -c $$< -o $$@
-build/golden-$(1)/tests: $$(GOLDEN_UNITS:tests/%.c=build/golden-$(1)/%.o) $$(GOLDEN_OTHERS:tests/%.c=build/double/%.o)
+build/golden-$(1)/tests: $$(GOLDEN_UNITS:tests/%.c=build/golden-$(1)/%.o) build/golden/main.o
 	$(CC) $(CFLAGS) $$^ -lm -o $$@
 endef
 $(eval $(call golden,gcc-O0,$(GCC) -std=c99 -O0))
@@ -267,7 +274,7 @@ cross:
 
 LINT_UNITS = $(filter %.c,$(PARTS)) $(TEST_UNITS) tests/link/declarations.c $(FUZZERS) \
 	$(wildcard tests/snippets/*.c)
-LINT_UNITS_double = $(EXAMPLES) $(BENCHES) tests/soak.c
+LINT_UNITS_double = $(EXAMPLES) $(BENCHES) tests/soak.c tests/soak_haptic.c
 LINTS = gcc-double gcc-float clang-double clang-float gxx-double gxx-float clangxx-double clangxx-float
 LINT_STD = $(if $(filter examples/% tests/bench/%,$<),-std=gnu11,-std=c99) # programs may read clocks
 LINT_gcc = $(GCC) $(LINT_STD) $(C_WARNINGS)
@@ -345,7 +352,7 @@ CAN_FUZZ = $(shell echo 'int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOne
 
 build/fuzz/plain: $(FUZZ_PARTS) build/flags
 	@mkdir -p $(@D) build/fuzz_case
-	$(CC) -std=c99 -O1 $(C_WARNINGS) $(INCLUDES) $(FUZZERS) -lm -o $@
+	$(CC) -std=c99 $(UNIT_CFLAGS) -w $(INCLUDES) $(FUZZERS) -lm -o $@
 build/fuzz/libfuzzer: $(FUZZ_PARTS)
 	@mkdir -p $(@D) build/fuzz_case
 	$(CLANG) -std=c99 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined -DFUZZ_LIBFUZZER \
@@ -373,8 +380,12 @@ fuzz: build/fuzz/$(FUZZ_WITH)
 build/soak: tests/soak.c $(HEADERS) tests/check.h tests/scene.h build/flags $(LIBRARY)
 	$(call PROGRAM,-std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES))
 
-soak: build/soak
-	SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak
+build/soak_haptic: tests/soak_haptic.c $(HEADERS) tests/check.h tests/haptic_hand.h build/flags
+	$(CC) -std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES) $< -lm -o $@
+
+soak: build/soak build/soak_haptic
+	tests/total.sh "SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak" \
+	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak_haptic"
 
 # gcc's counters; functions that every unit has of its own count as run when one of them was.
 COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)

@@ -693,6 +693,22 @@
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
 #define sb_default_tool_def sb_default_tool_def_f32
+#define sb_default_contact_def sb_default_contact_def_f32
+#define sb_contact_create sb_contact_create_f32
+#define sb_contact_destroy sb_contact_destroy_f32
+#define sb_contact_add_tool sb_contact_add_tool_f32
+#define sb_contact_remove_tool sb_contact_remove_tool_f32
+#define sb_contact_move_tool sb_contact_move_tool_f32
+#define sb_contact_place_tool sb_contact_place_tool_f32
+#define sb_contact_bend_tool sb_contact_bend_tool_f32
+#define sb_contact_set_friction sb_contact_set_friction_f32
+#define sb_contact_wrench sb_contact_wrench_f32
+#define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_points sb_contact_points_f32
+#define sb_contact_pressures sb_contact_pressures_f32
+#define sb_contact_get_info sb_contact_get_info_f32
+#define sb_default_haptic_def sb_default_haptic_def_f32
+#define sb_haptic_from_hd sb_haptic_from_hd_f32
 #endif
 #endif
 
@@ -5558,6 +5574,192 @@ SB_API sb_tool_def sb_default_tool_def(void);
 #endif /* SB_TOOL_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact: tools that push, slide on and grip a body, and the forces that they feel. Floor 4.
+ *
+ *     sb_contact_def def = sb_default_contact_def();
+ *     def.body = body;
+ *     sb_contact_create(&def, &contact, &error);
+ *     sb_contact_add_tool(contact, &tool_def, &tool, &error);
+ *     each frame: sb_contact_move_tool(contact, tool, &pose);
+ *                 sb_body_step(body, dt, &info);
+ *                 sb_contact_wrench(contact, tool, &wrench);
+ *
+ * Steps and static solves of the body do contact by themselves. The surface of the body feels a pressure p = max(0, l -
+ * k g) where it overlaps a tool (gap g < 0), on samples so close that forces are smooth while it slides; k is
+ * `stiffness` times the local stiffness of the step's own matrix, so that modulus, size, mass and dt need no tuning; l
+ * remembers the pressure of the step before, so that the overlap vanishes where the surface rests. Friction is
+ * Coulomb's, anchored: what sticks does not creep. All is solved within the implicit step; the preconditioner is made
+ * once.
+ *
+ * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
+ * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
+ * is taken back and done again with half the tools' way, at last with tools that stay.
+ *
+ * Friction needs damping in the integrator: implicit Euler, or generalised alpha with a spectral radius of 0.5 or less;
+ * Newmark's average acceleration rings where the surface touches. Bodies with explicit steps are refused.
+ * Source: Wriggers, Computational Contact Mechanics (return mapping, augmented Lagrangian). */
+#ifndef SB_CONTACT_H
+#define SB_CONTACT_H
+
+
+typedef struct sb_contact sb_contact;
+
+/* What a contact is made from. Start from sb_default_contact_def(). */
+typedef struct sb_contact_def {
+    sb_body *body;      /* borrowed: destroy the contact first; one contact per body */
+    sb_real stiffness;  /* of the pressure, over the body's own, >= 3; default 10. More is stiffer and costs iterations;
+                         * 3 .. 30 is sensible */
+    int max_iterations; /* systems of contact in a linearised step, >= 1; default 4 */
+    int max_contacts;   /* samples near tools at a time, in [64, 2^20]; default 8192: memory is taken at creation. Where
+                         * there are more, faces get fewer samples for that step (info.thinned) */
+    int max_tools;      /* in [1, 64]; default 8 */
+    const sb_allocator *allocator; /* NULL (default): the body's */
+    unsigned cookie;               /* set by sb_default_contact_def; a def made without it is refused */
+} sb_contact_def;
+SB_API sb_contact_def sb_default_contact_def(void);
+
+/* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
+ * are explicit; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched. Nothing allocates
+ * afterwards but sb_contact_add_tool. */
+SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
+SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
+
+/* ---- tools ---- */
+
+/* Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it
+ * overlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or max_tools are
+ * there; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such). */
+SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error);
+/* In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is
+ * none. Nothing changes then. */
+SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool);
+/* Where it is to be at the end of the next step. */
+SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose);
+/* At once, without a way, and with its contacts forgotten. SB_ERROR_ARGUMENT: too deep in the body, as at creation. */
+SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error);
+/* Capsules: the chain at the end of the next step, points[as many as the def had] (m, in the tool's frame). */
+SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_vec3 *points);
+SB_API sb_result sb_contact_set_friction(sb_contact *contact, int tool, sb_real friction);
+
+/* ---- readings of the last step or static solve: no allocation ---- */
+
+typedef struct sb_wrench {
+    sb_vec3 force;  /* N */
+    sb_vec3 torque; /* N m about the tool's position */
+} sb_wrench;
+/* What the body does to the tool: the sum of exactly the forces put on the body's nodes, with the opposite sign. */
+SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool);
+/* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
+SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
+
+typedef struct sb_contact_point {
+    int tool;
+    int element;    /* cell behind the face */
+    int face;       /* of that cell, in the order of sb_element's faces */
+    int sticks;     /* 1: friction holds it; 0: it slips, or there is no friction */
+    sb_real gap;    /* m, negative: overlap */
+    sb_real area;   /* m^2 at rest */
+    sb_vec3 point;  /* m, in space */
+    sb_vec3 normal; /* out of the tool */
+    sb_vec3 force;  /* N, on the body */
+} sb_contact_point;
+/* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
+SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);
+/* [node_count] mean pressure (Pa at rest) that tools exert on the surface at each node: for drawing. 0 elsewhere. */
+SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
+
+typedef struct sb_contact_info {
+    int candidates;   /* samples looked at */
+    int touching;     /* with pressure */
+    int sticking;     /* of these held by friction */
+    int iterations;   /* systems solved */
+    int retries;      /* times that the step was taken back and done again */
+    int capped;       /* 1: max_iterations ended the iteration; `residual` says how good it is */
+    int thinned;      /* 1: faces had fewer samples than their size asks for */
+    sb_real deepest;  /* m, overlap */
+    sb_real residual; /* of contact's forces, of the largest force */
+    sb_real lag;      /* m, largest of all tools' */
+} sb_contact_info;
+SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact);
+
+#endif /* SB_CONTACT_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic: forces for a hand at 1 kHz from a simulation that steps at 60 or 100 Hz. */
+#ifndef SB_HAPTIC_H
+#define SB_HAPTIC_H
+
+
+struct sb_contact;
+
+/* What is said here to a device is in double, whatever sb_real is. */
+
+/* State of the hand, as the device measures it. */
+typedef struct sb_tool_state {
+    double position[3];         /* m */
+    double rotation[9];         /* row-major, tool to world; all 0: of a device that does not turn */
+    double velocity[3];         /* m/s; handed on to the simulation, as is the next */
+    double angular_velocity[3]; /* rad/s, in world */
+    double time;                /* s, of any clock that does not jump */
+    uint32_t buttons;           /* passed on */
+} sb_tool_state;
+
+/* A force and a torque about the tool's position, on the hand. */
+typedef struct sb_wrench_d {
+    double force[3], torque[3]; /* N, N m */
+} sb_wrench_d;
+
+/* How a hand is coupled to a tool, and what its device can do. Start from sb_default_haptic_def().
+ *
+ * The hand's motion times scale_motion is the tool's; the tool's force times scale_force is the hand's. Torques are
+ * scaled by scale_force/scale_motion, so that power has one scale. */
+typedef struct sb_haptic_def {
+    struct sb_contact *contact; /* borrowed, destroyed after it */
+    int tool;                   /* of the contact */
+    double max_force;           /* N that the device gives for long, > 0; required */
+    double max_torque;          /* N m, >= 0; default 0: the device gives forces only */
+    double max_stiffness;       /* N/m and N s/m that it renders at 1 kHz, > 0 and >= 0; required: the device's own */
+    double max_damping;         /* figures. With a larger stiffness it hums in a light hand */
+    double max_slew;            /* N/s that the force changes by at most; default -1: max_force in 2 ms */
+    double coupling;            /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
+                                 * softer than the device can render; default -1: 0.5 max_stiffness */
+    double coupling_turning;    /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
+                                 * square of max_torque/max_force */
+    double resolution;   /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
+                          * figure gives energy away, 0 makes a hand that rests for minutes lose force at times */
+    double scale_motion; /* > 0; default 1 */
+    double scale_force;  /* > 0; default 1 */
+    double timeout;      /* s without a new frame before the force fades, >= 0.01; default 0.1 */
+    double energy_rate;  /* W that organs which move by themselves may give to the hand, >= 0; default 0 */
+    unsigned cookie;     /* set by sb_default_haptic_def; a def made without it is refused */
+} sb_haptic_def;
+
+SB_API sb_haptic_def sb_default_haptic_def(void);
+
+/* What the call at 1 kHz has seen. */
+typedef struct sb_haptic_info {
+    long calls;         /* since creation */
+    long frames;        /* steps of the simulation that reached it */
+    long refused;       /* calls with a state, and frames, that are not finite or out of any range */
+    long limited;       /* calls in which energy was taken off the hand's motion */
+    double energy;      /* J left in the bank: what the hand may be given; < 0: to be taken back */
+    double age, period; /* s: of the frame in force, and between frames */
+    double gap;         /* m between hand and tool: what the coupling gives way by, of the tool's motion */
+    double position[3]; /* m: the tool's pose, which stays on the tissue where the hand goes in: for pictures */
+    double rotation[9]; /* row-major */
+} sb_haptic_info;
+
+/* A device's state from what OpenHaptics gives: HD_CURRENT_TRANSFORM (column-major, mm) and HD_CURRENT_VELOCITY (mm/s).
+ * Time and buttons are the caller's to fill in; NULL: all 0. */
+SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double velocity_mm[3]);
+
+#endif /* SB_HAPTIC_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 #endif /* SOFTBODY_H */
 
 #if defined(SB_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION_DONE)
@@ -6177,10 +6379,11 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * block, in the mean node's units), so that units and stiffness do not. After each solve every guest may settle: when
  * one has changed its rows the iteration goes on from where it is, with a tenth of the tolerance from the fourth solve
  * on, since states that hang on little would turn over and back. SB_ERROR_DIVERGED: unknowns of guests are those of the
- * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them. */
+ * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them.
+ * current: 1: as sbi_pcg_solve_current; 0: the matrix has changed since the preconditioner's update. */
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, sb_pcg_info *info);
+                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info);
 
 /* ==== src/softbody/body/load.h, internal ==== */
 /* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
@@ -40320,7 +40523,7 @@ static sb_result sbi_pcg_settle(sbi_pcg_state *s, sb_preconditioner *preconditio
 
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, sb_pcg_info *info)
+                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -40331,13 +40534,13 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     int idle;
     options = options ? options : &defaults;
     if (!guests || guests->count == 0)
-        return sbi_pcg_solve_current(matrix, preconditioner, rhs, x, options, workspace, info);
+        return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, current, info);
     if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace) || !sbi_pcg_has_room(workspace, guests))
         return SB_ERROR_ARGUMENT;
     memset(&report, 0, sizeof report);
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    state.current = 1;
+    state.current = current;
     g = (sbi_pcg_guest_space *)workspace->guests;
     state.guests = &g->space;
     if (g->space.kept_room > 0)
@@ -40354,7 +40557,7 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     if (!idle)
         sbi_pcg_guess_guests(&state);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
-    if (!idle)
+    if (current && !idle)
         sbi_pcg_set_drifts(&state, options->tolerance);
     result =
         sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
@@ -45973,15 +46176,19 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 typedef struct sbi_step {
     sb_body *body;
     sb_step_info *info;
-    sb_step_info own_info; /* where the caller wants none */
-    double begun;          /* on the body's clock (s) */
-    int dynamic;           /* 1: a time step; 0: a static solve */
-    int done;              /* 1: nothing is left to be solved */
-    int iteration;         /* of Newton, from 0 */
-    sb_tangent_kind kind;  /* of the tangent in A */
-    sbi_guests guests;     /* solved together with the body */
-    int guests_begun;      /* those of them that have begun */
-    int starts;            /* 1: this is no step but the search for the accelerations that it starts from */
+    sb_step_info own_info;   /* where the caller wants none */
+    double begun;            /* on the body's clock (s) */
+    int dynamic;             /* 1: a time step; 0: a static solve */
+    int done;                /* 1: nothing is left to be solved */
+    int iteration;           /* of Newton, from 0 */
+    sb_tangent_kind kind;    /* of the tangent in A */
+    sbi_guests guests;       /* solved together with the body */
+    int guests_begun;        /* those of them that have begun */
+    int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
+    struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
+    int touch_begun;
+    int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
+                * have made it fail */
 
     /* what is solved */
     sb_real dt;     /* s */
@@ -46044,6 +46251,80 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
                                      sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */
+
+/* ==== src/softbody/body/step_touch.h ==== */
+/* step_touch: what touches a body: forces on its surface that change while a step is solved, as those of contact do.
+ * Floor 3, internal.
+ *
+ * Unlike a guest (solve/guest.h) it has no unknowns, but is nonlinear. A step of one iteration solves
+ *     (A + K) x' = b + F(x) + K x
+ * for the whole increment x' again and again, F and K at the increment x before: a semi-smooth Newton iteration in
+ * which forces, tangent A and preconditioner of the tissue are made once. A step of several iterations has F in its
+ * residual and K in its tangent like any load's. Between the nodes of each face that it acts on the matrix has blocks
+ * already, so that nothing is made anew.
+ *
+ * It sees its own nodes only: in all calls below arrays are [node_count], in the order of `nodes`. du is the nodes'
+ * displacement since the start of the step. */
+#ifndef SB_STEP_TOUCH_H
+#define SB_STEP_TOUCH_H
+
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+
+/* The step that begins. */
+typedef struct sbi_touch_step {
+    const sb_matrix *matrix; /* A before supports and constraints: what stiffness is measured by (N/m) */
+    const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
+    const sb_vec3 *velocity; /* [rows] at the start (m/s) */
+    sb_real dt;              /* s; 0: static */
+    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+} sbi_touch_step;
+
+typedef struct sbi_touch {
+    void *user;
+    int max_iterations; /* of a step of one iteration, >= 1 */
+
+    /* from begin to the end of the step, written by the owner */
+    int node_count;
+    const int *nodes; /* [node_count] rows of the matrix, each once */
+    int touching;     /* points of contact at the last evaluation */
+    sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
+    /* room for the step: */
+    sb_vec3 *du;     /* (m) what it asks forces at */
+    sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
+    sb_vec3 *left;   /* the same less K x' (N), x' its solution */
+    sb_vec3 *way;    /* x' - x (m) */
+    sb_vec3 *kept;   /* the right-hand side without contact (N) */
+
+    /* written by the step, for who reads */
+    int iterations, capped; /* 1: max_iterations ended it */
+    sb_real residual;       /* what contact's forces are off by at the end, of the largest force */
+
+    sb_result (*begin)(void *user, const sbi_touch_step *step, sb_error *error);
+    /* Forces and stiffness at du. renew: bounds of friction are those of here, else those of the last renewal. */
+    void (*evaluate)(void *user, const sb_vec3 *du, int renew);
+    /* Potential (J) of the forces of the last evaluation, with its bounds of friction. */
+    double (*energy)(void *user);
+    /* out = K x, K of the last evaluation, without masked axes. masked [rows] axes as bits; NULL: none. */
+    void (*multiply)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+    /* matrix += K without masked axes; and what it was before, to the bit. */
+    void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
+    void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
+    int (*accept)(void *user, const sb_vec3 *u);
+    /* The step is done, or has failed: as before `begin`. Neither can fail. */
+    void (*commit)(void *user);
+    void (*undo)(void *user);
+} sbi_touch;
+
+/* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
+SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+#endif
+
+#endif /* SB_STEP_TOUCH_H */
 
 /* ==== src/softbody/body/body_guest.h ==== */
 /* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor
@@ -46345,6 +46626,7 @@ struct sb_body {
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
+    struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -46430,6 +46712,7 @@ struct sb_body {
     sb_vec3 *equilibrated; /* dead loads that the last static solve ended with (N) */
     sb_vec3 *residual;     /* M a + D v + internal - external */
     sb_vec3 *rhs, *increment, *reaction;
+    sb_vec3 *previous;                  /* increment of the iteration of contact before */
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;                     /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
@@ -50275,7 +50558,7 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
 #include <string.h>
 
 /* The vectors by node, which a live mesh carries over when it grows. */
-enum { SBI_BODY_VECTORS = 26 };
+enum { SBI_BODY_VECTORS = 27 };
 static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
 {
     sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
@@ -50293,6 +50576,7 @@ static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECT
                                         &body->rhs,
                                         &body->increment,
                                         &body->reaction,
+                                        &body->previous,
                                         &body->velocity0,
                                         &body->acceleration0,
                                         &body->start,
@@ -55564,6 +55848,9 @@ SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error);
 SBI_API void sbi_embed_follower_follow(sb_embedding *e);
 SBI_API void sbi_embed_follower_give_up(sb_embedding *e);
+/* The report and the arrays' input as they are made of all places, which what follows a change must equal. */
+SBI_API void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report);
+SBI_API void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts);
 /* Leaves its owner and frees it with the arrays. */
 SBI_API void sbi_embed_follower_destroy(sb_embedding *e);
 
@@ -56858,7 +57145,7 @@ static void sbi_embed_swap_places(sb_embedding *e, sbi_embed_follower *f)
     }
 }
 
-static void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
+SBI_API void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
 {
     memset(report, 0, sizeof *report);
     report->point_count = e->report.point_count;
@@ -56891,7 +57178,7 @@ static void sbi_embed_next_report(const sb_embedding *e, const sbi_embed_followe
 
 /* ---- the arrays of updates ---- */
 
-static void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts)
+SBI_API void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts)
 {
     memset(parts, 0, sizeof *parts);
     parts->places = f->places;
@@ -59746,6 +60033,30 @@ SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held);
 SBI_API void sbi_step_guest_reactions(const sbi_step *step);
 SBI_API void sbi_step_commit_guests(sbi_step *step);
 SBI_API void sbi_step_undo_guests(sbi_step *step);
+/* way.G way of the way that the last solve has added to nodes (way [rows]) and unknowns. */
+SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way);
+/* Unknowns go back to a share of what the last solve added to them. */
+SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share);
+
+/* ---- step_touch.c: of steps with step->touch ---- */
+/* The tangent at the start is there: contact begins. */
+SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
+/* Its forces where share increment is still to be added to the displacement (increment NULL: nothing is). */
+SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
+/* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
+SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
+/* out [rows] += factor times the forces of the last evaluation. */
+SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
+/* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
+SBI_API void sbi_step_add_touch(sbi_step *step);
+/* Solves the system of a linearised step, again and again. */
+SBI_API sb_result sbi_step_solve_touch(sbi_step *step);
+/* Reactions less its forces on supported axes. */
+SBI_API void sbi_step_touch_reactions(const sbi_step *step);
+/* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
+SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
+SBI_API void sbi_step_commit_touch(sbi_step *step);
+SBI_API void sbi_step_undo_touch(sbi_step *step);
 
 /* ---- step_system.c ---- */
 /* Where the supports of node i should be at the present load factor; exact at the end of the way. */
@@ -59753,8 +60064,12 @@ SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
 SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
-/* Solves it for the body's increment, with guests. */
+/* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
+SBI_API void sbi_step_fill_system(sbi_step *step);
+/* Solves it for the body's increment, with guests and contact. */
 SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current);
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
  * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
@@ -59979,6 +60294,42 @@ SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
         sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
 }
 
+/* What the last solve added to a guest's unknowns, and the way of its nodes: in. */
+static void sbi_step_guest_way(const sbi_guest_work *work, const sb_vec3 *way)
+{
+    const sbi_guest *guest = work->guest;
+    double *at = work->in + guest->unknown_count;
+    for (int k = 0; k < guest->unknown_count; k++)
+        work->in[k] = guest->unknown[k] - work->start[k];
+    for (int k = 0; k < guest->node_count; k++, at += 3) {
+        at[0] = (double)way[guest->nodes[k]].x;
+        at[1] = (double)way[guest->nodes[k]].y;
+        at[2] = (double)way[guest->nodes[k]].z;
+    }
+}
+
+SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way)
+{
+    double sum = 0;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        sbi_step_guest_way(work, way);
+        work->guest->multiply(work->guest->user, work->in, work->out);
+        for (size_t k = 0; k < work->width; k++)
+            sum += work->in[k] * work->out[k];
+    }
+    return sum;
+}
+
+SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            work->guest->unknown[k] = work->start[k] + share * (work->guest->unknown[k] - work->start[k]);
+    }
+}
+
 SBI_API void sbi_step_guest_reactions(const sbi_step *step)
 {
     sb_body *b = step->body;
@@ -60015,6 +60366,322 @@ SBI_API void sbi_step_undo_guests(sbi_step *step)
             work->guest->undo(work->guest->user);
     }
     step->guests_begun = 0;
+}
+
+/* ==== src/softbody/body/step_touch.c ==== */
+/* step_touch: what touches a body takes part in its steps, see step_touch.h. */
+
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_TOUCH_CUTS = 8 }; /* evaluations of a line search */
+
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch) { body->touch = touch; }
+SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
+
+/* ---- between the body's vectors and those of the nodes in touch ---- */
+
+static double sbi_touch_dot(const sbi_touch *touch, const sb_vec3 *a, const sb_vec3 *b)
+{
+    double sum = 0;
+    for (int k = 0; k < touch->node_count; k++)
+        sum += (double)a[k].x * (double)b[k].x + (double)a[k].y * (double)b[k].y + (double)a[k].z * (double)b[k].z;
+    return sum;
+}
+
+/* Norm on axes without supports (N). */
+static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
+{
+    double sum = 0;
+    for (int k = 0; k < b->touch->node_count; k++) {
+        sb_vec3 v = sbi_body_pick_axes(b->fixed[b->touch->nodes[k]], sb_v3(0, 0, 0), a[k]);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    return sqrt(sum);
+}
+
+/* Axes that its blocks in the matrix leave out: constraints condense the whole ones. */
+static const unsigned char *sbi_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
+
+/* du = the displacement at u + share increment since the start of the step. */
+static void sbi_touch_gather(const sb_body *b, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
+{
+    const sbi_touch *touch = b->touch;
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        sb_vec3 d = sb_v3_sub(u[node], b->start[node]);
+        touch->du[k] = increment ? sb_v3_madd(d, share, increment[node]) : d;
+    }
+}
+
+/* ---- begin ---- */
+
+SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
+{
+    const sb_body *b = step->body;
+    sbi_touch_step told;
+    sb_result result;
+    memset(&told, 0, sizeof told);
+    told.matrix = &b->matrix;
+    told.start = b->start;
+    told.velocity = b->velocity;
+    told.dt = step->dynamic ? step->dt : 0;
+    told.level = step->level;
+    told.factor = step->dynamic ? 1 : step->load_factor;
+    told.tries = step->tries;
+    step->touch_begun = 1;
+    step->touch->iterations = step->touch->capped = 0;
+    step->touch->residual = 0;
+    result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    if (result != SB_OK && step->info->error.result != result)
+        return sbi_fail(&step->info->error, result, "contact cannot begin a step");
+    return result;
+}
+
+SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew)
+{
+    const sb_body *b = step->body;
+    sbi_touch_gather(b, b->displacement, increment, share);
+    b->touch->evaluate(b->touch->user, b->touch->du, renew);
+}
+
+SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u)
+{
+    sbi_touch_gather(step->body, u, NULL, 1);
+    step->touch->evaluate(step->touch->user, step->touch->du, 0);
+    return (sb_real)step->touch->energy(step->touch->user);
+}
+
+SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out)
+{
+    const sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        out[touch->nodes[k]] = sb_v3_madd(out[touch->nodes[k]], factor, touch->force[k]);
+}
+
+/* ---- the system ---- */
+
+SBI_API void sbi_step_add_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    touch->add_blocks(touch->user, sbi_touch_mask(b), &b->matrix);
+    if (!step->linearised)
+        return;
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->linear);
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        touch->linear[k] = sb_v3_add(touch->linear[k], touch->force[k]);
+        if (!b->elimination)
+            touch->linear[k] = sbi_body_pick_axes(b->fixed[node], sb_v3(0, 0, 0), touch->linear[k]);
+        touch->kept[k] = b->rhs[node];
+        b->rhs[node] = sb_v3_add(b->rhs[node], touch->linear[k]);
+    }
+}
+
+/* The system without contact again, and then with it as it was evaluated last. */
+static void sbi_step_renew_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    touch->restore_blocks(touch->user, &b->matrix);
+    if (b->elimination) {
+        sbi_step_fill_system(step);
+        return;
+    }
+    for (int k = 0; k < touch->node_count; k++)
+        b->rhs[touch->nodes[k]] = touch->kept[k];
+    sbi_step_add_touch(step);
+}
+
+/* ---- how much of a new increment is taken ---- */
+
+/* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
+ * end, and rises evenly by `rise` to there. */
+static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
+{
+    const sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = sb_v3_madd(b->previous[touch->nodes[k]], (sb_real)share, touch->way[k]);
+    touch->evaluate(touch->user, touch->du, 0);
+    return end - (1 - share) * rise - sbi_touch_dot(touch, touch->force, touch->way);
+}
+
+/* Where the slope vanishes, to a tenth of what it was at 0: false position, in which an end that stays counts half. */
+static double sbi_step_touch_root(sbi_step *step, double end, double rise, double at0, double at1)
+{
+    double low = 0, high = 1, slope_low = at0, slope_high = at1, share = 1;
+    int side = 0;
+    for (int i = 0; i < SBI_TOUCH_CUTS; i++) {
+        double slope;
+        share = (low * slope_high - high * slope_low) / (slope_high - slope_low);
+        slope = sbi_step_touch_slope(step, end, rise, share);
+        if (fabs(slope) <= -0.1 * at0)
+            break;
+        if (slope > 0) {
+            slope_low *= side > 0 ? 0.5 : 1;
+            high = share, slope_high = slope, side = 1;
+        } else {
+            slope_high *= side < 0 ? 0.5 : 1;
+            low = share, slope_low = slope, side = -1;
+        }
+    }
+    return share;
+}
+
+/* way.(A + K + G) way, of the whole system that was solved; way [rows] is in body->work. */
+static double sbi_step_touch_rise(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
+    double sum = 0;
+    sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+    for (int i = 0; i < b->domain.node_count; i++)
+        sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
+               (double)b->work[i].z * (double)b->work2[i].z;
+    return sum + sbi_step_guest_rise(step, b->work);
+}
+
+/* touch->way, and body->work without slaves, = what the solve added to the increment; touch->left = F + K x of the
+ * system less K x' */
+static void sbi_step_measure_way(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = b->increment[touch->nodes[k]];
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->left);
+    for (int k = 0; k < touch->node_count; k++) {
+        touch->left[k] = sb_v3_sub(touch->linear[k], touch->left[k]);
+        touch->way[k] = sb_v3_sub(touch->du[k], b->previous[touch->nodes[k]]);
+    }
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sb_v3_sub(b->increment[i], b->previous[i]);
+    if (b->elimination)
+        sbi_elimination_clear_slaves(b->elimination, b->work);
+}
+
+/* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
+ * increment overshoot, and a free block is thrown away by it. Returns the share. */
+static double sbi_step_search_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    double own, end, at1, whole, share;
+    sbi_step_measure_way(step);
+    touch->multiply(touch->user, sbi_touch_mask(b), touch->way, touch->du);
+    own = sbi_touch_dot(touch, touch->way, touch->du);
+    end = sbi_touch_dot(touch, touch->way, touch->left);
+    at1 = sbi_step_touch_slope(step, end, 0, 1);
+    if (!(at1 > 0.1 * own))
+        return 1;
+    whole = sbi_step_touch_rise(step);
+    if (!(at1 > 0.1 * whole))
+        return 1;
+    share = sbi_step_touch_root(step, end, whole - own, -whole, at1);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_madd(b->previous[i], (sb_real)share, b->work[i]);
+    if (b->elimination)
+        sbi_elimination_expand(b->elimination, b->increment, step->opens_gaps);
+    sbi_step_shorten_guests(step, share);
+    return share;
+}
+
+/* ---- the iteration ---- */
+
+/* The force (N) that what is left over is compared with. */
+static double sbi_step_touch_scale(const sbi_step *step)
+{
+    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+}
+
+/* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
+ * tolerance admits. */
+static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
+{
+    const sb_body *b = step->body;
+    const double share = 0.3;
+    double rhs = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
+        rhs += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    if (step->touch->touching == 0 || !(rhs > 0))
+        return tolerance;
+    return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
+}
+
+/* Forces at the new increment, with friction's bounds of there; touch->residual is what they differ by from those that
+ * the solve had. */
+static void sbi_step_end_way(sbi_step *step)
+{
+    sbi_touch *touch = step->touch;
+    double scale;
+    sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
+    for (int k = 0; k < touch->node_count; k++)
+        touch->left[k] = sb_v3_sub(touch->left[k], touch->force[k]);
+    scale = sbi_step_touch_scale(step);
+    touch->residual = scale > 0 ? (sb_real)(sbi_touch_norm(step->body, touch->left) / scale) : 0;
+}
+
+SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    sb_real tolerance = step->linear_tolerance;
+    for (touch->iterations = 1;; touch->iterations++) {
+        sb_result result;
+        double share;
+        memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        if (result != SB_OK)
+            return result;
+        share = sbi_step_search_touch(step);
+        sbi_step_end_way(step);
+        touch->capped = !(share == 1 && touch->residual <= tolerance);
+        if (!touch->capped || touch->iterations >= touch->max_iterations)
+            break;
+        sbi_step_renew_touch(step);
+    }
+    if (b->elimination)
+        touch->restore_blocks(touch->user, &b->matrix);
+    return SB_OK;
+}
+
+/* ---- end ---- */
+
+SBI_API void sbi_step_touch_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++) {
+        int node = touch->nodes[k];
+        b->reaction[node] =
+            sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], touch->force[k]), b->reaction[node]);
+    }
+}
+
+SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
+{
+    if (step->touch->accept(step->touch->user, step->body->displacement))
+        return SB_OK;
+    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
+                    "the body moves so far in this step that a tool may have passed through it: take a shorter one");
+}
+
+SBI_API void sbi_step_commit_touch(sbi_step *step)
+{
+    step->touch_begun = 0;
+    step->touch->commit(step->touch->user);
+}
+
+SBI_API void sbi_step_undo_touch(sbi_step *step)
+{
+    if (step->touch_begun)
+        step->touch->undo(step->touch->user);
+    step->touch_begun = 0;
 }
 
 /* ==== src/softbody/body/step_residual.c ==== */
@@ -60214,6 +60881,17 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
+/* residual -= forces of contact. That of a linearised step is without: they change while it is solved. */
+static void sbi_step_add_touch_residual(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_step_evaluate_touch(step, NULL, 1, 1);
+    memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    sbi_step_add_touch_force(step, 1, b->work);
+    sbi_step_add_touch_force(step, -1, b->residual);
+    sbi_step_raise_scale(step, b->work, SBI_STEP_ALL);
+}
+
 /* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
  * theirs. */
 static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
@@ -60245,6 +60923,8 @@ SBI_API void sbi_step_residual(sbi_step *step)
     sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
     if (b->load_count)
         sbi_step_add_loads(step);
+    if (step->touch && !step->linearised)
+        sbi_step_add_touch_residual(step);
     if (step->dynamic) {
         sbi_step_raise_scale(step, b->internal, SBI_STEP_ALL);
         sbi_step_add_dynamics(step);
@@ -60277,8 +60957,13 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     step->moves_supports = sbi_step_supports_move(step);
     if (step->body->load_count)
         sbi_loads_fill(step->body, step->body->displacement);
-    if (step->linearised) /* its residual may need K v */
+    if (step->linearised ||
+        (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
+    if (step->touch && step->iteration == 0)
+        result = sbi_step_begin_touch(step);
+    if (result != SB_OK)
+        return result;
     sbi_step_residual(step);
     if (!sb_is_finite(step->norm))
         return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "the forces are not finite");
@@ -60434,6 +61119,8 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
     else
         sbi_step_support_reactions(step);
     sbi_step_guest_reactions(step);
+    if (step->touch && step->linearised)
+        sbi_step_touch_reactions(step);
 }
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
@@ -60480,6 +61167,25 @@ static int sbi_step_condense(sbi_step *step)
     return open;
 }
 
+SBI_API void sbi_step_fill_system(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_elimination *e = b->elimination;
+    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    step->opens_gaps = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
+    if (e && step->touch)
+        sbi_step_add_touch(step);
+    if (e)
+        step->opens_gaps = sbi_step_condense(step);
+    else
+        sbi_step_keep_support_rows(b);
+    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    if (!e && step->touch)
+        sbi_step_add_touch(step);
+}
+
 SBI_API sb_result sbi_step_make_system(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -60487,15 +61193,10 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
     sb_result result;
     double begin = sbi_body_now(b);
-    step->opens_gaps = 0;
     sbi_step_predict(step);
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
-    if (e)
-        step->opens_gaps = sbi_step_condense(step);
-    else
-        sbi_step_keep_support_rows(b);
-    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    if (step->touch && step->linearised)
+        sbi_step_evaluate_touch(step, b->increment, 1, 1);
+    sbi_step_fill_system(step);
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
@@ -60503,7 +61204,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_system(sbi_step *step)
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -60511,15 +61212,12 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
     sb_result result;
-    double begin = sbi_body_now(b);
-    options.tolerance = (double)sbi_step_linear_tolerance(step);
+    options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
-    info->seconds_solve += sbi_body_now(b) - begin;
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
     info->pcg_iterations += pcg.iterations;
-    info->newton_iterations++;
     if (step->linearised)
         info->residual = (sb_real)pcg.residual;
     if (result == SB_ERROR_NOT_CONVERGED) { /* still the best increment so far: use it */
@@ -60528,6 +61226,19 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     }
     if (e)
         sbi_elimination_expand(e, b->increment, step->opens_gaps);
+    return result;
+}
+
+SBI_API sb_result sbi_step_solve_system(sbi_step *step)
+{
+    sb_result result;
+    double begin = sbi_body_now(step->body);
+    if (step->touch && step->linearised)
+        result = sbi_step_solve_touch(step);
+    else
+        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), 1);
+    step->info->seconds_solve += sbi_body_now(step->body) - begin;
+    step->info->newton_iterations++;
     return result;
 }
 
@@ -60587,6 +61298,11 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
+    if (step->touch && !step->linearised) { /* the residual has its forces, whose energy is looked at as it is */
+        sbi_touch *touch = step->touch;
+        for (int k = 0; k < touch->node_count; k++)
+            line.linear += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
+    }
     return line;
 }
 
@@ -60605,10 +61321,13 @@ static void sbi_step_trial(const sbi_step *step, sb_real t)
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
-/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
+/* Energy of a trial displacement, elastic and that of contact; 0 when it is inadmissible, with *bad the element that
+ * is. */
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
     *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
+    if (*bad < 0 && step->touch && !step->linearised)
+        *energy += sbi_step_touch_energy(step, trial);
     return *bad < 0 && sb_is_finite(*energy);
 }
 
@@ -61021,6 +61740,8 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 
 /* ---- begin and end ---- */
 
+enum { SBI_STEP_TRIES = 5 }; /* of tools: a half, a quarter, an eighth, a sixteenth of the way, none */
+
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
     sb_vec3 *state, *saved;
@@ -61148,6 +61869,7 @@ static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_i
     step->tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     step->linear_tolerance = step->linearised ? body->tolerance : 0;
     step->line_search = !(step->linearised && sbi_step_is_tame(body));
+    step->touch = is_explicit ? NULL : body->touch;
 }
 
 /* Checks the arguments and keeps what a failing step gives back. */
@@ -61194,6 +61916,8 @@ static void sbi_step_settle(sbi_step *step)
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
     sbi_step_commit_guests(step);
+    if (step->touch)
+        sbi_step_commit_touch(step);
 }
 
 static sb_result sbi_step_close(sbi_step *step, sb_result result)
@@ -61220,7 +61944,9 @@ SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *con
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
 {
-    sb_result result;
+    sb_result result = step->touch ? sbi_step_accept_touch(step) : SB_OK;
+    if (result != SB_OK)
+        return result;
     sbi_step_reactions(step);
     result = sbi_step_finish(step);
     if (result != SB_OK)
@@ -61229,18 +61955,33 @@ SBI_API sb_result sbi_step_commit(sbi_step *step)
     return sbi_step_close(step, SB_OK);
 }
 
+/* Generalised alpha extrapolates: where the material does not admit the end, the balance is tried at the end. */
+static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
+{
+    return result == SB_ERROR_INVERTED && step->body->integrator == SB_GENERALISED_ALPHA && step->level < 1;
+}
+
+/* Tools may have made the step fail, or have passed through: they go half as far each time, at last they stay. */
+static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
+{
+    return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
+}
+
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
 {
     sbi_step fresh;
-    if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
+    int later = sbi_step_can_balance_later(step, *result), less = sbi_step_can_touch_less(step, *result);
+    if (!later && !less)
         return 0;
     memset(&fresh, 0, sizeof fresh);
     sbi_step_undo_guests(step);
+    sbi_step_undo_touch(step);
+    fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
     fresh.guests = step->guests;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
-    fresh.radius = 0;
+    fresh.radius = later ? 0 : step->radius;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
@@ -61253,6 +61994,7 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
     if (!step->body) /* refused at once */
         return result;
     sbi_step_undo_guests(step);
+    sbi_step_undo_touch(step);
     sbi_step_restore(step->body);
     return sbi_step_close(step, result);
 }
@@ -66718,8 +67460,9 @@ typedef struct sbi_contact_faces {
     int width;                /* nodes per face in `nodes`: most of any face */
     unsigned char *sizes;     /* nodes of each face */
     int *nodes;               /* [face][width] counter-clockwise seen from outside */
-    int *keys;                /* cell times sides of a cell, plus side: ascending */
+    int *keys;                /* elements[face] * side_count + sides[face]: ascending */
     int *elements;            /* the cell behind it */
+    unsigned char *sides;     /* its number among the faces of that cell */
     int *regions;             /* index of its material in the body */
     sb_real *areas;           /* m^2 at rest */
     sb_real *lengths;         /* m at rest: what is cut into parts, see sbi_contact_face_parts */
@@ -66727,7 +67470,7 @@ typedef struct sbi_contact_faces {
     int *versions;            /* pattern that the blocks are of; -1: of none */
     sb_real *node_areas;      /* [node_room] (m^2), see sbi_contact_node_area */
     int side_count;           /* of a cell */
-    sbi_contact_side sides[SB_MAX_ELEMENT_FACES];
+    sbi_contact_side element_sides[SB_MAX_ELEMENT_FACES];
     sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
     sbi_face_tree tree;
     uint64_t *marks; /* zeros between queries */
@@ -66920,7 +67663,7 @@ SBI_API int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element
     sbi_arena arena = {NULL, 0, 0};
     faces->side_count = sbi_element_face_count(element);
     for (int s = 0; s < faces->side_count; s++) {
-        sbi_contact_side *side = &faces->sides[s];
+        sbi_contact_side *side = &faces->element_sides[s];
         sb_element_type type = SB_NO_ELEMENT;
         side->nodes = sbi_element_face(element, s, side->local, &type);
         side->corners = sb_element_corner_count(type);
@@ -66981,7 +67724,7 @@ static int sbi_contact_is_outer(const sbi_contact_faces *faces, const sb_body *b
     int ascends[2] = {0, 0};
     for (int i = begin; i < end; i++) {
         int part = keys->order[i];
-        ascends[sbi_contact_side_ascends(&faces->sides[part % keys->per_element],
+        ascends[sbi_contact_side_ascends(&faces->element_sides[part % keys->per_element],
                                          sbi_contact_cell_nodes(body, part / keys->per_element))]++;
     }
     return !ascends[0] || !ascends[1];
@@ -67098,9 +67841,10 @@ static void sbi_contact_put_face(sbi_contact_faces *faces, const sb_body *body, 
 {
     const int *corners = sbi_contact_cell_nodes(body, cell), face = faces->face_end++;
     int *nodes = faces->nodes + (size_t)face * (size_t)faces->width;
-    for (int a = 0; a < faces->sides[side].nodes; a++)
-        nodes[a] = corners[faces->sides[side].local[a]];
-    faces->sizes[face] = (unsigned char)faces->sides[side].nodes;
+    for (int a = 0; a < faces->element_sides[side].nodes; a++)
+        nodes[a] = corners[faces->element_sides[side].local[a]];
+    faces->sizes[face] = (unsigned char)faces->element_sides[side].nodes;
+    faces->sides[face] = (unsigned char)side;
     faces->keys[face] = cell * faces->side_count + side;
     faces->elements[face] = cell;
     faces->regions[face] = body->cell_material[cell];
@@ -67135,6 +67879,7 @@ static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
     faces->regions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
+    faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
     if (!live->cell_room)
         return;
     sbi_contact_layout_order(faces->face_room, &live->order, arena);
@@ -67485,7 +68230,7 @@ SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_b
 /* 1 when no cell lies on the other side of a cell's side, and none before it on this. */
 static int sbi_contact_is_outside(const sbi_contact_faces *faces, const sb_body *body, int cell, int number)
 {
-    const sbi_contact_side *side = &faces->sides[number];
+    const sbi_contact_side *side = &faces->element_sides[number];
     const int *nodes = sbi_contact_cell_nodes(body, cell);
     int corners[SB_MAX_FACE_NODES], ascends = sbi_contact_side_ascends(side, nodes), key;
     for (int a = 0; a < side->corners; a++)
@@ -67495,7 +68240,7 @@ static int sbi_contact_is_outside(const sbi_contact_faces *faces, const sb_body 
         int other = sbi_live_cell_of(body, at);
         const int *others = sbi_contact_cell_nodes(body, other);
         for (int k = 0; k < faces->side_count; k++) {
-            const sbi_contact_side *same = &faces->sides[k];
+            const sbi_contact_side *same = &faces->element_sides[k];
             int place = other * faces->side_count + k;
             if (place != key && same->corners == side->corners &&
                 sbi_body_has_corners(corners, others, same->local, side->corners) &&
@@ -67531,7 +68276,8 @@ static void sbi_contact_look_around(sbi_contact_faces *faces, const sb_body *bod
         int cell = sbi_live_cell_of(body, at);
         const int *nodes = sbi_contact_cell_nodes(body, cell);
         for (int k = 0; k < faces->side_count; k++)
-            if (nodes[faces->sides[k].local[0]] == node && sbi_contact_is_near(live->near, &faces->sides[k], nodes))
+            if (nodes[faces->element_sides[k].local[0]] == node &&
+                sbi_contact_is_near(live->near, &faces->element_sides[k], nodes))
                 sbi_contact_set_outer(live, cell * faces->side_count + k, sbi_contact_is_outside(faces, body, cell, k));
     }
 }
@@ -67641,6 +68387,1787 @@ SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_bo
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_law.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_law: pressure and friction at one sample, and their stiffness. Internal, pure functions.
+ *
+ *     p = max(0, l - k g)                                       n out of the tool, g the gap (m, negative: overlap)
+ *     tau = P t' - kt s,  t = tau if |tau| <= B, else B tau/|tau|
+ *     K = k n n^T + kt (I - n n^T)                              sticks
+ *     K = k n n^T + kt B/|tau| (I - n n^T - d d^T), d = tau/|tau|     slips
+ *
+ * l, t' are remembered pressure and traction of the step before, P turns the latter into the tangent plane, s is the
+ * slip, B = mu p the bound of friction of the last renewal. Without the curvature of the tool and dB/dp, K is symmetric
+ * and positive semidefinite. Gradient and tangent of the potential (B fixed)
+ *     p^2 / (2 k) + (|tau|^2 / (2 kt), or (B |tau| - B^2/2) / kt).
+ * Source: Wriggers, Computational Contact Mechanics, ch. 5 and 6. */
+#ifndef SB_CONTACT_LAW_H
+#define SB_CONTACT_LAW_H
+
+
+/* Tangential over normal stiffness while it sticks. */
+#define SBI_CONTACT_TANGENTIAL ((sb_real)0.5)
+
+typedef enum sbi_contact_state { SBI_CONTACT_OFF = 0, SBI_CONTACT_STICKS = 1, SBI_CONTACT_SLIPS = 2 } sbi_contact_state;
+
+typedef struct sbi_contact_answer {
+    sbi_contact_state state;
+    sb_real pressure;        /* Pa */
+    sb_vec3 traction;        /* Pa, tangential, on the body */
+    sb_vec3 direction;       /* d of a sample that slips, or 0 */
+    sb_real normal, tangent; /* Pa/m: K = normal n n^T + tangent (I - n n^T - d d^T) */
+    sb_real energy;          /* J/m^2 */
+} sbi_contact_answer;
+
+/* v without its part along the unit vector n. */
+SB_INLINE sb_vec3 sbi_contact_tangential(sb_vec3 v, sb_vec3 n) { return sb_v3_madd(v, -sb_v3_dot(v, n), n); }
+
+/* v turned into the plane across n: its projection with the length of v. */
+SB_INLINE sb_vec3 sbi_contact_carry(sb_vec3 v, sb_vec3 n)
+{
+    sb_vec3 flat = sbi_contact_tangential(v, n);
+    sb_real length = sb_v3_norm(v), now = sb_v3_norm(flat);
+    return now > 0 ? sb_v3_scale(length / now, flat) : sb_v3(0, 0, 0);
+}
+
+/* memory: l (Pa); remembered: t' (Pa); slip: any part along n is left out; bound: B (Pa), of a tool without friction 0.
+ */
+SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real memory, sb_vec3 n, sb_vec3 slip,
+                                             sb_vec3 remembered, sb_real bound)
+{
+    sbi_contact_answer a;
+    sb_real kt = SBI_CONTACT_TANGENTIAL * k, size;
+    sb_vec3 tau;
+    a.state = SBI_CONTACT_OFF;
+    a.pressure = memory - k * gap;
+    a.traction = a.direction = sb_v3(0, 0, 0);
+    a.normal = a.tangent = a.energy = 0;
+    if (!(a.pressure > 0)) {
+        a.pressure = 0; /* friction of a bound that is still to be renewed stays, for the sake of the potential */
+    } else {
+        a.state = SBI_CONTACT_SLIPS;
+        a.normal = k;
+        a.energy = a.pressure * a.pressure / (2 * k);
+    }
+    if (!(bound > 0))
+        return a;
+    tau = sb_v3_madd(sbi_contact_carry(remembered, n), -kt, sbi_contact_tangential(slip, n));
+    size = sb_v3_norm(tau);
+    if (size <= bound) {
+        a.state = SBI_CONTACT_STICKS;
+        a.traction = tau;
+        a.tangent = kt;
+        a.energy += size * size / (2 * kt);
+        return a;
+    }
+    a.direction = sb_v3_scale(1 / size, tau);
+    a.traction = sb_v3_scale(bound, a.direction);
+    a.tangent = kt * bound / size;
+    a.energy += (bound * size - bound * bound / 2) / kt;
+    return a;
+}
+
+/* factor times K, row-major. */
+SB_INLINE void sbi_contact_stiffness(const sbi_contact_answer *a, sb_vec3 n, sb_real factor, sb_real out[9])
+{
+    sb_real normal = factor * (a->normal - a->tangent), tangent = factor * a->tangent;
+    const sb_real u[3] = {n.x, n.y, n.z}, d[3] = {a->direction.x, a->direction.y, a->direction.z};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            out[3 * i + j] = normal * u[i] * u[j] + (i == j ? tangent : 0) - tangent * d[i] * d[j];
+}
+
+#endif /* SB_CONTACT_LAW_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_private: what is inside an sb_contact. Internal: the files contact*.c share it.
+ *
+ * Data of a step flow one way: sweep (how far each tool goes) -> patches (faces near a tool, one for each tool that
+ * they are near) -> samples of patches, with what the step before remembers of them -> law -> forces and blocks by
+ * patch -> entries (samples in touch), which are what is read, saved and remembered. */
+#ifndef SB_CONTACT_PRIVATE_H
+#define SB_CONTACT_PRIVATE_H
+
+
+/* A tool's place in the list. Chains are of capsules, [point count]. */
+typedef struct sbi_contact_tool {
+    sbi_tool *shape; /* NULL: the place is free */
+    sb_real friction;
+    int partner;
+    sb_pose reached, wanted; /* at the end of the last step; where it is sent */
+    sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    int face_count;        /* of its faces in sb_contact.near */
+    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;           /* m */
+} sbi_contact_tool;
+
+/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
+typedef struct sbi_contact_entry {
+    int tool, face, parts, sample, sticks;
+    sb_real memory;               /* l (Pa) */
+    sb_real gap, area;            /* m, m^2 at rest */
+    sb_vec3 traction;             /* t (Pa) on the body */
+    sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
+} sbi_contact_entry;
+
+/* A face near a tool. */
+typedef struct sbi_contact_patch {
+    int tool, face, parts;
+    int first, count;             /* its samples */
+    int touching;                 /* of them at the last evaluation */
+    int nodes[SB_MAX_FACE_NODES]; /* places in the list of nodes */
+} sbi_contact_patch;
+
+typedef struct sbi_contact_sample {
+    int patch, sample;
+    const sb_real *weights;   /* [nodes of the face] */
+    sb_real area;             /* m^2 at rest */
+    sb_real k;                /* Pa/m */
+    sb_real memory;           /* l (Pa), remembered */
+    sb_vec3 remembered;       /* t (Pa) */
+    sb_vec3 carried;          /* where the tool's own motion takes it over the step (m) */
+    sb_vec3 normal;           /* of the last evaluation, out of the tool in space */
+    sb_vec3 point;            /* m */
+    sb_real gap, slip, bound; /* m, m, Pa */
+    sbi_contact_answer answer;
+} sbi_contact_sample;
+
+/* A block of the matrix before contact was added. */
+typedef struct sbi_contact_saved {
+    int block;
+    sb_real values[9];
+} sbi_contact_saved;
+
+struct sb_contact {
+    sb_allocator allocator;
+    sb_body *body;
+    sb_real stiffness;
+    int max_tools, max_contacts;
+    sbi_contact_faces *faces;
+    sbi_contact_tool *tools; /* [max_tools] */
+    sbi_touch touch;
+    sb_contact_info info, step_info; /* of the last step; of the one under way */
+
+    /* of the step */
+    int *near;    /* [max_tools][face_room] faces by tool */
+    int *scratch; /* [face_room] outside of steps */
+    int patch_count;
+    sbi_contact_patch *patches;
+    int patch_room;
+    sbi_contact_sample *samples; /* [max_contacts] */
+    int sample_count;
+    int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
+    int *nodes;          /* [node_room] */
+    sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
+    sb_real *region_sum; /* [max_tools][regions] of k while it is summed, then k (Pa/m) */
+    int *region_count;
+    int region_room;
+    sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
+    sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
+    int blocks_current;
+    sbi_contact_saved *saved; /* [patch_room width^2] */
+    int saved_count;
+
+    /* of the last step */
+    sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
+    int entry_count;
+    void *memory;
+};
+
+/* ---- contact_tool.c ---- */
+/* Gives a tool back; a free place is fine. */
+SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
+
+/* ---- contact_sweep.c ---- */
+/* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
+SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
+/* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
+ * a face. u [rows]: displacements at the end. */
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
+/* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
+SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                                  int *element);
+
+/* ---- contact_step.c ---- */
+/* What the body calls in its steps. */
+SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* ---- contact_state.c ---- */
+/* What a recording keeps of calls: codes stand in files. */
+typedef enum sbi_contact_command {
+    SBI_CONTACT_ADD = 1,     /* cannot be played */
+    SBI_CONTACT_REMOVE = 2,  /* likewise */
+    SBI_CONTACT_MOVE = 3,    /* reals: pose */
+    SBI_CONTACT_PLACE = 4,   /* reals: pose */
+    SBI_CONTACT_BEND = 5,    /* reals: chain */
+    SBI_CONTACT_FRICTION = 6 /* reals: mu */
+} sbi_contact_command;
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count);
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose);
+/* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
+SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_leave_state(const sb_contact *contact);
+
+/* Place of a sample with these weights. */
+SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int a = 0; a < count; a++)
+        sum = sb_v3_madd(sum, weights[a], values[nodes[a]]);
+    return sum;
+}
+
+#endif /* SB_CONTACT_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_sweep.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
+ *
+ * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
+ * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
+ * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was
+ * at least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+#include <math.h>
+#include <string.h>
+
+
+#define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
+#define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample near the tool against it */
+enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
+
+/* ---- faces near a tool ---- */
+
+/* Box of a tool on the way between two poses, grown by its radius and by what the straight line between the two misses
+ * of a turn. */
+static void sbi_sweep_box(const sbi_tool *shape, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                          const sb_pose *to, sb_vec3 *low, sb_vec3 *high)
+{
+    sb_vec3 low1, high1, sides;
+    sb_real turn = sb_v3_norm(sbi_pose_rotation(from, to)), grow;
+    sbi_tool_bounds(shape, chain0, from, low, high);
+    sbi_tool_bounds(shape, chain1, to, &low1, &high1);
+    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
+        return;
+    sides = sb_v3(sb_max(high->x - low->x, high1.x - low1.x), sb_max(high->y - low->y, high1.y - low1.y),
+                  sb_max(high->z - low->z, high1.z - low1.z));
+    grow = sbi_tool_radius(shape) + sb_v3_norm(sides) * sb_min((sb_real)1, turn * turn / 8);
+    *low = sb_v3(sb_min(low->x, low1.x) - grow, sb_min(low->y, low1.y) - grow, sb_min(low->z, low1.z) - grow);
+    *high = sb_v3(sb_max(high->x, high1.x) + grow, sb_max(high->y, high1.y) + grow, sb_max(high->z, high1.z) + grow);
+}
+
+static int *sbi_sweep_near(const sb_contact *contact, int tool)
+{
+    return contact->near + (size_t)tool * (size_t)contact->faces->face_room;
+}
+
+static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_vec3 low, high;
+    sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
+    tool->face_count =
+        sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
+}
+
+/* ---- the way ---- */
+
+/* chain = a share of the way between two. */
+static void sbi_sweep_bend(const sbi_contact_tool *tool, sb_real share, const sb_vec3 *to, sb_vec3 *chain)
+{
+    for (int i = 0; i < sbi_tool_point_count(tool->shape); i++) {
+        sb_vec3 way = sb_v3_sub(to[i], tool->chain_reached[i]);
+        chain[i] = share == 1 ? to[i] : sb_v3_madd(tool->chain_reached[i], share, way);
+    }
+}
+
+/* Least gap of the faces near a tool at a pose, where the body is. */
+static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                             const int *near, int count, int *deepest)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body), up = {0, 0, 1};
+    sb_real least = SB_REAL_MAX, radius = sbi_tool_radius(shape);
+    for (int f = 0; f < count; f++) {
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        for (int s = 0; s < rule->count; s++) {
+            sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)s * faces->sizes[face],
+                                          sbi_contact_face_nodes(faces, face), faces->sizes[face], x);
+            sb_vec3 normal;
+            sb_real gap = sbi_tool_distance(shape, chain, sbi_pose_to_tool(pose, at), up, &normal);
+            if (gap < least && deepest)
+                *deepest = face;
+            least = sb_min(least, gap);
+        }
+    }
+    return least;
+}
+
+/* Share of the way to where it is sent that a tool may go: free up to the body, and some into it. */
+static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real inner = sbi_tool_inner_radius(tool->shape), share = 0;
+    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), less = 1;
+    for (int i = 0; i < step->tries; i++)
+        less *= (sb_real)0.5;
+    if (step->tries >= SBI_SWEEP_LAST_TRY)
+        return 0;
+    if (way <= SBI_SWEEP_ADVANCE * inner || step->dt == 0)
+        return less;
+    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted);
+    for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
+        sb_pose at = sbi_pose_between(&tool->reached, &tool->wanted, share);
+        sb_real gap;
+        sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+        gap = sbi_sweep_gap(contact, tool->shape, tool->chain_next, &at, sbi_sweep_near(contact, number),
+                            tool->face_count, NULL);
+        if (!(gap > clear))
+            break;
+        share += gap / way;
+    }
+    return less * sb_min((sb_real)1, share + SBI_SWEEP_ADVANCE * inner / way);
+}
+
+static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step *step)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+    tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
+    sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+}
+
+SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
+{
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), step->velocity, step->dt);
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape)
+            sbi_sweep_tool(contact, i, step);
+}
+
+/* ---- afterwards ---- */
+
+/* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
+static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
+{
+    const sb_vec3 up = {0, 0, 1};
+    sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
+    sb_real inner = sbi_tool_inner_radius(tool->shape), before;
+    sb_real gap =
+        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
+    if (!(gap < SBI_SWEEP_DEEPEST * inner))
+        return 0;
+    if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
+        return 1;
+    if (gap > -SBI_SWEEP_DEEPEST * inner)
+        return 0;
+    before = sbi_tool_distance(tool->shape, tool->chain_reached, sbi_pose_to_tool(&tool->reached, x0), up, &normal);
+    return !(gap > before); /* a body that was put deep into a tool may come out */
+}
+
+static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    const sbi_contact_tool *tool = contact->tools + number;
+    const int *near = sbi_sweep_near(contact, number);
+    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+        return 1;
+    for (int f = 0; f < tool->face_count; f++) {
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(tool->shape));
+        int count = faces->sizes[face];
+        const int *nodes = sbi_contact_face_nodes(faces, face);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        for (int s = 0; s < rule->count; s++) {
+            const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+            sb_vec3 x1 =
+                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
+            if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
+{
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape && !sbi_sweep_tool_is_safe(contact, i, u))
+            return 0;
+    return 1;
+}
+
+SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                                  int *element)
+{
+    sb_vec3 low, high;
+    int *near = contact->scratch, count, face = -1;
+    sb_real gap;
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+    sbi_tool_bounds(shape, chain, pose, &low, &high);
+    count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);
+    gap = sbi_sweep_gap(contact, shape, chain, pose, near, count, &face);
+    *element = face >= 0 ? contact->faces->elements[face] : -1;
+    return gap < 0 ? -gap : 0;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_step.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_step: contact within a step: samples near tools, their stiffness and memory, forces and blocks. */
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
+
+/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
+ * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+#define SBI_CONTACT_REMEMBERS ((sb_real)3)
+
+/* ---- nodes and patches ---- */
+
+static int sbi_contact_place_node(sb_contact *contact, int node)
+{
+    if (contact->node_place[node] < 0) {
+        contact->node_place[node] = contact->touch.node_count;
+        contact->positions[contact->touch.node_count] = sb_body_positions(contact->body)[node];
+        contact->nodes[contact->touch.node_count++] = node;
+    }
+    return contact->node_place[node];
+}
+
+static void sbi_contact_forget_nodes(sb_contact *contact)
+{
+    for (int k = 0; k < contact->touch.node_count; k++)
+        contact->node_place[contact->nodes[k]] = -1;
+    contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+}
+
+/* What the samples of a face are looked at with. */
+typedef struct sbi_contact_view {
+    const sbi_contact_tool *tool;
+    int number, face, parts;
+    const sb_vec3 *velocity; /* [rows] */
+    sb_real dt, reach;       /* s; m */
+} sbi_contact_view;
+
+/* Unit normal of a face out of its body, at the start of the step; 0 where it is flat. */
+static sb_vec3 sbi_contact_face_normal(const sb_contact *contact, int face)
+{
+    const int *n = sbi_contact_face_nodes(contact->faces, face);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    sb_vec3 cross = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
+    sb_real size = sb_v3_norm(cross);
+    return size > 0 ? sb_v3_scale(1 / size, cross) : sb_v3(0, 0, 1);
+}
+
+/* Takes the samples of a face that are near the tool, where they are or where they would go. 0: no room is left. */
+static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *view)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, view->face);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, view->face, view->parts);
+    int count = faces->sizes[view->face];
+    sb_vec3 out = sb_v3_scale(-1, sbi_contact_face_normal(contact, view->face));
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&view->tool->balance, out);
+    for (int s = 0; s < rule->count; s++) {
+        const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+        sb_vec3 at = sbi_contact_mean(weights, nodes, count, x), normal, ahead, carried;
+        sbi_contact_sample *sample = contact->samples + contact->sample_count;
+        sb_real gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
+                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal);
+        if (gap >= view->reach && view->dt > 0) {
+            ahead = sb_v3_madd(at, view->dt, sbi_contact_mean(weights, nodes, count, view->velocity));
+            gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
+                                    sbi_pose_to_tool(&view->tool->balance, ahead), fallback, &normal);
+        }
+        if (!(gap < view->reach))
+            continue;
+        if (contact->sample_count == contact->max_contacts)
+            return 0;
+        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->reached, at));
+        memset(sample, 0, sizeof *sample);
+        sample->patch = contact->patch_count;
+        sample->sample = s;
+        sample->weights = weights;
+        sample->carried = sb_v3_sub(carried, at);
+        sample->normal = out;
+        contact->sample_count++;
+    }
+    return 1;
+}
+
+/* A patch of a face with samples near the tool, if there are any. 0: no room is left. */
+static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *view)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_contact_patch *patch = contact->patches + contact->patch_count;
+    const int *nodes = sbi_contact_face_nodes(faces, view->face);
+    int first = contact->sample_count;
+    if (contact->patch_count == contact->patch_room)
+        return 0;
+    if (!sbi_contact_add_samples(contact, view))
+        return 0;
+    if (contact->sample_count == first)
+        return 1;
+    memset(patch, 0, sizeof *patch);
+    patch->tool = view->number;
+    patch->face = view->face;
+    patch->parts = view->parts;
+    patch->first = first;
+    patch->count = contact->sample_count - first;
+    for (int a = 0; a < faces->sizes[view->face]; a++)
+        patch->nodes[a] = sbi_contact_place_node(contact, nodes[a]);
+    for (int i = first; i < contact->sample_count; i++)
+        contact->samples[i].area =
+            sbi_contact_sample_area(faces, contact->body, view->face, view->parts, contact->samples[i].sample);
+    contact->patch_count++;
+    return 1;
+}
+
+/* How near (m) a sample counts: as far as it may move against the tool in a step, and of a plane, which moves as it
+ * will, half a face. */
+static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_tool *shape, int face)
+{
+    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
+        return (sb_real)0.5 * contact->faces->lengths[face];
+    return sbi_tool_inner_radius(shape);
+}
+
+/* All patches, with 1/2^thin of the parts that faces should have. 0: no room is left. */
+static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *step, int thin)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sbi_contact_forget_nodes(contact);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        const int *near = contact->near + (size_t)t * (size_t)faces->face_room;
+        for (int f = 0; tool->shape && f < tool->face_count; f++) {
+            sbi_contact_view view;
+            const sbi_contact_kind *kind = &faces->kinds[faces->sizes[near[f]]];
+            view.tool = tool;
+            view.number = t;
+            view.face = near[f];
+            view.parts =
+                sbi_max_int(kind->least, sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
+            view.velocity = step->velocity;
+            view.dt = step->dt;
+            view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
+            if (!sbi_contact_add_patch(contact, &view))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+/* ---- stiffness ---- */
+
+/* tr A_aa / 3 over the node's area, by place; 0 where it has no area or no stiffness. */
+static void sbi_contact_measure_nodes(sb_contact *contact, const sb_matrix *matrix)
+{
+    for (int k = 0; k < contact->touch.node_count; k++) {
+        int node = contact->nodes[k];
+        const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
+        sb_real trace = (a[0] + a[4] + a[8]) / 3, area = sbi_contact_node_area(contact->faces, node);
+        contact->stiffness_by_node[k] = trace > 0 && area > 0 ? trace / area : 0;
+    }
+}
+
+/* One stiffness for a tool and a region: so a plane that is pressed on a body has the same pressure everywhere. */
+static void sbi_contact_measure_regions(sb_contact *contact)
+{
+    size_t places = (size_t)contact->max_tools * (size_t)contact->region_room;
+    memset(contact->region_sum, 0, places * sizeof(sb_real));
+    memset(contact->region_count, 0, places * sizeof(int));
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        size_t place =
+            (size_t)patch->tool * (size_t)contact->region_room + (size_t)contact->faces->regions[patch->face];
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+            if (contact->stiffness_by_node[patch->nodes[a]] > 0) {
+                contact->region_sum[place] += contact->stiffness_by_node[patch->nodes[a]];
+                contact->region_count[place]++;
+            }
+    }
+    for (size_t i = 0; i < places; i++)
+        if (contact->region_count[i] > 0)
+            contact->region_sum[i] *= contact->stiffness / (sb_real)contact->region_count[i];
+}
+
+static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
+{
+    sbi_contact_measure_nodes(contact, matrix);
+    sbi_contact_measure_regions(contact);
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_patch *patch = contact->patches + contact->samples[i].patch;
+        contact->samples[i].k = contact->region_sum[(size_t)patch->tool * (size_t)contact->region_room +
+                                                    (size_t)contact->faces->regions[patch->face]];
+    }
+}
+
+/* ---- memory ---- */
+
+/* Order of samples: by tool, face, number. */
+static int sbi_contact_compare(const sbi_contact_patch *patch, const sbi_contact_sample *sample,
+                               const sbi_contact_entry *entry)
+{
+    if (patch->tool != entry->tool)
+        return patch->tool < entry->tool ? -1 : 1;
+    if (patch->face != entry->face)
+        return patch->face < entry->face ? -1 : 1;
+    return sample->sample < entry->sample ? -1 : sample->sample > entry->sample;
+}
+
+/* Hands what the last step left over to the samples: both lists are in the same order. */
+static void sbi_contact_remember(sb_contact *contact)
+{
+    int e = 0;
+    for (int i = 0; i < contact->sample_count; i++) {
+        sbi_contact_sample *sample = contact->samples + i;
+        const sbi_contact_patch *patch = contact->patches + sample->patch;
+        while (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) > 0)
+            e++;
+        if (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) == 0 &&
+            contact->entries[e].parts == patch->parts) {
+            sample->memory = contact->entries[e].memory;
+            sample->remembered = contact->entries[e].traction;
+            sample->normal = contact->entries[e].normal;
+        }
+    }
+}
+
+/* ---- begin ---- */
+
+static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    int thin = 0;
+    sbi_contact_sweep(contact, step);
+    while (!sbi_contact_find_patches(contact, step, thin)) {
+        if (thin++ == SBI_CONTACT_THINNEST) {
+            sbi_contact_forget_nodes(contact);
+            return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of the surface are near tools",
+                            contact->max_contacts);
+        }
+    }
+    sbi_contact_stiffen(contact, step->matrix);
+    sbi_contact_remember(contact);
+    contact->touch.nodes = contact->nodes;
+    contact->step_info.candidates = contact->sample_count;
+    contact->step_info.retries = step->tries;
+    contact->step_info.thinned = thin > 0;
+    contact->blocks_current = 0;
+    contact->saved_count = 0;
+    return SB_OK;
+}
+
+/* ---- evaluation ---- */
+
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du;
+    int renew;
+} sbi_contact_work;
+
+static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
+                                        sbi_contact_sample *s)
+{
+    const sb_contact *contact = work->contact;
+    const sbi_contact_tool *tool = contact->tools + patch->tool;
+    int count = contact->faces->sizes[patch->face];
+    sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
+    sb_vec3 slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
+                               &normal);
+    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
+    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
+    if (work->renew)
+        s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
+}
+
+static void sbi_contact_evaluate_chunk(void *user, int chunk)
+{
+    const sbi_contact_work *work = (const sbi_contact_work *)user;
+    sb_contact *contact = work->contact;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
+    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+        sbi_contact_patch *patch = contact->patches + p;
+        patch->touching = 0;
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            sbi_contact_evaluate_sample(work, patch, contact->samples + i);
+            patch->touching += contact->samples[i].answer.state != SBI_CONTACT_OFF;
+        }
+    }
+}
+
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* Forces on the nodes, in the order of samples. */
+static void sbi_contact_sum_forces(sb_contact *contact)
+{
+    sb_vec3 *force = contact->touch.force;
+    memset(force, 0, (size_t)contact->touch.node_count * sizeof *force);
+    contact->touch.touching = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        int count = contact->faces->sizes[patch->face];
+        contact->touch.touching += patch->touching;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 f = sb_v3_scale(s->area, sbi_contact_stress(s));
+            for (int a = 0; s->answer.state != SBI_CONTACT_OFF && a < count; a++)
+                force[patch->nodes[a]] = sb_v3_madd(force[patch->nodes[a]], s->weights[a], f);
+        }
+    }
+}
+
+static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_work work;
+    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
+    work.contact = contact;
+    work.du = du;
+    work.renew = renew;
+    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    sbi_contact_sum_forces(contact);
+    contact->blocks_current = 0;
+}
+
+static double sbi_contact_energy(void *user)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    double sum = 0;
+    for (int i = 0; i < contact->sample_count; i++)
+        sum += (double)contact->samples[i].area * (double)contact->samples[i].answer.energy;
+    return sum;
+}
+
+/* ---- stiffness as blocks ---- */
+
+/* blocks [count][count] of a patch: K of its samples with their nodes' weights. */
+static void sbi_contact_patch_blocks(const sb_contact *contact, const sbi_contact_patch *patch, sb_real (*blocks)[9])
+{
+    int count = contact->faces->sizes[patch->face];
+    memset(blocks, 0, (size_t)(count * count) * sizeof *blocks);
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real k[9];
+        if (s->answer.state == SBI_CONTACT_OFF)
+            continue;
+        sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+        for (int a = 0; a < count; a++)
+            for (int b = 0; b < count; b++) {
+                sb_real w = s->weights[a] * s->weights[b];
+                for (int c = 0; c < 9; c++)
+                    blocks[a * count + b][c] += w * k[c];
+            }
+    }
+}
+
+static void sbi_contact_make_chunk(void *user, int chunk)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
+    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++)
+        if (contact->patches[p].touching)
+            sbi_contact_patch_blocks(contact, contact->patches + p, contact->blocks + (size_t)p * width * width);
+}
+
+static void sbi_contact_make_blocks(sb_contact *contact)
+{
+    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
+    if (!contact->blocks_current)
+        sbi_run(sbi_body_jobs(contact->body), sbi_contact_make_chunk, contact, chunks);
+    contact->blocks_current = 1;
+}
+
+/* v without masked axes. */
+SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
+{
+    return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
+}
+
+static sb_vec3 sbi_contact_times(const sb_real *m, sb_vec3 v)
+{
+    return sb_v3(m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
+                 m[6] * v.x + m[7] * v.y + m[8] * v.z);
+}
+
+static void sbi_contact_multiply(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_contact *contact = (sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    sbi_contact_make_blocks(contact);
+    memset(out, 0, (size_t)contact->touch.node_count * sizeof *out);
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
+        int count = contact->faces->sizes[patch->face];
+        for (int b = 0; patch->touching && b < count; b++) {
+            unsigned axes = masked ? masked[contact->nodes[patch->nodes[b]]] : 0u;
+            sb_vec3 v = sbi_contact_unmasked(axes, x[patch->nodes[b]]);
+            for (int a = 0; a < count; a++)
+                out[patch->nodes[a]] = sb_v3_add(out[patch->nodes[a]], sbi_contact_times(blocks[a * count + b], v));
+        }
+    }
+    for (int k = 0; masked && k < contact->touch.node_count; k++)
+        out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
+}
+
+/* values += block without masked rows and columns. */
+static void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (!(rows >> i & 1u) && !(columns >> j & 1u))
+                values[3 * i + j] += block[3 * i + j];
+}
+
+static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_matrix *matrix)
+{
+    sb_contact *contact = (sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    sbi_contact_make_blocks(contact);
+    contact->saved_count = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
+        int count = contact->faces->sizes[patch->face];
+        const int *places =
+            patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
+        for (int i = 0; places && i < count * count; i++) {
+            sbi_contact_saved *saved = contact->saved + contact->saved_count++;
+            unsigned rows = masked ? masked[contact->nodes[patch->nodes[i / count]]] : 0u;
+            unsigned columns = masked ? masked[contact->nodes[patch->nodes[i % count]]] : 0u;
+            saved->block = places[i];
+            memcpy(saved->values, matrix->blocks[places[i]], sizeof saved->values);
+            sbi_contact_add_block(matrix->blocks[places[i]], blocks[i], rows, columns);
+        }
+    }
+}
+
+/* Backwards, since faces share blocks. */
+static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
+{
+    sb_contact *contact = (sb_contact *)user;
+    while (contact->saved_count > 0) {
+        const sbi_contact_saved *saved = contact->saved + --contact->saved_count;
+        memcpy(matrix->blocks[saved->block], saved->values, sizeof saved->values);
+    }
+}
+
+/* ---- end ---- */
+
+static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
+
+/* 1: pressures may be remembered here, see SBI_CONTACT_REMEMBERS. */
+static int sbi_contact_remembers(const sb_contact *contact, const sbi_contact_patch *patch, sb_real k)
+{
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+        if (!(k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
+            return 0;
+    return 1;
+}
+
+/* A sample in touch becomes an entry. What it remembers fades where it slips, within the distance of its neighbour. */
+static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const sbi_contact_patch *patch,
+                                                const sbi_contact_sample *s)
+{
+    sbi_contact_entry entry;
+    sb_real fade = 1 - s->slip / sb_sqrt(s->area);
+    memset(&entry, 0, sizeof entry);
+    entry.tool = patch->tool;
+    entry.face = patch->face;
+    entry.parts = patch->parts;
+    entry.sample = s->sample;
+    entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
+    if (fade > 0 && sbi_contact_remembers(contact, patch, s->k))
+        entry.memory = fade * s->answer.pressure;
+    entry.traction = s->answer.traction;
+    entry.gap = s->gap;
+    entry.area = s->area;
+    entry.point = s->point;
+    entry.normal = s->normal;
+    entry.force = sb_v3_scale(s->area, sbi_contact_stress(s));
+    return entry;
+}
+
+static void sbi_contact_sum_wrenches(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].force = contact->tools[t].torque = sb_v3(0, 0, 0);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sbi_contact_tool *tool = contact->tools + entry->tool;
+        sb_vec3 arm = sb_v3_sub(entry->point, tool->balance.position);
+        tool->force = sb_v3_add(tool->force, entry->force);
+        tool->torque = sb_v3_add(tool->torque, sb_v3_cross(arm, entry->force));
+    }
+}
+
+/* Entries of the samples that touch. */
+static void sbi_contact_keep_entries(sb_contact *contact)
+{
+    sbi_contact_entry *fresh = contact->spare;
+    int count = 0;
+    contact->step_info.touching = contact->step_info.sticking = 0;
+    contact->step_info.deepest = 0;
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        if (!(s->answer.pressure > 0))
+            continue;
+        fresh[count] = sbi_contact_make_entry(contact, contact->patches + s->patch, s);
+        contact->step_info.touching++;
+        contact->step_info.sticking += fresh[count++].sticks;
+        contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
+    }
+    contact->spare = contact->entries;
+    contact->entries = fresh;
+    contact->entry_count = count;
+}
+
+/* Tools are where they went. */
+static void sbi_contact_arrive(sb_contact *contact)
+{
+    contact->step_info.lag = 0;
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        if (!tool->shape)
+            continue;
+        tool->reached = tool->next;
+        for (int i = 0; i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_reached[i] = tool->chain_next[i];
+        tool->lag =
+            sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+        contact->step_info.lag = sb_max(contact->step_info.lag, tool->lag);
+    }
+}
+
+static void sbi_contact_commit(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_entries(contact);
+    sbi_contact_sum_wrenches(contact);
+    sbi_contact_arrive(contact);
+    contact->step_info.iterations = contact->touch.iterations;
+    contact->step_info.capped = contact->touch.capped;
+    contact->step_info.residual = contact->touch.residual;
+    contact->info = contact->step_info;
+    sbi_contact_forget_nodes(contact);
+}
+
+static void sbi_contact_undo(void *user) { sbi_contact_forget_nodes((sb_contact *)user); }
+
+SBI_API void sbi_contact_join(sb_contact *contact)
+{
+    sbi_touch *touch = &contact->touch;
+    touch->user = contact;
+    touch->begin = sbi_contact_begin;
+    touch->evaluate = sbi_contact_evaluate;
+    touch->energy = sbi_contact_energy;
+    touch->multiply = sbi_contact_multiply;
+    touch->add_blocks = sbi_contact_add_blocks;
+    touch->restore_blocks = sbi_contact_restore_blocks;
+    touch->accept = sbi_contact_accept;
+    touch->commit = sbi_contact_commit;
+    touch->undo = sbi_contact_undo;
+    sbi_body_set_touch(contact->body, touch);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_tool.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_tool: the tools of a contact: made, moved, removed. */
+#include <string.h>
+
+
+/* ---- memory ---- */
+
+SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool)
+{
+    sbi_contact_tool *t = contact->tools + tool;
+    sbi_tool_destroy(t->shape);
+    sbi_free(&contact->allocator, t->chain_reached);
+    memset(t, 0, sizeof *t);
+}
+
+/* Chains of the tool at all of its poses. */
+static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *tool, const sb_tool_def *def,
+                                         sb_error *error)
+{
+    size_t count = (size_t)sbi_tool_point_count(tool->shape);
+    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance};
+    size_t copies = sizeof chains / sizeof *chains;
+    sb_vec3 *points;
+    if (count == 0)
+        return SB_OK;
+    points = (sb_vec3 *)sbi_alloc(&contact->allocator, copies * count, sizeof *points);
+    if (!points)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a chain of %d points", (int)count);
+    for (size_t i = 0; i < copies; i++) {
+        *chains[i] = points + i * count;
+        memcpy(*chains[i], def->points, count * sizeof *points);
+    }
+    return SB_OK;
+}
+
+/* ---- checks ---- */
+
+static sb_result sbi_contact_check_thickness(const sb_contact *contact, const sbi_tool *shape, sb_error *error)
+{
+    int face;
+    sb_real thinnest = sbi_contact_faces_thinnest(contact->faces, &face);
+    if (sbi_tool_radius(shape) >= thinnest)
+        return SB_OK;
+    return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, contact->faces->elements[face],
+                            "a tool of radius %g m is too thin for the face of element %d: it needs %g m, or a finer "
+                            "surface (a needle is needle.h's)",
+                            (double)sbi_tool_radius(shape), contact->faces->elements[face], (double)thinnest);
+}
+
+static sb_result sbi_contact_check_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain,
+                                         const sb_pose *pose, sb_error *error)
+{
+    int element;
+    sb_real depth = sbi_contact_depth(contact, shape, chain, pose, &element);
+    if (!(depth > (sb_real)0.5 * sbi_tool_inner_radius(shape)))
+        return SB_OK;
+    return sbi_fail_element(error, SB_ERROR_ARGUMENT, element,
+                            "the tool lies %g m deep in the body at element %d: more than half its inner radius",
+                            (double)depth, element);
+}
+
+static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *def, sbi_contact_tool *made,
+                                       sb_error *error)
+{
+    sb_result result = sbi_tool_create(def, &contact->allocator, sbi_body_jobs(contact->body), &made->shape, error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_tool_pose_check(&def->pose, "def.pose", &made->reached, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_thickness(contact, made->shape, error);
+    if (result == SB_OK)
+        result = sbi_contact_take_chains(contact, made, def, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
+    made->wanted = made->next = made->balance = made->reached;
+    made->friction = def->friction;
+    made->partner = def->partner;
+    return result;
+}
+
+/* ---- calls ---- */
+
+SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error)
+{
+    int place = 0;
+    sb_result result;
+    if (!contact || !def || !tool)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tool needs a contact, a def and a place for its number");
+    while (place < contact->max_tools && contact->tools[place].shape)
+        place++;
+    if (place == contact->max_tools)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the contact has max_tools = %d already", contact->max_tools);
+    result = sbi_contact_make_tool(contact, def, contact->tools + place, error);
+    if (result != SB_OK)
+        sbi_contact_free_tool(contact, place);
+    if (result == SB_OK) {
+        *tool = place;
+        sbi_contact_tell(contact, SBI_CONTACT_ADD, place, NULL, 0);
+    }
+    return result;
+}
+
+static sbi_contact_tool *sbi_contact_find_tool(const sb_contact *contact, int tool)
+{
+    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape ? contact->tools + tool : NULL;
+}
+
+/* Contacts of a tool are no more. */
+static void sbi_contact_forget(sb_contact *contact, int tool)
+{
+    int count = 0;
+    for (int e = 0; e < contact->entry_count; e++)
+        if (contact->entries[e].tool != tool)
+            contact->entries[count++] = contact->entries[e];
+    contact->entry_count = count;
+    contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+}
+
+SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool)
+{
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    if (!sbi_contact_find_tool(contact, tool))
+        return SB_ERROR_INDEX;
+    sbi_contact_forget(contact, tool);
+    sbi_contact_free_tool(contact, tool);
+    sbi_contact_tell(contact, SBI_CONTACT_REMOVE, tool, NULL, 0);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose)
+{
+    sbi_contact_tool *t;
+    sb_result result;
+    if (!contact || !pose)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    result = sbi_tool_pose_check(pose, "the pose", &t->wanted, NULL);
+    if (result == SB_OK)
+        sbi_contact_tell_pose(contact, SBI_CONTACT_MOVE, tool, pose);
+    return result;
+}
+
+SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error)
+{
+    sbi_contact_tool *t;
+    sb_pose unit;
+    sb_result result;
+    if (!contact || !pose)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tool is placed by a contact and a pose");
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return sbi_fail(error, SB_ERROR_INDEX, "there is no tool %d", tool);
+    result = sbi_tool_pose_check(pose, "the pose", &unit, error);
+    if (result == SB_OK)
+        result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
+    if (result != SB_OK)
+        return result;
+    t->reached = t->wanted = t->next = t->balance = unit;
+    sbi_contact_forget(contact, tool);
+    sbi_contact_tell_pose(contact, SBI_CONTACT_PLACE, tool, pose);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_vec3 *points)
+{
+    sbi_contact_tool *t;
+    sb_result result;
+    int count;
+    if (!contact || !points)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    count = sbi_tool_point_count(t->shape);
+    if (count == 0)
+        return SB_ERROR_ARGUMENT;
+    result = sbi_tool_chain_check(points, count, sbi_tool_radius(t->shape), "points", NULL);
+    if (result != SB_OK)
+        return result;
+    memcpy(t->chain_wanted, points, (size_t)count * sizeof *points);
+    sbi_contact_tell(contact, SBI_CONTACT_BEND, tool, &points[0].x, 3 * count);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_set_friction(sb_contact *contact, int tool, sb_real friction)
+{
+    sbi_contact_tool *t;
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    if (!sb_is_finite(friction))
+        return SB_ERROR_NOT_FINITE;
+    if (!(friction >= 0))
+        return SB_ERROR_ARGUMENT;
+    t->friction = friction;
+    sbi_contact_tell(contact, SBI_CONTACT_FRICTION, tool, &friction, 1);
+    return SB_OK;
+}
+
+/* ---- readings of a tool ---- */
+
+SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool)
+{
+    const sbi_contact_tool *t;
+    if (!contact || !on_tool)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    on_tool->force = sb_v3_scale(-1, t->force);
+    on_tool->torque = sb_v3_scale(-1, t->torque);
+    return SB_OK;
+}
+
+SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag)
+{
+    const sbi_contact_tool *t;
+    if (!contact)
+        return SB_ERROR_ARGUMENT;
+    t = sbi_contact_find_tool(contact, tool);
+    if (!t)
+        return SB_ERROR_INDEX;
+    if (pose)
+        *pose = t->reached;
+    if (lag)
+        *lag = sbi_tool_motion(t->shape, t->chain_reached, &t->reached, t->chain_wanted, &t->wanted);
+    return SB_OK;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_state.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side. */
+#include <string.h>
+
+
+static const char sbi_contact_name[] = "contact";
+enum { SBI_CONTACT_VERSION = 1 };
+
+/* ---- words ---- */
+
+static void sbi_contact_put_int(sbi_state_out *out, int value)
+{
+    unsigned char bytes[8];
+    sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 8);
+    sbi_state_put(out, bytes, sizeof bytes);
+}
+
+static void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        unsigned char bytes[8];
+        sbi_put_bytes(bytes, sbi_real_bits(values[i]), 8);
+        sbi_state_put(out, bytes, sizeof bytes);
+    }
+}
+
+/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
+typedef struct sbi_contact_in {
+    const unsigned char *bytes;
+    size_t left;
+    int bad;
+} sbi_contact_in;
+
+static uint64_t sbi_contact_get_word(sbi_contact_in *in)
+{
+    uint64_t word = 0;
+    if (in->left < 8) {
+        in->bad = 1;
+        return 0;
+    }
+    word = sbi_get_bytes(in->bytes, 8);
+    in->bytes += 8;
+    in->left -= 8;
+    return word;
+}
+
+static int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
+
+static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        values[i] = sbi_real_of(sbi_contact_get_word(in));
+        in->bad |= !sb_is_finite(values[i]);
+    }
+}
+
+/* ---- what goes from step to step ---- */
+
+enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
+
+static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+
+static void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
+{
+    sbi_contact_pack_vector(pose->position, out);
+    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
+}
+
+static sb_pose sbi_contact_unpack_pose(const sb_real *in)
+{
+    sb_pose pose;
+    pose.position = sb_v3(in[0], in[1], in[2]);
+    pose.rotation = sb_quat_make(in[3], in[4], in[5], in[6]);
+    return pose;
+}
+
+static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *out)
+{
+    sb_real reals[SBI_CONTACT_TOOL_REALS];
+    int points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    sbi_contact_put_int(out, tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0);
+    if (!tool->shape)
+        return;
+    sbi_contact_put_int(out, points);
+    reals[0] = tool->friction;
+    sbi_contact_pack_pose(&tool->reached, reals + 1);
+    sbi_contact_pack_pose(&tool->wanted, reals + 8);
+    sbi_contact_pack_vector(tool->force, reals + 15);
+    sbi_contact_pack_vector(tool->torque, reals + 18);
+    sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
+    for (int i = 0; i < points; i++) {
+        sbi_contact_pack_vector(tool->chain_reached[i], reals);
+        sbi_contact_pack_vector(tool->chain_wanted[i], reals + 3);
+        sbi_contact_put_reals(out, reals, 6);
+    }
+}
+
+static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_entry *entry, sbi_state_out *out)
+{
+    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->memory, entry->gap, entry->area};
+    sbi_contact_put_int(out, entry->tool);
+    sbi_contact_put_int(out, contact->faces->elements[entry->face]);
+    sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    sbi_contact_put_int(out, entry->parts);
+    sbi_contact_put_int(out, entry->sample);
+    sbi_contact_put_int(out, entry->sticks);
+    sbi_contact_pack_vector(entry->traction, reals + 3);
+    sbi_contact_pack_vector(entry->point, reals + 6);
+    sbi_contact_pack_vector(entry->normal, reals + 9);
+    sbi_contact_pack_vector(entry->force, reals + 12);
+    sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
+}
+
+static void sbi_contact_save(const void *user, sbi_state_out *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    sbi_contact_put_int(out, contact->max_tools);
+    for (int t = 0; t < contact->max_tools; t++)
+        sbi_contact_put_tool(contact->tools + t, out);
+    sbi_contact_put_int(out, contact->entry_count);
+    for (int e = 0; e < contact->entry_count; e++)
+        sbi_contact_put_entry(contact, contact->entries + e, out);
+}
+
+/* ---- loading: a check without effect, then the same walk with it ---- */
+
+static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_contact_in *in, int takes, sb_error *error)
+{
+    sbi_contact_tool *tool = contact->tools + number, read = *tool;
+    sb_real reals[SBI_CONTACT_TOOL_REALS];
+    int shape = sbi_contact_get_int(in), points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    if (shape != (tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0))
+        return sbi_fail(error, SB_ERROR_STATE, "the state has another tool %d than the contact: make the same first",
+                        number);
+    if (!tool->shape)
+        return SB_OK;
+    if (sbi_contact_get_int(in) != points)
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state has another number of points", number);
+    sbi_contact_get_reals(in, reals, SBI_CONTACT_TOOL_REALS);
+    read.friction = reals[0];
+    read.reached = sbi_contact_unpack_pose(reals + 1);
+    read.wanted = sbi_contact_unpack_pose(reals + 8);
+    read.force = sb_v3(reals[15], reals[16], reals[17]);
+    read.torque = sb_v3(reals[18], reals[19], reals[20]);
+    read.next = read.balance = read.reached;
+    in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+    for (int i = 0; i < points; i++) {
+        sbi_contact_get_reals(in, reals, 6);
+        if (takes) {
+            tool->chain_reached[i] = sb_v3(reals[0], reals[1], reals[2]);
+            tool->chain_wanted[i] = sb_v3(reals[3], reals[4], reals[5]);
+        }
+    }
+    if (takes)
+        *tool = read;
+    return SB_OK;
+}
+
+/* The face of a cell's side, or -1. */
+static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
+{
+    for (int f = 0; f < faces->face_end; f++)
+        if (faces->sizes[f] && faces->elements[f] == element && faces->sides[f] == side)
+            return f;
+    return -1;
+}
+
+/* entry->face: -1 where the mesh has no such face, or the face no such sample. */
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_contact_entry *entry)
+{
+    sb_real reals[SBI_CONTACT_ENTRY_REALS];
+    int element, side;
+    memset(entry, 0, sizeof *entry);
+    entry->tool = sbi_contact_get_int(in);
+    element = sbi_contact_get_int(in);
+    side = sbi_contact_get_int(in);
+    entry->parts = sbi_contact_get_int(in);
+    entry->sample = sbi_contact_get_int(in);
+    entry->sticks = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
+    entry->memory = reals[0], entry->gap = reals[1], entry->area = reals[2];
+    entry->traction = sb_v3(reals[3], reals[4], reals[5]);
+    entry->point = sb_v3(reals[6], reals[7], reals[8]);
+    entry->normal = sb_v3(reals[9], reals[10], reals[11]);
+    entry->force = sb_v3(reals[12], reals[13], reals[14]);
+    in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
+               element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
+               entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
+    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
+    if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
+        entry->face = -1;
+}
+
+static sb_result sbi_contact_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                   sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    sb_result result = SB_OK;
+    int count;
+    (void)body;
+    if (sbi_contact_get_int(&in) != contact->max_tools)
+        return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
+                        contact->max_tools);
+    for (int t = 0; t < contact->max_tools && result == SB_OK; t++)
+        result = sbi_contact_get_tool(contact, t, &in, 0, error);
+    if (result != SB_OK)
+        return result;
+    count = sbi_contact_get_int(&in);
+    if (count > contact->max_contacts)
+        return sbi_fail(error, SB_ERROR_STATE, "the state has %d contacts, max_contacts is %d", count,
+                        contact->max_contacts);
+    for (int e = 0; e < count && !in.bad; e++) {
+        sbi_contact_entry entry;
+        sbi_contact_get_entry(contact, &in, 0, &entry);
+    }
+    if (in.bad || count < 0 || in.left != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
+    return SB_OK;
+}
+
+static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
+{
+    if (a->tool != b->tool)
+        return a->tool < b->tool;
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+static void sbi_contact_insert(sb_contact *contact, const sbi_contact_entry *entry)
+{
+    int at = contact->entry_count++;
+    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
+        contact->entries[at] = contact->entries[at - 1];
+    contact->entries[at] = *entry;
+}
+
+static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    int count;
+    (void)sbi_contact_get_int(&in);
+    for (int t = 0; t < contact->max_tools; t++)
+        (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
+    count = sbi_contact_get_int(&in);
+    contact->entry_count = 0;
+    memset(&contact->info, 0, sizeof contact->info);
+    for (int e = 0; e < count; e++) {
+        sbi_contact_entry entry;
+        sbi_contact_get_entry(contact, &in, 1, &entry);
+        if (entry.face >= 0)
+            sbi_contact_insert(contact, &entry);
+    }
+}
+
+/* ---- recording ---- */
+
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = tool;
+    sbi_body_tell_part(contact->body, sbi_contact_name, ints, 2, reals, (size_t)count);
+}
+
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose)
+{
+    sb_real reals[SBI_CONTACT_POSE_REALS];
+    sbi_contact_pack_pose(pose, reals);
+    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
+}
+
+static sb_result sbi_contact_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                    size_t real_count, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_result result = SB_ERROR_FORMAT;
+    sb_pose pose;
+    if (int_count == 2 && (ints[0] == SBI_CONTACT_ADD || ints[0] == SBI_CONTACT_REMOVE))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "tool %d was %s during the recording, which cannot be played: begin it afterwards", ints[1],
+                        ints[0] == SBI_CONTACT_ADD ? "added" : "removed");
+    if (int_count == 2 && ints[0] == SBI_CONTACT_FRICTION && real_count == 1)
+        result = sb_contact_set_friction(contact, ints[1], reals[0]);
+    if (int_count == 2 && ints[0] == SBI_CONTACT_BEND && ints[1] >= 0 && ints[1] < contact->max_tools &&
+        contact->tools[ints[1]].shape &&
+        real_count == 3 * (size_t)sbi_tool_point_count(contact->tools[ints[1]].shape) && real_count > 0)
+        result = sb_contact_bend_tool(contact, ints[1], (const sb_vec3 *)(const void *)reals);
+    if (int_count == 2 && real_count == SBI_CONTACT_POSE_REALS) {
+        pose = sbi_contact_unpack_pose(reals);
+        if (ints[0] == SBI_CONTACT_MOVE)
+            result = sb_contact_move_tool(contact, ints[1], &pose);
+        if (ints[0] == SBI_CONTACT_PLACE)
+            return sb_contact_place_tool(contact, ints[1], &pose, error);
+    }
+    return result == SB_OK ? SB_OK : sbi_fail(error, result, "a recorded command to a tool cannot be played");
+}
+
+SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
+{
+    sbi_state_part part;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, sbi_contact_name, sizeof sbi_contact_name);
+    part.version = SBI_CONTACT_VERSION;
+    part.user = contact;
+    part.save = sbi_contact_save;
+    part.check = sbi_contact_check;
+    part.load = sbi_contact_load;
+    part.replay = sbi_contact_replay;
+    return sbi_body_join(contact->body, &part, error);
+}
+
+SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, sbi_contact_name); }
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_read.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_read: what a contact says of the last step, besides its tools' wrenches. */
+#include <string.h>
+
+
+SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity)
+{
+    if (!contact)
+        return 0;
+    for (int e = 0; points && e < contact->entry_count && e < capacity; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sb_contact_point *point = points + e;
+        memset(point, 0, sizeof *point);
+        point->tool = entry->tool;
+        point->element = contact->faces->elements[entry->face];
+        point->face = contact->faces->sides[entry->face];
+        point->sticks = entry->sticks;
+        point->gap = entry->gap;
+        point->area = entry->area;
+        point->point = entry->point;
+        point->normal = entry->normal;
+        point->force = entry->force;
+    }
+    return contact->entry_count;
+}
+
+SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures)
+{
+    const sbi_contact_faces *faces;
+    int nodes;
+    if (!contact || !pressures)
+        return SB_ERROR_ARGUMENT;
+    faces = contact->faces;
+    nodes = sb_body_node_count(contact->body);
+    memset(pressures, 0, (size_t)nodes * sizeof *pressures);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *list = sbi_contact_face_nodes(faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(faces, entry->face, entry->parts, entry->sample);
+        sb_real push = sb_v3_dot(entry->force, entry->normal);
+        for (int a = 0; a < faces->sizes[entry->face]; a++)
+            pressures[list[a]] += weights[a] * push;
+    }
+    for (int i = 0; i < nodes; i++) {
+        sb_real area = sbi_contact_node_area(faces, i);
+        pressures[i] = area > 0 ? pressures[i] / area : 0;
+    }
+    return SB_OK;
+}
+
+SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact)
+{
+    sb_contact_info none;
+    memset(&none, 0, sizeof none);
+    return contact ? contact->info : none;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact: making a contact, its tools. */
+
+#include <string.h>
+
+
+#define SBI_CONTACT_COOKIE 0xc0117ac7u
+enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+
+SB_API sb_contact_def sb_default_contact_def(void)
+{
+    sb_contact_def def;
+    memset(&def, 0, sizeof def);
+    def.stiffness = 10;
+    def.max_iterations = 4;
+    def.max_contacts = 8192;
+    def.max_tools = 8;
+    def.cookie = SBI_CONTACT_COOKIE;
+    return def;
+}
+
+/* ---- creation ---- */
+
+static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *error)
+{
+    if (!def || def->cookie != SBI_CONTACT_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_contact_def");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a contact needs a body");
+    if (!(def->stiffness >= 3) || !sb_is_finite(def->stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.stiffness is %g, it must be at least 3", (double)def->stiffness);
+    if (def->max_iterations < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations is %d, it must be at least 1",
+                        def->max_iterations);
+    if (def->max_contacts < 64 || def->max_contacts > 1 << 20)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_contacts is %d, it must be in [64, 2^20]",
+                        def->max_contacts);
+    if (def->max_tools < 1 || def->max_tools > 64)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_tools is %d, it must be in [1, 64]", def->max_tools);
+    if (sbi_body_get_touch(def->body))
+        return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
+    if (!sbi_body_is_implicit(def->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
+    return SB_OK;
+}
+
+static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions};
+    c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
+    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
+    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
+    c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
+    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
+    c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
+    c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
+    c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
+    c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
+    c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
+}
+
+static int sbi_contact_take_memory(sb_contact *c)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_lay_out(c, &arena);
+    if (arena.overflow)
+        return 0;
+    c->memory = sbi_alloc_zeroed(&c->allocator, arena.used, 1);
+    if (!c->memory)
+        return 0;
+    arena.base = (unsigned char *)c->memory;
+    arena.used = 0;
+    sbi_contact_lay_out(c, &arena);
+    for (int i = 0; i < c->faces->node_room; i++)
+        c->node_place[i] = -1;
+    return 1;
+}
+
+static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, sb_error *error)
+{
+    sb_result result = sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
+    if (result != SB_OK)
+        return result;
+    c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
+    for (int f = 0; f < c->faces->face_end; f++)
+        c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
+    c->touch.max_iterations = def->max_iterations;
+    if (!sbi_contact_take_memory(c))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
+    return SB_OK;
+}
+
+static void sbi_contact_release(sb_contact *contact)
+{
+    sb_allocator allocator = contact->allocator;
+    for (int t = 0; contact->tools && t < contact->max_tools; t++)
+        sbi_contact_free_tool(contact, t);
+    sbi_contact_faces_destroy(contact->faces);
+    sbi_free(&allocator, contact->memory);
+    sbi_free(&allocator, contact);
+}
+
+SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error)
+{
+    sb_contact *made;
+    sb_result result = sbi_contact_check_def(def, error);
+    if (result == SB_OK && !contact)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the contact");
+    if (result != SB_OK)
+        return result;
+    made = (sb_contact *)sbi_alloc_zeroed(def->allocator ? def->allocator : sbi_body_allocator(def->body), 1,
+                                          sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact");
+    made->allocator = def->allocator ? *def->allocator : *sbi_body_allocator(def->body);
+    made->body = def->body;
+    made->stiffness = def->stiffness;
+    made->max_tools = def->max_tools;
+    made->max_contacts = def->max_contacts;
+    result = sbi_contact_fill_in(made, def, error);
+    if (result != SB_OK) {
+        sbi_contact_release(made);
+        return result;
+    }
+    result = sbi_contact_join_state(made, error);
+    if (result != SB_OK) {
+        sbi_contact_release(made);
+        return result;
+    }
+    sbi_contact_join(made);
+    *contact = made;
+    return SB_OK;
+}
+
+SB_API void sb_contact_destroy(sb_contact *contact)
+{
+    if (!contact)
+        return;
+    sbi_body_set_touch(contact->body, NULL);
+    sbi_contact_leave_state(contact);
+    sbi_contact_release(contact);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/haptic_mailbox.h ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* haptic_mailbox: hands whole records from one thread to another without waiting. Internal.
@@ -67739,6 +70266,952 @@ SB_INLINE int sbi_mailbox_front(const sbi_mailbox *box) { return box->front; }
 #endif
 
 #endif /* SB_HAPTIC_MAILBOX_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_math.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_math: 3-vectors, rotations and poses in double for the 1 kHz call, whatever sb_real is. Internal. */
+#ifndef SB_HAPTIC_MATH_H
+#define SB_HAPTIC_MATH_H
+
+
+typedef struct sbi_d3 {
+    double x, y, z;
+} sbi_d3;
+
+typedef struct sbi_turn { /* unit quaternion */
+    double w, x, y, z;
+} sbi_turn;
+
+typedef struct sbi_d_pose { /* of a tool, in space */
+    sbi_d3 position;        /* m */
+    sbi_turn rotation;      /* tool to space */
+} sbi_d_pose;
+
+typedef struct sbi_d_wrench {
+    sbi_d3 force, torque; /* N, N m about the pose's position */
+} sbi_d_wrench;
+
+SB_INLINE sbi_d3 sbi_d(double x, double y, double z)
+{
+    sbi_d3 v;
+    v.x = x;
+    v.y = y;
+    v.z = z;
+    return v;
+}
+SB_INLINE sbi_d3 sbi_d_from(const double v[3]) { return sbi_d(v[0], v[1], v[2]); }
+SB_INLINE void sbi_d_put(double to[3], sbi_d3 v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
+SB_INLINE sbi_d3 sbi_d_add(sbi_d3 a, sbi_d3 b) { return sbi_d(a.x + b.x, a.y + b.y, a.z + b.z); }
+SB_INLINE sbi_d3 sbi_d_sub(sbi_d3 a, sbi_d3 b) { return sbi_d(a.x - b.x, a.y - b.y, a.z - b.z); }
+SB_INLINE sbi_d3 sbi_d_scale(double s, sbi_d3 a) { return sbi_d(s * a.x, s * a.y, s * a.z); }
+/* a + s b */
+SB_INLINE sbi_d3 sbi_d_madd(sbi_d3 a, double s, sbi_d3 b) { return sbi_d(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z); }
+SB_INLINE double sbi_d_dot(sbi_d3 a, sbi_d3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+SB_INLINE sbi_d3 sbi_d_cross(sbi_d3 a, sbi_d3 b)
+{
+    return sbi_d(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+SB_INLINE double sbi_d_norm(sbi_d3 a) { return sqrt(sbi_d_dot(a, a)); }
+/* a without its part along the unit vector n */
+SB_INLINE sbi_d3 sbi_d_across(sbi_d3 a, sbi_d3 n) { return sbi_d_madd(a, -sbi_d_dot(a, n), n); }
+/* 1 when |x| <= limit, 0 also for NaN */
+SB_INLINE int sbi_d_within(double x, double limit) { return fabs(x) <= limit; }
+SB_INLINE int sbi_d3_within(sbi_d3 a, double limit)
+{
+    return sbi_d_within(a.x, limit) && sbi_d_within(a.y, limit) && sbi_d_within(a.z, limit);
+}
+
+SB_INLINE sbi_turn sbi_turn_make(double w, double x, double y, double z)
+{
+    sbi_turn q;
+    q.w = w;
+    q.x = x;
+    q.y = y;
+    q.z = z;
+    return q;
+}
+/* q made a unit quaternion; `fallback` where its length does not allow it. */
+SB_INLINE sbi_turn sbi_turn_unit(sbi_turn q, sbi_turn fallback)
+{
+    double square = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z, scale;
+    if (!(square > 1e-12) || !sbi_d_within(square, 1e12))
+        return fallback;
+    scale = 1 / sqrt(square);
+    return sbi_turn_make(scale * q.w, scale * q.x, scale * q.y, scale * q.z);
+}
+/* First b, then a. */
+SB_INLINE sbi_turn sbi_turn_mul(sbi_turn a, sbi_turn b)
+{
+    return sbi_turn_make(a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+                         a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w);
+}
+SB_INLINE sbi_d3 sbi_turn_apply(sbi_turn q, sbi_d3 v)
+{
+    sbi_d3 axis = sbi_d(q.x, q.y, q.z), t = sbi_d_scale(2, sbi_d_cross(axis, v));
+    return sbi_d_add(sbi_d_madd(v, q.w, t), sbi_d_cross(axis, t));
+}
+/* q turned further by a small rotation vector (rad, in space); exact to its third power. */
+SB_INLINE sbi_turn sbi_turn_further(sbi_turn q, sbi_d3 by)
+{
+    return sbi_turn_unit(sbi_turn_mul(sbi_turn_make(1, 0.5 * by.x, 0.5 * by.y, 0.5 * by.z), q), q);
+}
+/* The rotation vector (rad, in space, at most pi long) that leads from one rotation to another. */
+SB_INLINE sbi_d3 sbi_turn_between(sbi_turn from, sbi_turn to)
+{
+    sbi_turn q = sbi_turn_mul(to, sbi_turn_make(from.w, -from.x, -from.y, -from.z));
+    double sign = q.w < 0 ? -1 : 1, sine = sqrt(q.x * q.x + q.y * q.y + q.z * q.z);
+    double scale = sine > 1e-8 ? 2 * sbi_dense_atan2(sine, sign * q.w) / sine : 2;
+    return sbi_d_scale(sign * scale, sbi_d(q.x, q.y, q.z));
+}
+/* Of a row-major rotation matrix, which may be off by rounding; `fallback` for what is none, as a matrix of zeros. */
+SB_INLINE sbi_turn sbi_turn_from_matrix(const double m[9], sbi_turn fallback)
+{
+    double trace = m[0] + m[4] + m[8];
+    sbi_turn q;
+    if (trace > 0)
+        q = sbi_turn_make(1 + trace, m[7] - m[5], m[2] - m[6], m[3] - m[1]);
+    else if (m[0] >= m[4] && m[0] >= m[8])
+        q = sbi_turn_make(m[7] - m[5], 1 + m[0] - m[4] - m[8], m[1] + m[3], m[2] + m[6]);
+    else if (m[4] >= m[8])
+        q = sbi_turn_make(m[2] - m[6], m[1] + m[3], 1 + m[4] - m[0] - m[8], m[5] + m[7]);
+    else
+        q = sbi_turn_make(m[3] - m[1], m[2] + m[6], m[5] + m[7], 1 + m[8] - m[0] - m[4]);
+    for (int i = 0; i < 3; i++) { /* rows of about unit length */
+        double square = m[3 * i] * m[3 * i] + m[3 * i + 1] * m[3 * i + 1] + m[3 * i + 2] * m[3 * i + 2];
+        if (!(square > 0.5) || !(square < 2))
+            return fallback;
+    }
+    return sbi_turn_unit(q, fallback);
+}
+SB_INLINE void sbi_turn_to_matrix(sbi_turn q, double m[9])
+{
+    for (int j = 0; j < 3; j++) {
+        sbi_d3 column = sbi_turn_apply(q, sbi_d(j == 0, j == 1, j == 2));
+        m[j] = column.x, m[3 + j] = column.y, m[6 + j] = column.z;
+    }
+}
+
+#endif /* SB_HAPTIC_MATH_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_model.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_model: what tissue does to a tool until the next step has been computed. Internal.
+ *
+ * A frame is what one step knows: where the tool was, and its contacts gathered into at most eight planes (clusters)
+ * with stiffness and friction. The wrench is then a function of the tool's pose alone, at no cost:
+ *
+ *     gap change     d = n.(pose(r) - pose0(r))         n unit, the way the tissue pushes the tool
+ *     push           f = max(0, f0 - kn d)              f0 < 0: no contact yet, the gap is -f0/kn
+ *     friction       t = -kt (what the point moved across n from its anchor), |t| <= mu f; the anchor is drawn along
+ *     torque         r x (f n + t) + m0 f/f0
+ *
+ * A force that is held between steps instead makes a hand with little damping swing: the delay of a step makes it
+ * active. Source: contact-haptics sheet 9.2, 9.4; Barbic and James 2007; Zilles and Salisbury 1995 (anchors). */
+#ifndef SB_HAPTIC_MODEL_H
+#define SB_HAPTIC_MODEL_H
+
+
+enum { SBI_HAPTIC_CLUSTERS = 8 };
+
+typedef struct sbi_haptic_cluster {
+    sbi_d3 point;      /* m, in the tool's frame */
+    sbi_d3 normal;     /* unit, in space: out of the tissue */
+    double push;       /* N along the normal, on the tool */
+    sbi_d3 traction;   /* N across the normal, on the tool */
+    sbi_d3 torque;     /* N m that push and traction at the point lack */
+    double friction;   /* Coulomb's mu, >= 0 */
+    double stiffness;  /* N/m along the normal, >= 0 */
+    double tangential; /* N/m across it, >= 0; 0: no friction */
+} sbi_haptic_cluster;
+
+typedef struct sbi_haptic_frame {
+    sbi_d_pose pose; /* of the tool at the end of the step */
+    int count;       /* clusters, 0 .. SBI_HAPTIC_CLUSTERS */
+    sbi_haptic_cluster clusters[SBI_HAPTIC_CLUSTERS];
+} sbi_haptic_frame;
+
+/* The frame that is in force, and what friction remembers. */
+typedef struct sbi_haptic_model {
+    sbi_haptic_frame frame;
+    sbi_d3 places[SBI_HAPTIC_CLUSTERS];  /* m, pose0(r) */
+    sbi_d3 anchors[SBI_HAPTIC_CLUSTERS]; /* m, where friction would vanish */
+} sbi_haptic_model;
+
+/* What holds the tool to the hand. A translation of 0 is rigid, in rotation too; a rotation of 0 is rigid by itself. */
+typedef struct sbi_haptic_coupling {
+    double translation, rotation; /* N/m, N m/rad */
+} sbi_haptic_coupling;
+
+/* 1 when everything in the frame is finite, of a size that can be computed with, and within its range. */
+SBI_API int sbi_haptic_frame_is_sound(const sbi_haptic_frame *frame);
+/* Puts a sound frame in force. */
+SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame);
+
+/* Where the tool is that hangs on a hand at `hand`, what the hand feels, and the energy in planes and coupling (J).
+ * Anchors follow. *tool in: the last such pose, where the search starts.
+ *
+ * The tool is where tissue and coupling balance, K_vc (x - q) + F(q) = 0. For a tangent K of the tissue that is
+ *     q = (K_vc I - K)^-1 (K_vc x + F(q0) - K q0),
+ * and the hand feels K_vc (q - x), with the tangent K_vc (K_vc I - K)^-1 K: two springs in series. */
+SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                           const sbi_d_pose *hand, sbi_d_pose *tool, double *stored);
+
+#endif /* SB_HAPTIC_MODEL_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_servo.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_servo: the call at 1 kHz: frames and the hand's state in, a wrench out. Internal.
+ *
+ * Pure: no clock, no thread, no allocation, no loop without a bound. In the order of a call:
+ *   1. a state that is not finite is refused: the last wrench again, fading
+ *   2. a new frame: what the hand felt less what the frame says there becomes an offset, so that nothing jumps
+ *   3. the frame's planes, through the coupling (haptic_model.h)
+ *   4. the offset fades within a period of the simulation
+ *   5. a frame too old fades; what comes after it returns through the offset
+ *   6. limits of force, torque and their change
+ *   7. the bank: what the hand has been given and has given, exactly, since a force is held between calls
+ *   8. power that the bank does not cover is taken off along the motion; a debt is damped away
+ *   9. the wrench is remembered
+ *
+ * Why a bank: a frame that comes late or changes its stiffness can give energy that nobody put in. The bank holds what
+ * the hand put in, up to what springs store at present and a little (SBI_BANK_SHARE): without that bound it would save
+ * the work of an hour's strokes, and later pay it out at once. Source: passivity observer and controller of Hannaford
+ * and Ryu 2002. */
+#ifndef SB_HAPTIC_SERVO_H
+#define SB_HAPTIC_SERVO_H
+
+
+#define SBI_HAPTIC_COOKIE 0x4a9dcu
+
+enum { SBI_SERVO_WINDOW = 4 }; /* calls over which the hand's velocity is measured */
+
+/* Where the hand was. Velocities are found from it and not from the state's: those are in units that nobody checks, and
+ * filtered who knows how. */
+typedef struct sbi_servo_past {
+    sbi_d_pose pose;
+    double dt; /* s, of the call */
+} sbi_servo_past;
+
+typedef struct sbi_servo {
+    sb_haptic_def def; /* with its defaults filled in */
+    sbi_haptic_coupling coupling;
+    double torque_scale; /* of torques, and of energies, from the tool to the hand */
+    double own_damping;  /* N s/m that the device has, since it renders max_stiffness = 2 b/T */
+    double lever;        /* m: max_torque over max_force, what turns are weighed with */
+    sbi_haptic_model model;
+    int has_frame, has_hand;
+    double time;        /* s, of the last call */
+    sbi_d_pose hand;    /* of the last call, in the device's space */
+    sbi_d3 place;       /* m, of the last call, less the steps of the encoder */
+    sbi_d_pose tool;    /* in the simulation's */
+    sbi_d_wrench shown; /* on the hand since the last call */
+    sbi_d_wrench offset;
+    double stored; /* J in planes and coupling, as the hand feels them */
+    sbi_servo_past past[SBI_SERVO_WINDOW];
+    int past_count, past_next;
+    sb_haptic_info info;
+} sbi_servo;
+
+/* Checks the def (its contact and tool aside), fills in its defaults and begins without a frame. *servo is untouched on
+ * failure: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE name the field. */
+SBI_API sb_result sbi_servo_begin(sbi_servo *servo, const sb_haptic_def *def, sb_error *error);
+
+/* One call. frame: what came since the last one, or NULL. *out is finite and within the device's limits whatever comes
+ * in. Returns 1 while the wrench follows the hand, 0 while it fades or there is none. */
+SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out);
+
+/* What the simulation is to move its tool to: the last pose on the tool's side of the coupling, the hand's velocities,
+ * time and buttons. */
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in);
+
+SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo);
+
+#endif /* SB_HAPTIC_SERVO_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_model.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_model: the planes of a frame, and the tool that hangs on a hand among them. */
+
+enum {
+    SBI_COUPLING_MOST = 12 /* Newton iterations. Where no contact begins or ends one is exact but for turns */
+};
+#define SBI_COUPLING_NEAR 1e-3  /* imbalance relative to the forces in balance: one iteration more, and no look back */
+#define SBI_COUPLING_CLOSE 1e-8 /* none more */
+#define SBI_COUPLING_LEAST                                                                                             \
+    1e-12 /* m or rad: imbalance of the coupling that is none, where there are next to no forces */
+#define SBI_FRICTION_FULL (1 - 1e-9)
+#define SBI_HAPTIC_LARGE 1e9 /* of an entry of a frame: its squares are far from overflow */
+
+SBI_API int sbi_haptic_frame_is_sound(const sbi_haptic_frame *frame)
+{
+    const sbi_turn *q = &frame->pose.rotation;
+    int sound = frame->count >= 0 && frame->count <= SBI_HAPTIC_CLUSTERS;
+    sound = sound && sbi_d3_within(frame->pose.position, SBI_HAPTIC_LARGE);
+    sound = sound && fabs(q->w * q->w + q->x * q->x + q->y * q->y + q->z * q->z - 1) < 1e-6;
+    for (int c = 0; sound && c < frame->count; c++) {
+        const sbi_haptic_cluster *k = frame->clusters + c;
+        sound = sbi_d3_within(k->point, SBI_HAPTIC_LARGE) && sbi_d3_within(k->traction, SBI_HAPTIC_LARGE) &&
+                sbi_d3_within(k->torque, SBI_HAPTIC_LARGE) && sbi_d_within(k->push, SBI_HAPTIC_LARGE) &&
+                fabs(sbi_d_dot(k->normal, k->normal) - 1) < 1e-6 && sbi_d_within(k->friction, SBI_HAPTIC_LARGE) &&
+                k->friction >= 0 && sbi_d_within(k->stiffness, SBI_HAPTIC_LARGE) && k->stiffness >= 0 &&
+                sbi_d_within(k->tangential, SBI_HAPTIC_LARGE) && k->tangential >= 0;
+    }
+    return sound;
+}
+
+/* r of a cluster's point in space, counted from the tool's position */
+static sbi_d3 sbi_haptic_arm(const sbi_haptic_cluster *cluster, const sbi_d_pose *pose)
+{
+    return sbi_turn_apply(pose->rotation, cluster->point);
+}
+
+SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame)
+{
+    model->frame = *frame;
+    for (int c = 0; c < frame->count; c++) {
+        const sbi_haptic_cluster *k = frame->clusters + c;
+        model->places[c] = sbi_d_add(frame->pose.position, sbi_haptic_arm(k, &frame->pose));
+        model->anchors[c] = model->places[c];
+        if (k->tangential > 0)
+            model->anchors[c] = sbi_d_madd(model->places[c], 1 / k->tangential, k->traction);
+    }
+}
+
+/* ---- a plane at a pose ---- */
+
+typedef struct sbi_haptic_touch {
+    double push;       /* N */
+    sbi_d3 traction;   /* N */
+    sbi_d3 arm, place; /* m, of the point: from the tool's position, and in space */
+    double kept;       /* share of the traction that friction allows */
+    int slides;        /* 1: all of it; a contact that has slid is still there when the next call begins */
+} sbi_haptic_touch;
+
+static sbi_haptic_touch sbi_haptic_touch_at(const sbi_haptic_model *model, int c, const sbi_d_pose *pose)
+{
+    const sbi_haptic_cluster *k = model->frame.clusters + c;
+    sbi_haptic_touch at;
+    double bound, size;
+    at.arm = sbi_haptic_arm(k, pose);
+    at.place = sbi_d_add(pose->position, at.arm);
+    at.push = k->push - k->stiffness * sbi_d_dot(k->normal, sbi_d_sub(at.place, model->places[c]));
+    if (!(at.push > 0))
+        at.push = 0;
+    at.traction = sbi_d_scale(k->tangential, sbi_d_across(sbi_d_sub(model->anchors[c], at.place), k->normal));
+    bound = k->friction * at.push;
+    size = sbi_d_norm(at.traction);
+    at.kept = size > bound ? bound / size : 1;
+    at.slides = size > SBI_FRICTION_FULL * bound;
+    at.traction = sbi_d_scale(at.kept, at.traction);
+    return at;
+}
+
+static void sbi_haptic_add_touch(const sbi_haptic_cluster *cluster, const sbi_haptic_touch *at, sbi_d_wrench *sum)
+{
+    sbi_d3 force = sbi_d_madd(at->traction, at->push, cluster->normal);
+    sum->force = sbi_d_add(sum->force, force);
+    sum->torque = sbi_d_add(sum->torque, sbi_d_cross(at->arm, force));
+    if (cluster->push > 0 && at->push > 0)
+        sum->torque = sbi_d_madd(sum->torque, at->push / cluster->push, cluster->torque);
+}
+
+/* The wrench at a pose. Draws the anchors along and adds up the planes' energy (J). */
+static sbi_d_wrench sbi_haptic_model_at(sbi_haptic_model *model, const sbi_d_pose *pose, double *stored)
+{
+    sbi_d_wrench sum;
+    memset(&sum, 0, sizeof sum);
+    for (int c = 0; c < model->frame.count; c++) {
+        const sbi_haptic_cluster *k = model->frame.clusters + c;
+        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, pose);
+        sbi_haptic_add_touch(k, &at, &sum);
+        if (k->stiffness > 0)
+            *stored += at.push * at.push / (2 * k->stiffness);
+        if (k->tangential > 0) {
+            *stored += sbi_d_dot(at.traction, at.traction) / (2 * k->tangential);
+            if (at.kept < 1)
+                model->anchors[c] = sbi_d_madd(at.place, 1 / k->tangential, at.traction);
+        }
+    }
+    return sum;
+}
+
+/* ---- the coupling: Newton's method for the tool's pose ---- */
+
+/* Unknowns: three of the position, then three of a turn in space unless the rotation is rigid. */
+typedef struct sbi_haptic_balance {
+    int size;                       /* 3 or 6 */
+    double h[6][6];                 /* minus the tangent of the wrench */
+    double b[6];                    /* wrench out of balance; then the way there */
+    double least[2], in_balance[2]; /* imbalance that is none; forces and torques in balance */
+} sbi_haptic_balance;
+
+/* c += s a b^T, by columns */
+static void sbi_haptic_add_outer(sbi_d3 c[3], double s, sbi_d3 a, sbi_d3 b)
+{
+    c[0] = sbi_d_madd(c[0], s * b.x, a);
+    c[1] = sbi_d_madd(c[1], s * b.y, a);
+    c[2] = sbi_d_madd(c[2], s * b.z, a);
+}
+
+/* Columns of the stiffness of a plane where it touches: what its force loses as the point moves. Where it slides the
+ * traction turns with a way across it, and grows with the push: that part is not symmetric. */
+static void sbi_haptic_touch_stiffness(const sbi_haptic_cluster *k, const sbi_haptic_touch *at, sbi_d3 c[3])
+{
+    double size = sbi_d_norm(at->traction), sticks = k->tangential > 0 && !at->slides ? k->tangential : 0;
+    c[0] = sbi_d(sticks, 0, 0);
+    c[1] = sbi_d(0, sticks, 0);
+    c[2] = sbi_d(0, 0, sticks);
+    sbi_haptic_add_outer(c, k->stiffness - sticks, k->normal, k->normal);
+    if (at->slides && size > 0) {
+        sbi_d3 along = sbi_d_scale(1 / size, at->traction), across = sbi_d_cross(k->normal, along);
+        sbi_haptic_add_outer(c, at->kept * k->tangential, across, across);
+        sbi_haptic_add_outer(c, k->friction * k->stiffness, along, k->normal);
+    }
+}
+
+/* A column of h: what a unit of the unknown takes from force and torque. */
+static void sbi_haptic_balance_column(sbi_haptic_balance *balance, int column, sbi_d3 force, sbi_d3 arm)
+{
+    sbi_d3 torque = sbi_d_cross(arm, force);
+    double rows[6];
+    sbi_d_put(rows, force);
+    sbi_d_put(rows + 3, torque);
+    for (int i = 0; i < 6; i++)
+        balance->h[i][column] += rows[i];
+}
+
+/* The point moves with the tool: by e_j, and by e_j x arm for a turn. How the arm turns under the force is left out: it
+ * is small beside the coupling. */
+static void sbi_haptic_balance_touch(sbi_haptic_balance *balance, const sbi_haptic_cluster *k,
+                                     const sbi_haptic_touch *at)
+{
+    sbi_d3 c[3], r = at->arm;
+    sbi_haptic_touch_stiffness(k, at, c);
+    for (int j = 0; j < 3; j++)
+        sbi_haptic_balance_column(balance, j, c[j], r);
+    if (balance->size < 6)
+        return;
+    sbi_haptic_balance_column(balance, 3, sbi_d_madd(sbi_d_scale(r.y, c[2]), -r.z, c[1]), r);
+    sbi_haptic_balance_column(balance, 4, sbi_d_madd(sbi_d_scale(r.z, c[0]), -r.x, c[2]), r);
+    sbi_haptic_balance_column(balance, 5, sbi_d_madd(sbi_d_scale(r.x, c[1]), -r.y, c[0]), r);
+}
+
+/* What the coupling does to the hand. */
+static sbi_d_wrench sbi_haptic_coupling_wrench(const sbi_haptic_coupling *coupling, const sbi_d_pose *hand,
+                                               const sbi_d_pose *tool)
+{
+    sbi_d_wrench felt;
+    felt.force = sbi_d_scale(coupling->translation, sbi_d_sub(tool->position, hand->position));
+    felt.torque = sbi_d_scale(coupling->rotation, sbi_turn_between(hand->rotation, tool->rotation));
+    return felt;
+}
+
+/* Wrench and tangent of tissue and coupling at a pose of the tool. */
+static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_model *model,
+                                  const sbi_haptic_coupling *coupling, const sbi_d_pose *hand, const sbi_d_pose *tool)
+{
+    sbi_d_wrench sum, felt;
+    memset(&sum, 0, sizeof sum);
+    memset(balance, 0, sizeof *balance);
+    balance->size = coupling->rotation > 0 ? 6 : 3;
+    for (int i = 0; i < balance->size; i++)
+        balance->h[i][i] = i < 3 ? coupling->translation : coupling->rotation;
+    for (int c = 0; c < model->frame.count; c++) {
+        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, tool);
+        if (!(at.push > 0))
+            continue;
+        sbi_haptic_add_touch(model->frame.clusters + c, &at, &sum);
+        sbi_haptic_balance_touch(balance, model->frame.clusters + c, &at);
+    }
+    felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
+    sbi_d_put(balance->b, sbi_d_sub(sum.force, felt.force));
+    sbi_d_put(balance->b + 3, sbi_d_sub(sum.torque, felt.torque));
+    balance->least[0] = SBI_COUPLING_LEAST * coupling->translation;
+    balance->least[1] = SBI_COUPLING_LEAST * coupling->rotation;
+    balance->in_balance[0] = sbi_d_norm(sum.force) + sbi_d_norm(felt.force);
+    balance->in_balance[1] = sbi_d_norm(sum.torque) + sbi_d_norm(felt.torque);
+}
+
+static int sbi_haptic_balance_is_within(const sbi_haptic_balance *balance, double share)
+{
+    int within = 1;
+    for (int i = 0; i < balance->size; i++)
+        within &= sbi_d_within(balance->b[i], balance->least[i / 3] + share * balance->in_balance[i / 3]);
+    return within;
+}
+
+/* b = h^-1 b by elimination with row exchanges. */
+static void sbi_haptic_balance_solve(sbi_haptic_balance *balance)
+{
+    double(*h)[6] = balance->h, *b = balance->b, inverse[6];
+    int n = balance->size;
+    for (int k = 0; k < n; k++) {
+        int best = k;
+        for (int i = k + 1; i < n; i++)
+            best = fabs(h[i][k]) > fabs(h[best][k]) ? i : best;
+        for (int j = k; j < n && best != k; j++) {
+            double swap = h[k][j];
+            h[k][j] = h[best][j];
+            h[best][j] = swap;
+        }
+        if (best != k) {
+            double swap = b[k];
+            b[k] = b[best];
+            b[best] = swap;
+        }
+        inverse[k] = 1 / h[k][k];
+        for (int i = k + 1; i < n; i++) {
+            double factor = h[i][k] * inverse[k];
+            for (int j = k + 1; j < n; j++)
+                h[i][j] -= factor * h[k][j];
+            b[i] -= factor * b[k];
+        }
+    }
+    for (int i = n; i-- > 0;) {
+        for (int j = i + 1; j < n; j++)
+            b[i] -= h[i][j] * b[j];
+        b[i] *= inverse[i];
+    }
+}
+
+/* Moves the tool to where it balances. */
+static void sbi_haptic_balance_find(const sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                    const sbi_d_pose *hand, sbi_d_pose *tool)
+{
+    sbi_haptic_balance balance;
+    int near_it = 0;
+    if (!(coupling->rotation > 0))
+        tool->rotation = hand->rotation;
+    for (int iteration = 0; iteration < SBI_COUPLING_MOST && !near_it; iteration++) {
+        sbi_haptic_balance_at(&balance, model, coupling, hand, tool);
+        if (sbi_haptic_balance_is_within(&balance, SBI_COUPLING_CLOSE))
+            return;
+        near_it = sbi_haptic_balance_is_within(&balance, SBI_COUPLING_NEAR);
+        sbi_haptic_balance_solve(&balance);
+        if (!sbi_d3_within(sbi_d_from(balance.b), SBI_HAPTIC_LARGE)) { /* of forged frames: begins anew at the hand */
+            *tool = *hand;
+            return;
+        }
+        tool->position = sbi_d_add(tool->position, sbi_d_from(balance.b));
+        if (balance.size == 6)
+            tool->rotation = sbi_turn_further(tool->rotation, sbi_d_from(balance.b + 3));
+    }
+}
+
+SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                           const sbi_d_pose *hand, sbi_d_pose *tool, double *stored)
+{
+    sbi_d_wrench felt, tissue;
+    *stored = 0;
+    if (!(coupling->translation > 0)) {
+        *tool = *hand;
+        return sbi_haptic_model_at(model, tool, stored);
+    }
+    sbi_haptic_balance_find(model, coupling, hand, tool);
+    felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
+    tissue = sbi_haptic_model_at(model, tool, stored);
+    *stored += sbi_d_dot(felt.force, felt.force) / (2 * coupling->translation);
+    if (coupling->rotation > 0)
+        *stored += sbi_d_dot(felt.torque, felt.torque) / (2 * coupling->rotation);
+    else
+        felt.torque = tissue.torque;
+    return felt;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_servo.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_servo: the call at 1 kHz. */
+
+#define SBI_SERVO_TICK 1e-3     /* s: taken for granted where the clock says nothing sensible */
+#define SBI_SERVO_SHORTEST 2e-4 /* s between calls that a clock may say */
+#define SBI_SERVO_LONGEST 5e-3
+
+#define SBI_SERVO_FAR 1e3   /* m, m/s, rad/s: more is no hand's */
+#define SBI_SERVO_RANGE 1e9 /* of fields of the def, and their inverse */
+
+#define SBI_SERVO_FADE 0.1          /* s in which a force goes when frames or states stay away */
+#define SBI_SERVO_FASTEST 2e-3      /* s: shortest period of a simulation */
+#define SBI_SERVO_SLOWEST 5e-2      /* s: longest */
+#define SBI_SERVO_PERIOD (1 / 60.0) /* s: before the first frames */
+#define SBI_SERVO_LEARN 0.25        /* share of the newest interval in the period */
+
+/* What the bank holds beyond what springs store is this share of max_force^2/max_stiffness; a debt is remembered up to
+ * all of that, so that a device whose position jumps, as when it is set to zero, does not owe for ever. */
+#define SBI_BANK_SHARE 0.05
+#define SBI_BANK_TICKS 5 /* calls that the bank has to last for */
+
+/* ---- definition ---- */
+
+static sb_result sbi_servo_check_field(const char *name, double value, int may_be_zero, sb_error *error)
+{
+    if (!sbi_d_within(value, 1.7976931348623157e308))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.%s is not finite", name);
+    if (may_be_zero && value == 0)
+        return SB_OK;
+    if (!(value >= 1 / SBI_SERVO_RANGE) || !(value <= SBI_SERVO_RANGE))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.%s %g must be %sin [%g, %g]", name, value,
+                        may_be_zero ? "0 or " : "", 1 / SBI_SERVO_RANGE, SBI_SERVO_RANGE);
+    return SB_OK;
+}
+
+/* Replaces the negative values that stand for defaults. */
+static void sbi_servo_fill_in(sb_haptic_def *def)
+{
+    double lever = def->max_force > 0 ? def->max_torque / def->max_force : 0;
+    if (def->max_slew < 0)
+        def->max_slew = def->max_force / 2e-3;
+    if (def->coupling < 0)
+        def->coupling = 0.5 * def->max_stiffness;
+    if (def->coupling_turning < 0)
+        def->coupling_turning = def->coupling * lever * lever;
+    if (def->coupling == 0)
+        def->coupling_turning = 0;
+}
+
+static sb_result sbi_servo_check_def(const sb_haptic_def *def, sb_error *error)
+{
+    static const char *const names[] = {"max_force", "max_stiffness",    "scale_motion", "scale_force",
+                                        "timeout",   "max_slew",         "max_torque",   "max_damping",
+                                        "coupling",  "coupling_turning", "energy_rate",  "resolution"};
+    enum { COUNT = sizeof names / sizeof names[0], MAY_BE_ZERO = 6 }; /* from this one on */
+    double values[COUNT];
+    sb_result result = SB_OK;
+    values[0] = def->max_force, values[1] = def->max_stiffness, values[2] = def->scale_motion;
+    values[3] = def->scale_force, values[4] = def->timeout, values[5] = def->max_slew;
+    values[6] = def->max_torque, values[7] = def->max_damping, values[8] = def->coupling;
+    values[9] = def->coupling_turning, values[10] = def->energy_rate;
+    values[11] = def->resolution;
+    for (int i = 0; i < COUNT && result == SB_OK; i++)
+        result = sbi_servo_check_field(names[i], values[i], i >= MAY_BE_ZERO, error);
+    return result;
+}
+
+SBI_API sb_result sbi_servo_begin(sbi_servo *servo, const sb_haptic_def *def, sb_error *error)
+{
+    sb_haptic_def full = *def;
+    sb_result result;
+    if (def->cookie != SBI_HAPTIC_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_haptic_def");
+    sbi_servo_fill_in(&full);
+    result = sbi_servo_check_def(&full, error);
+    if (result != SB_OK)
+        return result;
+    memset(servo, 0, sizeof *servo);
+    servo->def = full;
+    servo->torque_scale = full.scale_force / full.scale_motion;
+    servo->coupling.translation = full.coupling / (full.scale_force * full.scale_motion);
+    servo->coupling.rotation = full.coupling_turning / servo->torque_scale;
+    servo->lever = full.max_torque / full.max_force;
+    servo->own_damping = 0.5 * full.max_stiffness * SBI_SERVO_TICK;
+    servo->hand.rotation.w = servo->tool.rotation.w = 1;
+    servo->info.period = SBI_SERVO_PERIOD;
+    return SB_OK;
+}
+
+/* ---- the hand ---- */
+
+static int sbi_servo_is_sound(const sb_tool_state *in)
+{
+    int sound = sbi_d3_within(sbi_d_from(in->position), SBI_SERVO_FAR) &&
+                sbi_d3_within(sbi_d_from(in->velocity), SBI_SERVO_FAR) &&
+                sbi_d3_within(sbi_d_from(in->angular_velocity), SBI_SERVO_FAR) && in->time - in->time == 0;
+    for (int i = 0; i < 9; i++)
+        sound = sound && sbi_d_within(in->rotation[i], 2);
+    return sound;
+}
+
+static double sbi_servo_dt(const sbi_servo *servo, double time)
+{
+    double dt = time - servo->time;
+    return servo->has_hand && dt >= SBI_SERVO_SHORTEST && dt <= SBI_SERVO_LONGEST ? dt : SBI_SERVO_TICK;
+}
+
+/* The hand's pose in the simulation's space. */
+static sbi_d_pose sbi_servo_in_tissue(const sbi_servo *servo, const sbi_d_pose *hand)
+{
+    sbi_d_pose pose = *hand;
+    pose.position = sbi_d_scale(servo->def.scale_motion, hand->position);
+    return pose;
+}
+
+static sbi_d_wrench sbi_servo_on_hand(const sbi_servo *servo, sbi_d_wrench on_tool)
+{
+    on_tool.force = sbi_d_scale(servo->def.scale_force, on_tool.force);
+    on_tool.torque = sbi_d_scale(servo->torque_scale, on_tool.torque);
+    return on_tool;
+}
+
+static sbi_d_wrench sbi_wrench_madd(sbi_d_wrench a, double s, sbi_d_wrench b)
+{
+    a.force = sbi_d_madd(a.force, s, b.force);
+    a.torque = sbi_d_madd(a.torque, s, b.torque);
+    return a;
+}
+
+static sbi_d_wrench sbi_wrench_scale(double s, sbi_d_wrench a)
+{
+    a.force = sbi_d_scale(s, a.force);
+    a.torque = sbi_d_scale(s, a.torque);
+    return a;
+}
+
+/* ---- the law, in the order of a call ---- */
+
+/* 3. What the hand feels of the frame at a pose. */
+static sbi_d_wrench sbi_servo_feel(sbi_servo *servo, const sbi_d_pose *hand)
+{
+    sbi_d_pose in_tissue = sbi_servo_in_tissue(servo, hand);
+    sbi_d_wrench felt =
+        sbi_haptic_model_feel(&servo->model, &servo->coupling, &in_tissue, &servo->tool, &servo->stored);
+    servo->stored *= servo->torque_scale;
+    servo->info.gap = sbi_d_norm(sbi_d_sub(servo->tool.position, in_tissue.position));
+    return sbi_servo_on_hand(servo, felt);
+}
+
+/* 2. Puts a frame in force; the offset is what the hand felt less what the frame says of the same pose. */
+static void sbi_servo_accept(sbi_servo *servo, const sbi_haptic_frame *frame)
+{
+    double interval = servo->info.age;
+    if (!sbi_haptic_frame_is_sound(frame)) {
+        servo->info.refused++;
+        return;
+    }
+    if (servo->has_frame && interval <= servo->def.timeout) {
+        interval = interval < SBI_SERVO_FASTEST ? SBI_SERVO_FASTEST : interval;
+        interval = interval > SBI_SERVO_SLOWEST ? SBI_SERVO_SLOWEST : interval;
+        servo->info.period += SBI_SERVO_LEARN * (interval - servo->info.period);
+    }
+    sbi_haptic_model_set(&servo->model, frame);
+    servo->offset = sbi_wrench_madd(servo->shown, -1, sbi_servo_feel(servo, &servo->hand));
+    servo->info.age = 0;
+    servo->info.frames++;
+    servo->has_frame = 1;
+}
+
+/* 1. A state that says nothing: the last wrench, fading. */
+static void sbi_servo_refuse(sbi_servo *servo, const sbi_haptic_frame *frame)
+{
+    servo->info.refused++;
+    servo->info.age += SBI_SERVO_TICK;
+    if (frame)
+        sbi_servo_accept(servo, frame);
+    servo->shown = sbi_wrench_scale(1 - SBI_SERVO_TICK / (0.2 * SBI_SERVO_FADE), servo->shown);
+}
+
+/* 5. Share of the wrench that a frame of this age is worth. */
+static double sbi_servo_freshness(const sbi_servo *servo)
+{
+    double late = servo->info.age - servo->def.timeout;
+    if (!servo->has_frame || late >= SBI_SERVO_FADE)
+        return 0;
+    return late > 0 ? 1 - late / SBI_SERVO_FADE : 1;
+}
+
+/* v, at most so long; 0 where it is not finite */
+static sbi_d3 sbi_servo_clamp(sbi_d3 v, double limit)
+{
+    double length = sbi_d_norm(v);
+    if (length <= limit)
+        return v;
+    v = length > 0 ? sbi_d_scale(limit / length, v) : v;
+    return sbi_d3_within(v, limit) ? v : sbi_d(0, 0, 0);
+}
+
+static sbi_d_wrench sbi_servo_limit(const sbi_servo *servo, sbi_d_wrench wrench)
+{
+    wrench.force = sbi_servo_clamp(wrench.force, servo->def.max_force);
+    wrench.torque = sbi_servo_clamp(wrench.torque, servo->def.max_torque);
+    return wrench;
+}
+
+/* 6. Limits of the wrench, then of its change. */
+static sbi_d_wrench sbi_servo_slew(const sbi_servo *servo, sbi_d_wrench wrench, double dt)
+{
+    double most = servo->def.max_slew * dt;
+    sbi_d_wrench change = sbi_wrench_madd(sbi_servo_limit(servo, wrench), -1, servo->shown);
+    change.force = sbi_servo_clamp(change.force, most);
+    change.torque = sbi_servo_clamp(change.torque, most * servo->lever);
+    return sbi_wrench_madd(servo->shown, 1, change);
+}
+
+/* Where the hand is, from a position in steps of an encoder: as far as it went between two neighbouring steps, not to
+ * and fro with each of them. The force changes where the hand crosses from one to the next; without this each crossing
+ * back and forth would seem to cost the square of a step times the stiffness, and empty the bank of a hand at rest. */
+static double sbi_servo_play(double place, double measured, double resolution)
+{
+    double half = 0.5 * resolution;
+    return measured > place + half ? measured - half : measured < place - half ? measured + half : place;
+}
+
+static sbi_d3 sbi_servo_place(const sbi_servo *servo, sbi_d3 measured)
+{
+    const double resolution = servo->def.resolution;
+    return sbi_d(sbi_servo_play(servo->place.x, measured.x, resolution),
+                 sbi_servo_play(servo->place.y, measured.y, resolution),
+                 sbi_servo_play(servo->place.z, measured.z, resolution));
+}
+
+/* 7. What the wrench that was held since the last call has done, out of the bank; what the device's own damping took of
+ * it; and the bank's bounds. A spring that is held for a tick gives K v^2 T/2 too much, all the time: the device has
+ * the damping for that, or it could not render max_stiffness. Without this the bank of a hand at rest would run dry. */
+static void sbi_servo_account(sbi_servo *servo, const sbi_d_pose *hand, sbi_d3 velocity, double freshness, double dt)
+{
+    double spare = SBI_BANK_SHARE * servo->def.max_force * servo->def.max_force / servo->def.max_stiffness;
+    double most = freshness * servo->stored + spare, least = -spare / SBI_BANK_SHARE;
+    double *e = &servo->info.energy; /* J */
+    sbi_d3 place = servo->has_hand ? sbi_servo_place(servo, hand->position) : hand->position;
+    if (servo->has_hand)
+        *e -= sbi_d_dot(servo->shown.force, sbi_d_sub(place, servo->place)) +
+              sbi_d_dot(servo->shown.torque, sbi_turn_between(servo->hand.rotation, hand->rotation));
+    servo->place = place;
+    *e += servo->own_damping * sbi_d_dot(velocity, velocity) * dt;
+    *e = *e < most ? *e : most;
+    *e += servo->def.energy_rate * dt;
+    *e = *e > least ? *e : least;
+}
+
+/* The hand's velocities over the last calls. An encoder's steps are coarse: 55 um within 1 ms are 55 mm/s. */
+static void sbi_servo_velocity(sbi_servo *servo, const sbi_d_pose *hand, double dt, sbi_d3 *velocity, sbi_d3 *turning)
+{
+    double time = dt;
+    const sbi_servo_past *oldest;
+    int count = servo->past_count;
+    *velocity = *turning = sbi_d(0, 0, 0);
+    if (count > 0) {
+        oldest = servo->past + (servo->past_next + SBI_SERVO_WINDOW - count) % SBI_SERVO_WINDOW;
+        for (int i = 1; i < count; i++)
+            time += servo->past[(servo->past_next + SBI_SERVO_WINDOW - i) % SBI_SERVO_WINDOW].dt;
+        *velocity = sbi_d_scale(1 / time, sbi_d_sub(hand->position, oldest->pose.position));
+        *turning = sbi_d_scale(1 / time, sbi_turn_between(oldest->pose.rotation, hand->rotation));
+    }
+    servo->past[servo->past_next].pose = *hand;
+    servo->past[servo->past_next].dt = dt;
+    servo->past_next = (servo->past_next + 1) % SBI_SERVO_WINDOW;
+    servo->past_count = count < SBI_SERVO_WINDOW ? count + 1 : count;
+}
+
+/* 8. Takes off what power exceeds the bank, along the motion; a debt is damped away. */
+static sbi_d_wrench sbi_servo_bound_power(sbi_servo *servo, sbi_d_wrench wrench, sbi_d3 v, sbi_d3 w, double dt)
+{
+    double push = sbi_d_dot(wrench.force, v), turn = sbi_d_dot(wrench.torque, w), e = servo->info.energy;
+    double speed = sbi_d_dot(v, v), turning = sbi_d_dot(w, w), lever = servo->lever * servo->lever;
+    double excess = push + turn - (e > 0 ? e : 0) / (SBI_BANK_TICKS * dt);
+    double given = (push > 0 ? push : 0) + (turn > 0 ? turn : 0), damping = servo->def.max_damping;
+    if (!(excess > 0) && !(e < 0))
+        return wrench;
+    servo->info.limited++;
+    if (excess > 0 && push > 0)
+        wrench.force = sbi_d_madd(wrench.force, -excess * (push / given) / speed, v);
+    if (excess > 0 && turn > 0)
+        wrench.torque = sbi_d_madd(wrench.torque, -excess * (turn / given) / turning, w);
+    if (e < 0) {
+        double all = (speed + lever * turning) * dt;
+        damping = -e < damping * all ? -e / all : damping;
+        wrench.force = sbi_d_madd(wrench.force, -damping, v);
+        wrench.torque = sbi_d_madd(wrench.torque, -damping * lever, w);
+    }
+    return sbi_servo_limit(servo, wrench);
+}
+
+/* ---- the call ---- */
+
+/* Steps 2 to 9 with a sound state. */
+static int sbi_servo_follow(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame)
+{
+    double dt = sbi_servo_dt(servo, in->time), freshness;
+    sbi_d3 velocity, turning;
+    sbi_d_wrench wrench;
+    sbi_d_pose hand;
+    hand.position = sbi_d_from(in->position);
+    hand.rotation = sbi_turn_from_matrix(in->rotation, servo->hand.rotation);
+    servo->info.age += dt;
+    if (frame) {
+        servo->hand = servo->has_hand ? servo->hand : hand;
+        sbi_servo_accept(servo, frame);
+    }
+    wrench = sbi_servo_feel(servo, &hand);
+    servo->offset = sbi_wrench_scale(sbi_dense_exp(-2 * dt / servo->info.period), servo->offset);
+    freshness = sbi_servo_freshness(servo);
+    wrench = sbi_wrench_scale(freshness, sbi_wrench_madd(wrench, 1, servo->offset));
+    wrench = sbi_servo_slew(servo, wrench, dt);
+    sbi_servo_velocity(servo, &hand, dt, &velocity, &turning);
+    sbi_servo_account(servo, &hand, velocity, freshness, dt);
+    servo->shown = sbi_servo_bound_power(servo, wrench, velocity, turning, dt);
+    servo->hand = hand;
+    servo->time = in->time;
+    servo->has_hand = 1;
+    return freshness == 1;
+}
+
+SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out)
+{
+    int follows = 0;
+    servo->info.calls++;
+    if (sbi_servo_is_sound(in))
+        follows = sbi_servo_follow(servo, in, frame);
+    else
+        sbi_servo_refuse(servo, frame);
+    sbi_d_put(out->force, servo->shown.force);
+    sbi_d_put(out->torque, servo->shown.torque);
+    return follows;
+}
+
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in)
+{
+    sb_tool_state wanted = *in;
+    sbi_d_put(wanted.position, servo->tool.position);
+    sbi_turn_to_matrix(servo->tool.rotation, wanted.rotation);
+    for (int i = 0; i < 3; i++)
+        wanted.velocity[i] *= servo->def.scale_motion;
+    return wanted;
+}
+
+SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo)
+{
+    sb_haptic_info info = servo->info;
+    sbi_d_put(info.position, servo->tool.position);
+    sbi_turn_to_matrix(servo->tool.rotation, info.rotation);
+    return info;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic: definitions, and states of devices. */
+
+SB_API sb_haptic_def sb_default_haptic_def(void)
+{
+    sb_haptic_def def;
+    memset(&def, 0, sizeof def);
+    def.max_slew = -1;
+    def.coupling = -1;
+    def.coupling_turning = -1;
+    def.scale_motion = 1;
+    def.scale_force = 1;
+    def.timeout = 0.1;
+    def.cookie = SBI_HAPTIC_COOKIE;
+    return def;
+}
+
+SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double velocity_mm[3])
+{
+    const double metre = 1e-3; /* of a millimetre */
+    sb_tool_state state;
+    memset(&state, 0, sizeof state);
+    for (int i = 0; transform && i < 3; i++) {
+        state.position[i] = metre * transform[12 + i];
+        for (int j = 0; j < 3; j++)
+            state.rotation[3 * i + j] = transform[4 * j + i];
+    }
+    for (int i = 0; velocity_mm && i < 3; i++)
+        state.velocity[i] = metre * velocity_mm[i];
+    return state;
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 #endif /* SB_IMPLEMENTATION */

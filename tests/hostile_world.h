@@ -21,6 +21,11 @@ typedef struct world {
     sb_body *body;          /* with every kind of load and a constraint */
     sb_body *live, *idle;   /* whose meshes may change: one is being changed, one is not */
     sb_body_change *change; /* of live */
+    sb_body *touched;       /* with a contact of two tools: a sphere, and capsules that may be bent */
+    sb_contact *contact;
+    sb_contact_def contact_def;
+    sb_tool_def tool_def;
+    sb_pose tool_pose;
     sb_change_cell change_cell;
     int pressure, springs, mapping, constraint;
     sb_body *plain;          /* for registration: without */
@@ -104,6 +109,7 @@ typedef struct world {
 /* Arguments that are the same in every world; those that calls change are put right by world_begin. */
 static const sb_mat3 world_identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 static const sb_mat3 world_compliance = {{{REAL(0.001), 0, 0}, {0, REAL(0.001), 0}, {0, 0, REAL(0.001)}}};
+static const double world_transform[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 10, 20, 30, 1};
 static const unsigned char world_mask[WORLD_NODES] = {SB_XYZ, SB_X};
 static const int world_two[1] = {2}, world_slave[1] = {26}, world_starts[2] = {0, 4}, world_pivots[3] = {0, 1, 2};
 static const sb_real world_shares[1] = {REAL(0.3)};
@@ -345,6 +351,55 @@ static sb_body *world_plain(world *w)
     if (!w->plain)
         CHECK_OK(sb_body_create(&def, &w->plain, NULL));
     return w->plain;
+}
+
+static sb_contact_def *world_contact_def(world *w)
+{
+    w->contact_def = sb_default_contact_def();
+    w->contact_def.body = world_idle(w);
+    w->contact_def.allocator = &w->allocator;
+    return &w->contact_def;
+}
+
+/* Clear of the mesh. */
+static sb_pose *world_pose(world *w)
+{
+    w->tool_pose.position = sb_v3(REAL(0.2), REAL(0.2), REAL(0.2));
+    w->tool_pose.rotation = sb_quat_identity();
+    return &w->tool_pose;
+}
+
+static sb_tool_def *world_tool_def(world *w)
+{
+    w->tool_def = sb_default_tool_def();
+    w->tool_def.radius = REAL(0.01);
+    w->tool_def.pose = *world_pose(w);
+    return &w->tool_def;
+}
+
+static sb_contact_point world_touches[4];
+static const sb_vec3 *world_chain(void)
+{
+    static const sb_vec3 chain[2] = {{0, 0, 0}, {0, 0, REAL(0.1)}};
+    return chain;
+}
+
+static sb_contact *world_contact(world *w)
+{
+    sb_contact_def def = *world_contact_def(w);
+    sb_tool_def tool = *world_tool_def(w);
+    int number = 0;
+    if (w->contact)
+        return w->contact;
+    CHECK_OK(sb_body_create(world_body_def(w), &w->touched, NULL));
+    def.body = w->touched;
+    CHECK_OK(sb_contact_create(&def, &w->contact, NULL));
+    CHECK_OK(sb_contact_add_tool(w->contact, &tool, &number, NULL));
+    tool.shape = SB_TOOL_CAPSULES;
+    tool.points = world_chain();
+    tool.point_count = 2;
+    CHECK_OK(sb_contact_add_tool(w->contact, &tool, &number, NULL));
+    return w->contact;
 }
 
 static sb_recording *world_recording(world *w)
@@ -1045,6 +1100,8 @@ static void world_free(world *w)
     sb_matrix_free(&w->matrix);
     sb_domain_free(&w->domain);
     sb_recording_destroy(w->recording);
+    sb_contact_destroy(w->contact);
+    sb_body_destroy(w->touched);
     sb_body_destroy(w->plain);
     sb_body_destroy(w->live);
     sb_body_destroy(w->idle);

@@ -1,8 +1,7 @@
-/* Faces that contact acts on: samples against integrals, areas, places in the matrix, boxes. They are internal, so that
- * this unit has the library for itself. */
-#define SB_STATIC
-#define SB_IMPLEMENTATION
-#include "../softbody.h"
+/* Faces that contact acts on: samples against integrals, areas, places in the matrix, boxes. They are internal. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/body/body_private.h"
+#include "../src/softbody/contact/contact_faces.h"
 
 #include "check.h"
 #include "scene.h"
@@ -10,6 +9,13 @@
 
 static const sb_element_type faces_types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
 enum { FACES_TYPES = 5 };
+
+/* x = where a face's nodes are at rest */
+static void faces_at_rest(const sbi_contact_faces *faces, const sb_body *body, int face, sb_vec3 *x)
+{
+    for (int a = 0; a < faces->sizes[face]; a++)
+        x[a] = body->reference[sbi_contact_face_nodes(faces, face)[a]];
+}
 
 /* ---- meshes ------------------------------------------------------------------------------------------------------ */
 
@@ -202,7 +208,7 @@ static void test_faces_functions(void)
             const sbi_contact_kind *kind = &faces->kinds[faces->sizes[f]];
             faces_polynomial function;
             sb_vec3 x[SB_MAX_FACE_NODES];
-            sbi_contact_gather(faces, body, f, x);
+            faces_at_rest(faces, body, f, x);
             for (int k = 0; k < 10; k++)
                 function.c[k] =
                     k < 4 || kind->type == SB_TRI6 || kind->type == SB_QUAD9 ? check_random_in(&seed, -1, 1) : 0;
@@ -251,7 +257,7 @@ static double faces_farthest(const sbi_contact_faces *faces, const sb_body *body
     const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
     sb_vec3 x[SB_MAX_FACE_NODES];
     double farthest = 0;
-    sbi_contact_gather(faces, body, face, x);
+    faces_at_rest(faces, body, face, x);
     for (int p = 0; p < points; p++) {
         sb_real xi[3], shape[SB_MAX_FACE_NODES];
         double nearest = 1e300;
@@ -320,8 +326,7 @@ static void faces_check_boundary(const sbi_contact_faces *faces, const sb_body *
         return;
     if (CHECK_INT(faces->face_end, boundary.surface.element_count))
         for (int f = 0, row = 0; f < faces->face_end; f++) {
-            wrong += cells[faces->elements[f]] != boundary.elements[row] ||
-                     faces->keys[f] % faces->side_count != boundary.faces[row];
+            wrong += cells[faces->elements[f]] != boundary.elements[row] || faces->sides[f] != boundary.faces[row];
             wrong += faces->regions[f] != body->cell_material[faces->elements[f]];
             wrong += sbi_contact_face_type(faces, f) != boundary.surface.element_type;
             for (int a = 0; a < faces->sizes[f]; a++)

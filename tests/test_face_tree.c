@@ -1,8 +1,10 @@
 /* Trees of boxes over faces: against all faces one by one, dense points of curved faces on their way, other orders of
- * the same faces. They are internal, so that this unit has the library for itself. */
-#define SB_STATIC
-#define SB_IMPLEMENTATION
-#include "../softbody.h"
+ * the same faces. They are internal. */
+#define SB_SPLIT_BUILD
+#include <float.h>
+#include <limits.h>
+
+#include "../src/softbody/contact/face_tree.h"
 
 #include "check.h"
 #include "scene.h"

@@ -1,9 +1,13 @@
 /* What lies below a body whose mesh changes, by itself: a matrix that follows against one made anew, couplings of
  * others, parts, and changes taken back. */
-#define SB_STATIC
-#define SB_ELEMENT SB_TET4
-#define SB_IMPLEMENTATION
-#include "../softbody.h"
+#define SB_SPLIT_BUILD
+#include "../src/softbody/body/body_private.h"
+#include "../src/softbody/body/live_private.h"
+#include "../src/softbody/fem/assembly_batch.h"
+#include "../src/softbody/fem/assembly_live.h"
+#include "../src/softbody/geometry/embed_follow.h"
+#include "../src/softbody/geometry/embed_private.h"
+#include "../src/softbody/solve/sparse_live.h"
 
 #include "check.h"
 #include "live_mesh.h"

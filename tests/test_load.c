@@ -1117,7 +1117,7 @@ static void violent(sb_element_type type, sb_material material, double swell, in
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     press = add_pressure(body, &mesh, -1, 0, 0);
     CHECK_OK(sb_body_add_springs(body, &node, 1, &k, 1, &home, &id, NULL));
-    for (int s = 0; s < steps; s++) {
+    for (int s = 0, end = check_rounds(steps); s < end; s++) {
         sb_vec3 point =
             sb_v3_add(home, sb_v3(REAL(0.3 * sin(0.11 * s)), REAL(0.25 * cos(0.23 * s)), REAL(0.25 * sin(0.31 * s))));
         CHECK_OK(sb_body_move_springs(body, id, &point));

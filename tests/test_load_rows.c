@@ -1,9 +1,10 @@
 /* Rows with lines: a mapping's or a potential's stiffness k [(1 - l.l) I + l l^T] stands in the matrix, in the product
  * without it, in the forces and in the work along a line. All four against one formula, for random rows. Lines are
- * internal, so that this unit has the library for itself. */
-#define SB_STATIC
-#define SB_IMPLEMENTATION
-#include "../softbody.h" /* with all of it: the tests of others see declarations only */
+ * internal. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/body/body_guest.h"
+#include "../src/softbody/body/body_private.h"
+#include "../src/softbody/body/load.h"
 
 #include "check.h"
 #include "random_case.h"

@@ -620,7 +620,7 @@ static void violent(kind what, sb_integrator integrator)
     CHECK_OK(sb_body_set_damping(p.body, 20,
                                  integrator == SB_CENTRAL_DIFFERENCE ? 0 : REAL(0.01))); /* in Newmark's favour */
     CHECK_OK(sb_body_set_solver(p.body, REAL(1e-4), 200));
-    for (int s = 0; s < 300; s++) {
+    for (int s = 0, end = check_rounds(300); s < end; s++) {
         sb_vec3 pull = sb_v3(REAL(0.03 * sin(0.13 * s)), REAL(0.03 * cos(0.29 * s)), REAL(0.03 * sin(0.41 * s))),
                 points[2];
         points[0] = sb_v3_add(p.home[0], pull);

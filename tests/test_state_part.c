@@ -1,8 +1,10 @@
 /* Tests of state_part: a tally that others keep about a body is saved, loaded, hashed, recorded and replayed with
  * it. */
-#define SB_STATIC
-#define SB_IMPLEMENTATION
-#include "softbody.h"
+#define SB_SPLIT_BUILD
+#include "../src/softbody/base/bytes.h"
+#include "../src/softbody/body/state_part.h"
+#include "../src/softbody/body/step_private.h"
+#include "../src/softbody/mesh/mesh_private.h"
 
 #include "check.h"
 #include "scene.h"
@@ -247,7 +249,7 @@ static void test_mutations(void)
         if (round % 3)
             changed[bare + (size_t)(check_random(&seed) * (double)(size - bare - SBI_IMAGE_TAIL))] ^=
                 (unsigned char)(1 << (int)(check_random(&seed) * 8));
-        sbi_image_seal(changed, length, sbi_state_magic, SBI_STATE_VERSION);
+        sbi_image_seal(changed, length, (const char *)bytes, (uint32_t)sbi_get_bytes(bytes + 8, 4));
         if (sb_body_state_load(b, changed, length, &error) == SB_OK)
             taken++;
         else

@@ -1,9 +1,7 @@
 /* Tests of guests in a body's step: against the equations of body and guests solved as one dense system, in every
- * material, integrator and preconditioner; momentum; failures that leave nothing behind. Guests are internal, so that
- * this unit has the library for itself. */
-#define SB_STATIC
-#define SB_IMPLEMENTATION
-#include "../softbody.h" /* with all of it: the tests of others see declarations only */
+ * material, integrator and preconditioner; momentum; failures that leave nothing behind. Guests are internal. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/body/step_private.h"
 
 #include "check.h"
 #include "scene.h"

@@ -1,9 +1,7 @@
 /* Tests of tools: distances against searches and samples, normals against differences, skeletons, bounds and motion
- * against samples of the way, input that is refused. Tools are internal until a contact takes them, so that this unit
- * has the library for itself. */
-#define SB_STATIC
-#define SB_IMPLEMENTATION
-#include "../softbody.h" /* with all of it: the tests of others see declarations only */
+ * against samples of the way, input that is refused. Tools are internal until a contact takes them. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/contact/tool_private.h"
 
 #include "check.h"
 #include "scene.h"

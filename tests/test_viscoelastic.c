@@ -491,7 +491,7 @@ static void test_violence(void)
     def.max_iterations = 60;
     body = scene_body(&def);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
-    for (int s = 0; s < 400; s++) {
+    for (int s = 0, end = check_rounds(400); s < end; s++) {
         memcpy(u, sb_body_displacements(body), (size_t)n * sizeof(sb_vec3));
         for (int i = 0; i < n && s % 50 == 0; i++) {
             if (sb_body_supports(body)[i])

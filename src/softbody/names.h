@@ -302,6 +302,22 @@
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
 #define sb_default_tool_def sb_default_tool_def_f32
+#define sb_default_contact_def sb_default_contact_def_f32
+#define sb_contact_create sb_contact_create_f32
+#define sb_contact_destroy sb_contact_destroy_f32
+#define sb_contact_add_tool sb_contact_add_tool_f32
+#define sb_contact_remove_tool sb_contact_remove_tool_f32
+#define sb_contact_move_tool sb_contact_move_tool_f32
+#define sb_contact_place_tool sb_contact_place_tool_f32
+#define sb_contact_bend_tool sb_contact_bend_tool_f32
+#define sb_contact_set_friction sb_contact_set_friction_f32
+#define sb_contact_wrench sb_contact_wrench_f32
+#define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_points sb_contact_points_f32
+#define sb_contact_pressures sb_contact_pressures_f32
+#define sb_contact_get_info sb_contact_get_info_f32
+#define sb_default_haptic_def sb_default_haptic_def_f32
+#define sb_haptic_from_hd sb_haptic_from_hd_f32
 #endif
 #endif
 

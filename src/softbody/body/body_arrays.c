@@ -5,7 +5,7 @@
 #include <string.h>
 
 /* The vectors by node, which a live mesh carries over when it grows. */
-enum { SBI_BODY_VECTORS = 26 };
+enum { SBI_BODY_VECTORS = 27 };
 static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
 {
     sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
@@ -23,6 +23,7 @@ static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECT
                                         &body->rhs,
                                         &body->increment,
                                         &body->reaction,
+                                        &body->previous,
                                         &body->velocity0,
                                         &body->acceleration0,
                                         &body->start,

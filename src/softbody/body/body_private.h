@@ -121,6 +121,7 @@ struct sb_body {
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
+    struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -206,6 +207,7 @@ struct sb_body {
     sb_vec3 *equilibrated; /* dead loads that the last static solve ended with (N) */
     sb_vec3 *residual;     /* M a + D v + internal - external */
     sb_vec3 *rhs, *increment, *reaction;
+    sb_vec3 *previous;                  /* increment of the iteration of contact before */
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
     sb_vec3 *start;                     /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;

@@ -102,6 +102,8 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 
 /* ---- begin and end ---- */
 
+enum { SBI_STEP_TRIES = 5 }; /* of tools: a half, a quarter, an eighth, a sixteenth of the way, none */
+
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
     sb_vec3 *state, *saved;
@@ -229,6 +231,7 @@ static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_i
     step->tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
     step->linear_tolerance = step->linearised ? body->tolerance : 0;
     step->line_search = !(step->linearised && sbi_step_is_tame(body));
+    step->touch = is_explicit ? NULL : body->touch;
 }
 
 /* Checks the arguments and keeps what a failing step gives back. */
@@ -275,6 +278,8 @@ static void sbi_step_settle(sbi_step *step)
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
     sbi_step_commit_guests(step);
+    if (step->touch)
+        sbi_step_commit_touch(step);
 }
 
 static sb_result sbi_step_close(sbi_step *step, sb_result result)
@@ -301,7 +306,9 @@ SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *con
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
 {
-    sb_result result;
+    sb_result result = step->touch ? sbi_step_accept_touch(step) : SB_OK;
+    if (result != SB_OK)
+        return result;
     sbi_step_reactions(step);
     result = sbi_step_finish(step);
     if (result != SB_OK)
@@ -310,18 +317,33 @@ SBI_API sb_result sbi_step_commit(sbi_step *step)
     return sbi_step_close(step, SB_OK);
 }
 
+/* Generalised alpha extrapolates: where the material does not admit the end, the balance is tried at the end. */
+static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
+{
+    return result == SB_ERROR_INVERTED && step->body->integrator == SB_GENERALISED_ALPHA && step->level < 1;
+}
+
+/* Tools may have made the step fail, or have passed through: they go half as far each time, at last they stay. */
+static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
+{
+    return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
+}
+
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
 {
     sbi_step fresh;
-    if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
+    int later = sbi_step_can_balance_later(step, *result), less = sbi_step_can_touch_less(step, *result);
+    if (!later && !less)
         return 0;
     memset(&fresh, 0, sizeof fresh);
     sbi_step_undo_guests(step);
+    sbi_step_undo_touch(step);
+    fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
     fresh.guests = step->guests;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
-    fresh.radius = 0;
+    fresh.radius = later ? 0 : step->radius;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
@@ -334,6 +356,7 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
     if (!step->body) /* refused at once */
         return result;
     sbi_step_undo_guests(step);
+    sbi_step_undo_touch(step);
     sbi_step_restore(step->body);
     return sbi_step_close(step, result);
 }

@@ -184,6 +184,42 @@ SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
         sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
 }
 
+/* What the last solve added to a guest's unknowns, and the way of its nodes: in. */
+static void sbi_step_guest_way(const sbi_guest_work *work, const sb_vec3 *way)
+{
+    const sbi_guest *guest = work->guest;
+    double *at = work->in + guest->unknown_count;
+    for (int k = 0; k < guest->unknown_count; k++)
+        work->in[k] = guest->unknown[k] - work->start[k];
+    for (int k = 0; k < guest->node_count; k++, at += 3) {
+        at[0] = (double)way[guest->nodes[k]].x;
+        at[1] = (double)way[guest->nodes[k]].y;
+        at[2] = (double)way[guest->nodes[k]].z;
+    }
+}
+
+SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way)
+{
+    double sum = 0;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        sbi_step_guest_way(work, way);
+        work->guest->multiply(work->guest->user, work->in, work->out);
+        for (size_t k = 0; k < work->width; k++)
+            sum += work->in[k] * work->out[k];
+    }
+    return sum;
+}
+
+SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            work->guest->unknown[k] = work->start[k] + share * (work->guest->unknown[k] - work->start[k]);
+    }
+}
+
 SBI_API void sbi_step_guest_reactions(const sbi_step *step)
 {
     sb_body *b = step->body;

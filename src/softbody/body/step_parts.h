@@ -33,15 +33,19 @@
 typedef struct sbi_step {
     sb_body *body;
     sb_step_info *info;
-    sb_step_info own_info; /* where the caller wants none */
-    double begun;          /* on the body's clock (s) */
-    int dynamic;           /* 1: a time step; 0: a static solve */
-    int done;              /* 1: nothing is left to be solved */
-    int iteration;         /* of Newton, from 0 */
-    sb_tangent_kind kind;  /* of the tangent in A */
-    sbi_guests guests;     /* solved together with the body */
-    int guests_begun;      /* those of them that have begun */
-    int starts;            /* 1: this is no step but the search for the accelerations that it starts from */
+    sb_step_info own_info;   /* where the caller wants none */
+    double begun;            /* on the body's clock (s) */
+    int dynamic;             /* 1: a time step; 0: a static solve */
+    int done;                /* 1: nothing is left to be solved */
+    int iteration;           /* of Newton, from 0 */
+    sb_tangent_kind kind;    /* of the tangent in A */
+    sbi_guests guests;       /* solved together with the body */
+    int guests_begun;        /* those of them that have begun */
+    int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
+    struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
+    int touch_begun;
+    int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
+                * have made it fail */
 
     /* what is solved */
     sb_real dt;     /* s */

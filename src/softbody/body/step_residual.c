@@ -197,6 +197,17 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
+/* residual -= forces of contact. That of a linearised step is without: they change while it is solved. */
+static void sbi_step_add_touch_residual(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_step_evaluate_touch(step, NULL, 1, 1);
+    memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    sbi_step_add_touch_force(step, 1, b->work);
+    sbi_step_add_touch_force(step, -1, b->residual);
+    sbi_step_raise_scale(step, b->work, SBI_STEP_ALL);
+}
+
 /* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
  * theirs. */
 static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
@@ -228,6 +239,8 @@ SBI_API void sbi_step_residual(sbi_step *step)
     sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
     if (b->load_count)
         sbi_step_add_loads(step);
+    if (step->touch && !step->linearised)
+        sbi_step_add_touch_residual(step);
     if (step->dynamic) {
         sbi_step_raise_scale(step, b->internal, SBI_STEP_ALL);
         sbi_step_add_dynamics(step);
@@ -260,8 +273,13 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     step->moves_supports = sbi_step_supports_move(step);
     if (step->body->load_count)
         sbi_loads_fill(step->body, step->body->displacement);
-    if (step->linearised) /* its residual may need K v */
+    if (step->linearised ||
+        (step->touch && step->iteration == 0)) /* its residual may need K v, contact measures by it */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
+    if (step->touch && step->iteration == 0)
+        result = sbi_step_begin_touch(step);
+    if (result != SB_OK)
+        return result;
     sbi_step_residual(step);
     if (!sb_is_finite(step->norm))
         return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "the forces are not finite");

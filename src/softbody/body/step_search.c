@@ -55,6 +55,11 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
+    if (step->touch && !step->linearised) { /* the residual has its forces, whose energy is looked at as it is */
+        sbi_touch *touch = step->touch;
+        for (int k = 0; k < touch->node_count; k++)
+            line.linear += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
+    }
     return line;
 }
 
@@ -73,10 +78,13 @@ static void sbi_step_trial(const sbi_step *step, sb_real t)
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
-/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
+/* Energy of a trial displacement, elastic and that of contact; 0 when it is inadmissible, with *bad the element that
+ * is. */
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
     *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
+    if (*bad < 0 && step->touch && !step->linearised)
+        *energy += sbi_step_touch_energy(step, trial);
     return *bad < 0 && sb_is_finite(*energy);
 }
 

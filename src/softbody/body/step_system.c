@@ -102,6 +102,8 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
     else
         sbi_step_support_reactions(step);
     sbi_step_guest_reactions(step);
+    if (step->touch && step->linearised)
+        sbi_step_touch_reactions(step);
 }
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
@@ -148,6 +150,25 @@ static int sbi_step_condense(sbi_step *step)
     return open;
 }
 
+SBI_API void sbi_step_fill_system(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_elimination *e = b->elimination;
+    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    step->opens_gaps = 0;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
+    if (e && step->touch)
+        sbi_step_add_touch(step);
+    if (e)
+        step->opens_gaps = sbi_step_condense(step);
+    else
+        sbi_step_keep_support_rows(b);
+    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    if (!e && step->touch)
+        sbi_step_add_touch(step);
+}
+
 SBI_API sb_result sbi_step_make_system(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -155,15 +176,10 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
     sb_result result;
     double begin = sbi_body_now(b);
-    step->opens_gaps = 0;
     sbi_step_predict(step);
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
-    if (e)
-        step->opens_gaps = sbi_step_condense(step);
-    else
-        sbi_step_keep_support_rows(b);
-    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    if (step->touch && step->linearised)
+        sbi_step_evaluate_touch(step, b->increment, 1, 1);
+    sbi_step_fill_system(step);
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
@@ -171,7 +187,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_system(sbi_step *step)
+SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -179,15 +195,12 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
     sb_result result;
-    double begin = sbi_body_now(b);
-    options.tolerance = (double)sbi_step_linear_tolerance(step);
+    options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
-    info->seconds_solve += sbi_body_now(b) - begin;
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
     info->pcg_iterations += pcg.iterations;
-    info->newton_iterations++;
     if (step->linearised)
         info->residual = (sb_real)pcg.residual;
     if (result == SB_ERROR_NOT_CONVERGED) { /* still the best increment so far: use it */
@@ -196,5 +209,18 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     }
     if (e)
         sbi_elimination_expand(e, b->increment, step->opens_gaps);
+    return result;
+}
+
+SBI_API sb_result sbi_step_solve_system(sbi_step *step)
+{
+    sb_result result;
+    double begin = sbi_body_now(step->body);
+    if (step->touch && step->linearised)
+        result = sbi_step_solve_touch(step);
+    else
+        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), 1);
+    step->info->seconds_solve += sbi_body_now(step->body) - begin;
+    step->info->newton_iterations++;
     return result;
 }

@@ -30,7 +30,7 @@ static int sbi_contact_is_outer(const sbi_contact_faces *faces, const sb_body *b
     int ascends[2] = {0, 0};
     for (int i = begin; i < end; i++) {
         int part = keys->order[i];
-        ascends[sbi_contact_side_ascends(&faces->sides[part % keys->per_element],
+        ascends[sbi_contact_side_ascends(&faces->element_sides[part % keys->per_element],
                                          sbi_contact_cell_nodes(body, part / keys->per_element))]++;
     }
     return !ascends[0] || !ascends[1];
@@ -147,9 +147,10 @@ static void sbi_contact_put_face(sbi_contact_faces *faces, const sb_body *body, 
 {
     const int *corners = sbi_contact_cell_nodes(body, cell), face = faces->face_end++;
     int *nodes = faces->nodes + (size_t)face * (size_t)faces->width;
-    for (int a = 0; a < faces->sides[side].nodes; a++)
-        nodes[a] = corners[faces->sides[side].local[a]];
-    faces->sizes[face] = (unsigned char)faces->sides[side].nodes;
+    for (int a = 0; a < faces->element_sides[side].nodes; a++)
+        nodes[a] = corners[faces->element_sides[side].local[a]];
+    faces->sizes[face] = (unsigned char)faces->element_sides[side].nodes;
+    faces->sides[face] = (unsigned char)side;
     faces->keys[face] = cell * faces->side_count + side;
     faces->elements[face] = cell;
     faces->regions[face] = body->cell_material[cell];
@@ -184,6 +185,7 @@ static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
     faces->regions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
+    faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
     if (!live->cell_room)
         return;
     sbi_contact_layout_order(faces->face_room, &live->order, arena);

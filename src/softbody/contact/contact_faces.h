@@ -81,8 +81,9 @@ typedef struct sbi_contact_faces {
     int width;                /* nodes per face in `nodes`: most of any face */
     unsigned char *sizes;     /* nodes of each face */
     int *nodes;               /* [face][width] counter-clockwise seen from outside */
-    int *keys;                /* cell times sides of a cell, plus side: ascending */
+    int *keys;                /* elements[face] * side_count + sides[face]: ascending */
     int *elements;            /* the cell behind it */
+    unsigned char *sides;     /* its number among the faces of that cell */
     int *regions;             /* index of its material in the body */
     sb_real *areas;           /* m^2 at rest */
     sb_real *lengths;         /* m at rest: what is cut into parts, see sbi_contact_face_parts */
@@ -90,7 +91,7 @@ typedef struct sbi_contact_faces {
     int *versions;            /* pattern that the blocks are of; -1: of none */
     sb_real *node_areas;      /* [node_room] (m^2), see sbi_contact_node_area */
     int side_count;           /* of a cell */
-    sbi_contact_side sides[SB_MAX_ELEMENT_FACES];
+    sbi_contact_side element_sides[SB_MAX_ELEMENT_FACES];
     sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
     sbi_face_tree tree;
     uint64_t *marks; /* zeros between queries */

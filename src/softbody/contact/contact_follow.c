@@ -67,7 +67,7 @@ SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_b
 /* 1 when no cell lies on the other side of a cell's side, and none before it on this. */
 static int sbi_contact_is_outside(const sbi_contact_faces *faces, const sb_body *body, int cell, int number)
 {
-    const sbi_contact_side *side = &faces->sides[number];
+    const sbi_contact_side *side = &faces->element_sides[number];
     const int *nodes = sbi_contact_cell_nodes(body, cell);
     int corners[SB_MAX_FACE_NODES], ascends = sbi_contact_side_ascends(side, nodes), key;
     for (int a = 0; a < side->corners; a++)
@@ -77,7 +77,7 @@ static int sbi_contact_is_outside(const sbi_contact_faces *faces, const sb_body 
         int other = sbi_live_cell_of(body, at);
         const int *others = sbi_contact_cell_nodes(body, other);
         for (int k = 0; k < faces->side_count; k++) {
-            const sbi_contact_side *same = &faces->sides[k];
+            const sbi_contact_side *same = &faces->element_sides[k];
             int place = other * faces->side_count + k;
             if (place != key && same->corners == side->corners &&
                 sbi_body_has_corners(corners, others, same->local, side->corners) &&
@@ -113,7 +113,8 @@ static void sbi_contact_look_around(sbi_contact_faces *faces, const sb_body *bod
         int cell = sbi_live_cell_of(body, at);
         const int *nodes = sbi_contact_cell_nodes(body, cell);
         for (int k = 0; k < faces->side_count; k++)
-            if (nodes[faces->sides[k].local[0]] == node && sbi_contact_is_near(live->near, &faces->sides[k], nodes))
+            if (nodes[faces->element_sides[k].local[0]] == node &&
+                sbi_contact_is_near(live->near, &faces->element_sides[k], nodes))
                 sbi_contact_set_outer(live, cell * faces->side_count + k, sbi_contact_is_outside(faces, body, cell, k));
     }
 }

@@ -100,7 +100,7 @@ SBI_API int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element
     sbi_arena arena = {NULL, 0, 0};
     faces->side_count = sbi_element_face_count(element);
     for (int s = 0; s < faces->side_count; s++) {
-        sbi_contact_side *side = &faces->sides[s];
+        sbi_contact_side *side = &faces->element_sides[s];
         sb_element_type type = SB_NO_ELEMENT;
         side->nodes = sbi_element_face(element, s, side->local, &type);
         side->corners = sb_element_corner_count(type);

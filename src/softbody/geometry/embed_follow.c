@@ -324,7 +324,7 @@ static void sbi_embed_swap_places(sb_embedding *e, sbi_embed_follower *f)
     }
 }
 
-static void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
+SBI_API void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
 {
     memset(report, 0, sizeof *report);
     report->point_count = e->report.point_count;
@@ -357,7 +357,7 @@ static void sbi_embed_next_report(const sb_embedding *e, const sbi_embed_followe
 
 /* ---- the arrays of updates ---- */
 
-static void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts)
+SBI_API void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts)
 {
     memset(parts, 0, sizeof *parts);
     parts->places = f->places;

@@ -87,6 +87,9 @@ SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error);
 SBI_API void sbi_embed_follower_follow(sb_embedding *e);
 SBI_API void sbi_embed_follower_give_up(sb_embedding *e);
+/* The report and the arrays' input as they are made of all places, which what follows a change must equal. */
+SBI_API void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report);
+SBI_API void sbi_embed_fill_parts(const sb_embedding *e, const sbi_embed_follower *f, sbi_embed_parts *parts);
 /* Leaves its owner and frees it with the arrays. */
 SBI_API void sbi_embed_follower_destroy(sb_embedding *e);
 

@@ -1188,7 +1188,7 @@ static sb_result sbi_pcg_settle(sbi_pcg_state *s, sb_preconditioner *preconditio
 
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, sb_pcg_info *info)
+                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -1199,13 +1199,13 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     int idle;
     options = options ? options : &defaults;
     if (!guests || guests->count == 0)
-        return sbi_pcg_solve_current(matrix, preconditioner, rhs, x, options, workspace, info);
+        return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, current, info);
     if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace) || !sbi_pcg_has_room(workspace, guests))
         return SB_ERROR_ARGUMENT;
     memset(&report, 0, sizeof report);
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
-    state.current = 1;
+    state.current = current;
     g = (sbi_pcg_guest_space *)workspace->guests;
     state.guests = &g->space;
     if (g->space.kept_room > 0)
@@ -1222,7 +1222,7 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     if (!idle)
         sbi_pcg_guess_guests(&state);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
-    if (!idle)
+    if (current && !idle)
         sbi_pcg_set_drifts(&state, options->tolerance);
     result =
         sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;

@@ -111,10 +111,11 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * block, in the mean node's units), so that units and stiffness do not. After each solve every guest may settle: when
  * one has changed its rows the iteration goes on from where it is, with a tenth of the tolerance from the fourth solve
  * on, since states that hang on little would turn over and back. SB_ERROR_DIVERGED: unknowns of guests are those of the
- * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them. */
+ * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them.
+ * current: 1: as sbi_pcg_solve_current; 0: the matrix has changed since the preconditioner's update. */
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
-                                       sb_pcg_workspace *workspace, sb_pcg_info *info);
+                                       sb_pcg_workspace *workspace, int current, sb_pcg_info *info);
 #endif
 
 #endif /* SB_PCG_H */

@@ -1,0 +1,74 @@
+/* step_touch: what touches a body: forces on its surface that change while a step is solved, as those of contact do.
+ * Floor 3, internal.
+ *
+ * Unlike a guest (solve/guest.h) it has no unknowns, but is nonlinear. A step of one iteration solves
+ *     (A + K) x' = b + F(x) + K x
+ * for the whole increment x' again and again, F and K at the increment x before: a semi-smooth Newton iteration in
+ * which forces, tangent A and preconditioner of the tissue are made once. A step of several iterations has F in its
+ * residual and K in its tangent like any load's. Between the nodes of each face that it acts on the matrix has blocks
+ * already, so that nothing is made anew.
+ *
+ * It sees its own nodes only: in all calls below arrays are [node_count], in the order of `nodes`. du is the nodes'
+ * displacement since the start of the step. */
+#ifndef SB_STEP_TOUCH_H
+#define SB_STEP_TOUCH_H
+
+#include "../solve/sparse.h"
+#include "body.h"
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+
+/* The step that begins. */
+typedef struct sbi_touch_step {
+    const sb_matrix *matrix; /* A before supports and constraints: what stiffness is measured by (N/m) */
+    const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
+    const sb_vec3 *velocity; /* [rows] at the start (m/s) */
+    sb_real dt;              /* s; 0: static */
+    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+} sbi_touch_step;
+
+typedef struct sbi_touch {
+    void *user;
+    int max_iterations; /* of a step of one iteration, >= 1 */
+
+    /* from begin to the end of the step, written by the owner */
+    int node_count;
+    const int *nodes; /* [node_count] rows of the matrix, each once */
+    int touching;     /* points of contact at the last evaluation */
+    sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
+    /* room for the step: */
+    sb_vec3 *du;     /* (m) what it asks forces at */
+    sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
+    sb_vec3 *left;   /* the same less K x' (N), x' its solution */
+    sb_vec3 *way;    /* x' - x (m) */
+    sb_vec3 *kept;   /* the right-hand side without contact (N) */
+
+    /* written by the step, for who reads */
+    int iterations, capped; /* 1: max_iterations ended it */
+    sb_real residual;       /* what contact's forces are off by at the end, of the largest force */
+
+    sb_result (*begin)(void *user, const sbi_touch_step *step, sb_error *error);
+    /* Forces and stiffness at du. renew: bounds of friction are those of here, else those of the last renewal. */
+    void (*evaluate)(void *user, const sb_vec3 *du, int renew);
+    /* Potential (J) of the forces of the last evaluation, with its bounds of friction. */
+    double (*energy)(void *user);
+    /* out = K x, K of the last evaluation, without masked axes. masked [rows] axes as bits; NULL: none. */
+    void (*multiply)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+    /* matrix += K without masked axes; and what it was before, to the bit. */
+    void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
+    void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
+    int (*accept)(void *user, const sb_vec3 *u);
+    /* The step is done, or has failed: as before `begin`. Neither can fail. */
+    void (*commit)(void *user);
+    void (*undo)(void *user);
+} sbi_touch;
+
+/* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
+SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+#endif
+
+#endif /* SB_STEP_TOUCH_H */

@@ -1,0 +1,154 @@
+/* contact: making a contact, its tools. */
+#include "contact.h"
+
+#include <string.h>
+
+#include "contact_private.h"
+
+#define SBI_CONTACT_COOKIE 0xc0117ac7u
+enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+
+SB_API sb_contact_def sb_default_contact_def(void)
+{
+    sb_contact_def def;
+    memset(&def, 0, sizeof def);
+    def.stiffness = 10;
+    def.max_iterations = 4;
+    def.max_contacts = 8192;
+    def.max_tools = 8;
+    def.cookie = SBI_CONTACT_COOKIE;
+    return def;
+}
+
+/* ---- creation ---- */
+
+static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *error)
+{
+    if (!def || def->cookie != SBI_CONTACT_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_contact_def");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a contact needs a body");
+    if (!(def->stiffness >= 3) || !sb_is_finite(def->stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.stiffness is %g, it must be at least 3", (double)def->stiffness);
+    if (def->max_iterations < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations is %d, it must be at least 1",
+                        def->max_iterations);
+    if (def->max_contacts < 64 || def->max_contacts > 1 << 20)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_contacts is %d, it must be in [64, 2^20]",
+                        def->max_contacts);
+    if (def->max_tools < 1 || def->max_tools > 64)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_tools is %d, it must be in [1, 64]", def->max_tools);
+    if (sbi_body_get_touch(def->body))
+        return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
+    if (!sbi_body_is_implicit(def->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
+    return SB_OK;
+}
+
+static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions};
+    c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
+    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
+    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
+    c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
+    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
+    c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
+    c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
+    c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
+    c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
+    c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
+}
+
+static int sbi_contact_take_memory(sb_contact *c)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_lay_out(c, &arena);
+    if (arena.overflow)
+        return 0;
+    c->memory = sbi_alloc_zeroed(&c->allocator, arena.used, 1);
+    if (!c->memory)
+        return 0;
+    arena.base = (unsigned char *)c->memory;
+    arena.used = 0;
+    sbi_contact_lay_out(c, &arena);
+    for (int i = 0; i < c->faces->node_room; i++)
+        c->node_place[i] = -1;
+    return 1;
+}
+
+static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, sb_error *error)
+{
+    sb_result result = sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
+    if (result != SB_OK)
+        return result;
+    c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
+    for (int f = 0; f < c->faces->face_end; f++)
+        c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
+    c->touch.max_iterations = def->max_iterations;
+    if (!sbi_contact_take_memory(c))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
+    return SB_OK;
+}
+
+static void sbi_contact_release(sb_contact *contact)
+{
+    sb_allocator allocator = contact->allocator;
+    for (int t = 0; contact->tools && t < contact->max_tools; t++)
+        sbi_contact_free_tool(contact, t);
+    sbi_contact_faces_destroy(contact->faces);
+    sbi_free(&allocator, contact->memory);
+    sbi_free(&allocator, contact);
+}
+
+SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error)
+{
+    sb_contact *made;
+    sb_result result = sbi_contact_check_def(def, error);
+    if (result == SB_OK && !contact)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the contact");
+    if (result != SB_OK)
+        return result;
+    made = (sb_contact *)sbi_alloc_zeroed(def->allocator ? def->allocator : sbi_body_allocator(def->body), 1,
+                                          sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact");
+    made->allocator = def->allocator ? *def->allocator : *sbi_body_allocator(def->body);
+    made->body = def->body;
+    made->stiffness = def->stiffness;
+    made->max_tools = def->max_tools;
+    made->max_contacts = def->max_contacts;
+    result = sbi_contact_fill_in(made, def, error);
+    if (result != SB_OK) {
+        sbi_contact_release(made);
+        return result;
+    }
+    result = sbi_contact_join_state(made, error);
+    if (result != SB_OK) {
+        sbi_contact_release(made);
+        return result;
+    }
+    sbi_contact_join(made);
+    *contact = made;
+    return SB_OK;
+}
+
+SB_API void sb_contact_destroy(sb_contact *contact)
+{
+    if (!contact)
+        return;
+    sbi_body_set_touch(contact->body, NULL);
+    sbi_contact_leave_state(contact);
+    sbi_contact_release(contact);
+}

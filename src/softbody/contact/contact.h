@@ -1,0 +1,111 @@
+/* contact: tools that push, slide on and grip a body, and the forces that they feel. Floor 4.
+ *
+ *     sb_contact_def def = sb_default_contact_def();
+ *     def.body = body;
+ *     sb_contact_create(&def, &contact, &error);
+ *     sb_contact_add_tool(contact, &tool_def, &tool, &error);
+ *     each frame: sb_contact_move_tool(contact, tool, &pose);
+ *                 sb_body_step(body, dt, &info);
+ *                 sb_contact_wrench(contact, tool, &wrench);
+ *
+ * Steps and static solves of the body do contact by themselves. The surface of the body feels a pressure p = max(0, l -
+ * k g) where it overlaps a tool (gap g < 0), on samples so close that forces are smooth while it slides; k is
+ * `stiffness` times the local stiffness of the step's own matrix, so that modulus, size, mass and dt need no tuning; l
+ * remembers the pressure of the step before, so that the overlap vanishes where the surface rests. Friction is
+ * Coulomb's, anchored: what sticks does not creep. All is solved within the implicit step; the preconditioner is made
+ * once.
+ *
+ * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
+ * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
+ * is taken back and done again with half the tools' way, at last with tools that stay.
+ *
+ * Friction needs damping in the integrator: implicit Euler, or generalised alpha with a spectral radius of 0.5 or less;
+ * Newmark's average acceleration rings where the surface touches. Bodies with explicit steps are refused.
+ * Source: Wriggers, Computational Contact Mechanics (return mapping, augmented Lagrangian). */
+#ifndef SB_CONTACT_H
+#define SB_CONTACT_H
+
+#include "../body/step.h"
+#include "tool.h"
+
+typedef struct sb_contact sb_contact;
+
+/* What a contact is made from. Start from sb_default_contact_def(). */
+typedef struct sb_contact_def {
+    sb_body *body;      /* borrowed: destroy the contact first; one contact per body */
+    sb_real stiffness;  /* of the pressure, over the body's own, >= 3; default 10. More is stiffer and costs iterations;
+                         * 3 .. 30 is sensible */
+    int max_iterations; /* systems of contact in a linearised step, >= 1; default 4 */
+    int max_contacts;   /* samples near tools at a time, in [64, 2^20]; default 8192: memory is taken at creation. Where
+                         * there are more, faces get fewer samples for that step (info.thinned) */
+    int max_tools;      /* in [1, 64]; default 8 */
+    const sb_allocator *allocator; /* NULL (default): the body's */
+    unsigned cookie;               /* set by sb_default_contact_def; a def made without it is refused */
+} sb_contact_def;
+SB_API sb_contact_def sb_default_contact_def(void);
+
+/* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
+ * are explicit; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched. Nothing allocates
+ * afterwards but sb_contact_add_tool. */
+SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
+SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
+
+/* ---- tools ---- */
+
+/* Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it
+ * overlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or max_tools are
+ * there; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such). */
+SB_API sb_result sb_contact_add_tool(sb_contact *contact, const sb_tool_def *def, int *tool, sb_error *error);
+/* In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is
+ * none. Nothing changes then. */
+SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool);
+/* Where it is to be at the end of the next step. */
+SB_API sb_result sb_contact_move_tool(sb_contact *contact, int tool, const sb_pose *pose);
+/* At once, without a way, and with its contacts forgotten. SB_ERROR_ARGUMENT: too deep in the body, as at creation. */
+SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_pose *pose, sb_error *error);
+/* Capsules: the chain at the end of the next step, points[as many as the def had] (m, in the tool's frame). */
+SB_API sb_result sb_contact_bend_tool(sb_contact *contact, int tool, const sb_vec3 *points);
+SB_API sb_result sb_contact_set_friction(sb_contact *contact, int tool, sb_real friction);
+
+/* ---- readings of the last step or static solve: no allocation ---- */
+
+typedef struct sb_wrench {
+    sb_vec3 force;  /* N */
+    sb_vec3 torque; /* N m about the tool's position */
+} sb_wrench;
+/* What the body does to the tool: the sum of exactly the forces put on the body's nodes, with the opposite sign. */
+SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool);
+/* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
+SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
+
+typedef struct sb_contact_point {
+    int tool;
+    int element;    /* cell behind the face */
+    int face;       /* of that cell, in the order of sb_element's faces */
+    int sticks;     /* 1: friction holds it; 0: it slips, or there is no friction */
+    sb_real gap;    /* m, negative: overlap */
+    sb_real area;   /* m^2 at rest */
+    sb_vec3 point;  /* m, in space */
+    sb_vec3 normal; /* out of the tool */
+    sb_vec3 force;  /* N, on the body */
+} sb_contact_point;
+/* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
+SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);
+/* [node_count] mean pressure (Pa at rest) that tools exert on the surface at each node: for drawing. 0 elsewhere. */
+SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
+
+typedef struct sb_contact_info {
+    int candidates;   /* samples looked at */
+    int touching;     /* with pressure */
+    int sticking;     /* of these held by friction */
+    int iterations;   /* systems solved */
+    int retries;      /* times that the step was taken back and done again */
+    int capped;       /* 1: max_iterations ended the iteration; `residual` says how good it is */
+    int thinned;      /* 1: faces had fewer samples than their size asks for */
+    sb_real deepest;  /* m, overlap */
+    sb_real residual; /* of contact's forces, of the largest force */
+    sb_real lag;      /* m, largest of all tools' */
+} sb_contact_info;
+SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact);
+
+#endif /* SB_CONTACT_H */

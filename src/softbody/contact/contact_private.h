@@ -1,0 +1,147 @@
+/* contact_private: what is inside an sb_contact. Internal: the files contact*.c share it.
+ *
+ * Data of a step flow one way: sweep (how far each tool goes) -> patches (faces near a tool, one for each tool that
+ * they are near) -> samples of patches, with what the step before remembers of them -> law -> forces and blocks by
+ * patch -> entries (samples in touch), which are what is read, saved and remembered. */
+#ifndef SB_CONTACT_PRIVATE_H
+#define SB_CONTACT_PRIVATE_H
+
+#include "../body/body_guest.h"
+#include "../body/state_part.h"
+#include "../body/step_touch.h"
+#include "contact.h"
+#include "contact_faces.h"
+#include "contact_law.h"
+
+/* A tool's place in the list. Chains are of capsules, [point count]. */
+typedef struct sbi_contact_tool {
+    sbi_tool *shape; /* NULL: the place is free */
+    sb_real friction;
+    int partner;
+    sb_pose reached, wanted; /* at the end of the last step; where it is sent */
+    sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    int face_count;        /* of its faces in sb_contact.near */
+    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;           /* m */
+} sbi_contact_tool;
+
+/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
+typedef struct sbi_contact_entry {
+    int tool, face, parts, sample, sticks;
+    sb_real memory;               /* l (Pa) */
+    sb_real gap, area;            /* m, m^2 at rest */
+    sb_vec3 traction;             /* t (Pa) on the body */
+    sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
+} sbi_contact_entry;
+
+/* A face near a tool. */
+typedef struct sbi_contact_patch {
+    int tool, face, parts;
+    int first, count;             /* its samples */
+    int touching;                 /* of them at the last evaluation */
+    int nodes[SB_MAX_FACE_NODES]; /* places in the list of nodes */
+} sbi_contact_patch;
+
+typedef struct sbi_contact_sample {
+    int patch, sample;
+    const sb_real *weights;   /* [nodes of the face] */
+    sb_real area;             /* m^2 at rest */
+    sb_real k;                /* Pa/m */
+    sb_real memory;           /* l (Pa), remembered */
+    sb_vec3 remembered;       /* t (Pa) */
+    sb_vec3 carried;          /* where the tool's own motion takes it over the step (m) */
+    sb_vec3 normal;           /* of the last evaluation, out of the tool in space */
+    sb_vec3 point;            /* m */
+    sb_real gap, slip, bound; /* m, m, Pa */
+    sbi_contact_answer answer;
+} sbi_contact_sample;
+
+/* A block of the matrix before contact was added. */
+typedef struct sbi_contact_saved {
+    int block;
+    sb_real values[9];
+} sbi_contact_saved;
+
+struct sb_contact {
+    sb_allocator allocator;
+    sb_body *body;
+    sb_real stiffness;
+    int max_tools, max_contacts;
+    sbi_contact_faces *faces;
+    sbi_contact_tool *tools; /* [max_tools] */
+    sbi_touch touch;
+    sb_contact_info info, step_info; /* of the last step; of the one under way */
+
+    /* of the step */
+    int *near;    /* [max_tools][face_room] faces by tool */
+    int *scratch; /* [face_room] outside of steps */
+    int patch_count;
+    sbi_contact_patch *patches;
+    int patch_room;
+    sbi_contact_sample *samples; /* [max_contacts] */
+    int sample_count;
+    int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
+    int *nodes;          /* [node_room] */
+    sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
+    sb_real *region_sum; /* [max_tools][regions] of k while it is summed, then k (Pa/m) */
+    int *region_count;
+    int region_room;
+    sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
+    sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
+    int blocks_current;
+    sbi_contact_saved *saved; /* [patch_room width^2] */
+    int saved_count;
+
+    /* of the last step */
+    sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
+    int entry_count;
+    void *memory;
+};
+
+/* ---- contact_tool.c ---- */
+/* Gives a tool back; a free place is fine. */
+SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
+
+/* ---- contact_sweep.c ---- */
+/* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
+SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
+/* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
+ * a face. u [rows]: displacements at the end. */
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
+/* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
+SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                                  int *element);
+
+/* ---- contact_step.c ---- */
+/* What the body calls in its steps. */
+SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* ---- contact_state.c ---- */
+/* What a recording keeps of calls: codes stand in files. */
+typedef enum sbi_contact_command {
+    SBI_CONTACT_ADD = 1,     /* cannot be played */
+    SBI_CONTACT_REMOVE = 2,  /* likewise */
+    SBI_CONTACT_MOVE = 3,    /* reals: pose */
+    SBI_CONTACT_PLACE = 4,   /* reals: pose */
+    SBI_CONTACT_BEND = 5,    /* reals: chain */
+    SBI_CONTACT_FRICTION = 6 /* reals: mu */
+} sbi_contact_command;
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count);
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose);
+/* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
+SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_leave_state(const sb_contact *contact);
+
+/* Place of a sample with these weights. */
+SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int a = 0; a < count; a++)
+        sum = sb_v3_madd(sum, weights[a], values[nodes[a]]);
+    return sum;
+}
+
+#endif /* SB_CONTACT_PRIVATE_H */

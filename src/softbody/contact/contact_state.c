@@ -1,0 +1,318 @@
+/* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side. */
+#include <string.h>
+
+#include "../base/bytes.h"
+#include "contact_private.h"
+
+static const char sbi_contact_name[] = "contact";
+enum { SBI_CONTACT_VERSION = 1 };
+
+/* ---- words ---- */
+
+static void sbi_contact_put_int(sbi_state_out *out, int value)
+{
+    unsigned char bytes[8];
+    sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 8);
+    sbi_state_put(out, bytes, sizeof bytes);
+}
+
+static void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        unsigned char bytes[8];
+        sbi_put_bytes(bytes, sbi_real_bits(values[i]), 8);
+        sbi_state_put(out, bytes, sizeof bytes);
+    }
+}
+
+/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
+typedef struct sbi_contact_in {
+    const unsigned char *bytes;
+    size_t left;
+    int bad;
+} sbi_contact_in;
+
+static uint64_t sbi_contact_get_word(sbi_contact_in *in)
+{
+    uint64_t word = 0;
+    if (in->left < 8) {
+        in->bad = 1;
+        return 0;
+    }
+    word = sbi_get_bytes(in->bytes, 8);
+    in->bytes += 8;
+    in->left -= 8;
+    return word;
+}
+
+static int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
+
+static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        values[i] = sbi_real_of(sbi_contact_get_word(in));
+        in->bad |= !sb_is_finite(values[i]);
+    }
+}
+
+/* ---- what goes from step to step ---- */
+
+enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
+
+static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+
+static void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
+{
+    sbi_contact_pack_vector(pose->position, out);
+    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
+}
+
+static sb_pose sbi_contact_unpack_pose(const sb_real *in)
+{
+    sb_pose pose;
+    pose.position = sb_v3(in[0], in[1], in[2]);
+    pose.rotation = sb_quat_make(in[3], in[4], in[5], in[6]);
+    return pose;
+}
+
+static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *out)
+{
+    sb_real reals[SBI_CONTACT_TOOL_REALS];
+    int points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    sbi_contact_put_int(out, tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0);
+    if (!tool->shape)
+        return;
+    sbi_contact_put_int(out, points);
+    reals[0] = tool->friction;
+    sbi_contact_pack_pose(&tool->reached, reals + 1);
+    sbi_contact_pack_pose(&tool->wanted, reals + 8);
+    sbi_contact_pack_vector(tool->force, reals + 15);
+    sbi_contact_pack_vector(tool->torque, reals + 18);
+    sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
+    for (int i = 0; i < points; i++) {
+        sbi_contact_pack_vector(tool->chain_reached[i], reals);
+        sbi_contact_pack_vector(tool->chain_wanted[i], reals + 3);
+        sbi_contact_put_reals(out, reals, 6);
+    }
+}
+
+static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_entry *entry, sbi_state_out *out)
+{
+    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->memory, entry->gap, entry->area};
+    sbi_contact_put_int(out, entry->tool);
+    sbi_contact_put_int(out, contact->faces->elements[entry->face]);
+    sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    sbi_contact_put_int(out, entry->parts);
+    sbi_contact_put_int(out, entry->sample);
+    sbi_contact_put_int(out, entry->sticks);
+    sbi_contact_pack_vector(entry->traction, reals + 3);
+    sbi_contact_pack_vector(entry->point, reals + 6);
+    sbi_contact_pack_vector(entry->normal, reals + 9);
+    sbi_contact_pack_vector(entry->force, reals + 12);
+    sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
+}
+
+static void sbi_contact_save(const void *user, sbi_state_out *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    sbi_contact_put_int(out, contact->max_tools);
+    for (int t = 0; t < contact->max_tools; t++)
+        sbi_contact_put_tool(contact->tools + t, out);
+    sbi_contact_put_int(out, contact->entry_count);
+    for (int e = 0; e < contact->entry_count; e++)
+        sbi_contact_put_entry(contact, contact->entries + e, out);
+}
+
+/* ---- loading: a check without effect, then the same walk with it ---- */
+
+static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_contact_in *in, int takes, sb_error *error)
+{
+    sbi_contact_tool *tool = contact->tools + number, read = *tool;
+    sb_real reals[SBI_CONTACT_TOOL_REALS];
+    int shape = sbi_contact_get_int(in), points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    if (shape != (tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0))
+        return sbi_fail(error, SB_ERROR_STATE, "the state has another tool %d than the contact: make the same first",
+                        number);
+    if (!tool->shape)
+        return SB_OK;
+    if (sbi_contact_get_int(in) != points)
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state has another number of points", number);
+    sbi_contact_get_reals(in, reals, SBI_CONTACT_TOOL_REALS);
+    read.friction = reals[0];
+    read.reached = sbi_contact_unpack_pose(reals + 1);
+    read.wanted = sbi_contact_unpack_pose(reals + 8);
+    read.force = sb_v3(reals[15], reals[16], reals[17]);
+    read.torque = sb_v3(reals[18], reals[19], reals[20]);
+    read.next = read.balance = read.reached;
+    in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+    for (int i = 0; i < points; i++) {
+        sbi_contact_get_reals(in, reals, 6);
+        if (takes) {
+            tool->chain_reached[i] = sb_v3(reals[0], reals[1], reals[2]);
+            tool->chain_wanted[i] = sb_v3(reals[3], reals[4], reals[5]);
+        }
+    }
+    if (takes)
+        *tool = read;
+    return SB_OK;
+}
+
+/* The face of a cell's side, or -1. */
+static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
+{
+    for (int f = 0; f < faces->face_end; f++)
+        if (faces->sizes[f] && faces->elements[f] == element && faces->sides[f] == side)
+            return f;
+    return -1;
+}
+
+/* entry->face: -1 where the mesh has no such face, or the face no such sample. */
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_contact_entry *entry)
+{
+    sb_real reals[SBI_CONTACT_ENTRY_REALS];
+    int element, side;
+    memset(entry, 0, sizeof *entry);
+    entry->tool = sbi_contact_get_int(in);
+    element = sbi_contact_get_int(in);
+    side = sbi_contact_get_int(in);
+    entry->parts = sbi_contact_get_int(in);
+    entry->sample = sbi_contact_get_int(in);
+    entry->sticks = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
+    entry->memory = reals[0], entry->gap = reals[1], entry->area = reals[2];
+    entry->traction = sb_v3(reals[3], reals[4], reals[5]);
+    entry->point = sb_v3(reals[6], reals[7], reals[8]);
+    entry->normal = sb_v3(reals[9], reals[10], reals[11]);
+    entry->force = sb_v3(reals[12], reals[13], reals[14]);
+    in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
+               element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
+               entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
+    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
+    if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
+        entry->face = -1;
+}
+
+static sb_result sbi_contact_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                   sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    sb_result result = SB_OK;
+    int count;
+    (void)body;
+    if (sbi_contact_get_int(&in) != contact->max_tools)
+        return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
+                        contact->max_tools);
+    for (int t = 0; t < contact->max_tools && result == SB_OK; t++)
+        result = sbi_contact_get_tool(contact, t, &in, 0, error);
+    if (result != SB_OK)
+        return result;
+    count = sbi_contact_get_int(&in);
+    if (count > contact->max_contacts)
+        return sbi_fail(error, SB_ERROR_STATE, "the state has %d contacts, max_contacts is %d", count,
+                        contact->max_contacts);
+    for (int e = 0; e < count && !in.bad; e++) {
+        sbi_contact_entry entry;
+        sbi_contact_get_entry(contact, &in, 0, &entry);
+    }
+    if (in.bad || count < 0 || in.left != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
+    return SB_OK;
+}
+
+static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
+{
+    if (a->tool != b->tool)
+        return a->tool < b->tool;
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+static void sbi_contact_insert(sb_contact *contact, const sbi_contact_entry *entry)
+{
+    int at = contact->entry_count++;
+    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
+        contact->entries[at] = contact->entries[at - 1];
+    contact->entries[at] = *entry;
+}
+
+static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    int count;
+    (void)sbi_contact_get_int(&in);
+    for (int t = 0; t < contact->max_tools; t++)
+        (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
+    count = sbi_contact_get_int(&in);
+    contact->entry_count = 0;
+    memset(&contact->info, 0, sizeof contact->info);
+    for (int e = 0; e < count; e++) {
+        sbi_contact_entry entry;
+        sbi_contact_get_entry(contact, &in, 1, &entry);
+        if (entry.face >= 0)
+            sbi_contact_insert(contact, &entry);
+    }
+}
+
+/* ---- recording ---- */
+
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = tool;
+    sbi_body_tell_part(contact->body, sbi_contact_name, ints, 2, reals, (size_t)count);
+}
+
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose)
+{
+    sb_real reals[SBI_CONTACT_POSE_REALS];
+    sbi_contact_pack_pose(pose, reals);
+    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
+}
+
+static sb_result sbi_contact_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                    size_t real_count, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_result result = SB_ERROR_FORMAT;
+    sb_pose pose;
+    if (int_count == 2 && (ints[0] == SBI_CONTACT_ADD || ints[0] == SBI_CONTACT_REMOVE))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "tool %d was %s during the recording, which cannot be played: begin it afterwards", ints[1],
+                        ints[0] == SBI_CONTACT_ADD ? "added" : "removed");
+    if (int_count == 2 && ints[0] == SBI_CONTACT_FRICTION && real_count == 1)
+        result = sb_contact_set_friction(contact, ints[1], reals[0]);
+    if (int_count == 2 && ints[0] == SBI_CONTACT_BEND && ints[1] >= 0 && ints[1] < contact->max_tools &&
+        contact->tools[ints[1]].shape &&
+        real_count == 3 * (size_t)sbi_tool_point_count(contact->tools[ints[1]].shape) && real_count > 0)
+        result = sb_contact_bend_tool(contact, ints[1], (const sb_vec3 *)(const void *)reals);
+    if (int_count == 2 && real_count == SBI_CONTACT_POSE_REALS) {
+        pose = sbi_contact_unpack_pose(reals);
+        if (ints[0] == SBI_CONTACT_MOVE)
+            result = sb_contact_move_tool(contact, ints[1], &pose);
+        if (ints[0] == SBI_CONTACT_PLACE)
+            return sb_contact_place_tool(contact, ints[1], &pose, error);
+    }
+    return result == SB_OK ? SB_OK : sbi_fail(error, result, "a recorded command to a tool cannot be played");
+}
+
+SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
+{
+    sbi_state_part part;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, sbi_contact_name, sizeof sbi_contact_name);
+    part.version = SBI_CONTACT_VERSION;
+    part.user = contact;
+    part.save = sbi_contact_save;
+    part.check = sbi_contact_check;
+    part.load = sbi_contact_load;
+    part.replay = sbi_contact_replay;
+    return sbi_body_join(contact->body, &part, error);
+}
+
+SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, sbi_contact_name); }

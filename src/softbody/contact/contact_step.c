@@ -1,0 +1,570 @@
+/* contact_step: contact within a step: samples near tools, their stiffness and memory, forces and blocks. */
+#include <math.h>
+#include <string.h>
+
+#include "contact_private.h"
+
+enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
+
+/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
+ * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+#define SBI_CONTACT_REMEMBERS ((sb_real)3)
+
+/* ---- nodes and patches ---- */
+
+static int sbi_contact_place_node(sb_contact *contact, int node)
+{
+    if (contact->node_place[node] < 0) {
+        contact->node_place[node] = contact->touch.node_count;
+        contact->positions[contact->touch.node_count] = sb_body_positions(contact->body)[node];
+        contact->nodes[contact->touch.node_count++] = node;
+    }
+    return contact->node_place[node];
+}
+
+static void sbi_contact_forget_nodes(sb_contact *contact)
+{
+    for (int k = 0; k < contact->touch.node_count; k++)
+        contact->node_place[contact->nodes[k]] = -1;
+    contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+}
+
+/* What the samples of a face are looked at with. */
+typedef struct sbi_contact_view {
+    const sbi_contact_tool *tool;
+    int number, face, parts;
+    const sb_vec3 *velocity; /* [rows] */
+    sb_real dt, reach;       /* s; m */
+} sbi_contact_view;
+
+/* Unit normal of a face out of its body, at the start of the step; 0 where it is flat. */
+static sb_vec3 sbi_contact_face_normal(const sb_contact *contact, int face)
+{
+    const int *n = sbi_contact_face_nodes(contact->faces, face);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    sb_vec3 cross = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
+    sb_real size = sb_v3_norm(cross);
+    return size > 0 ? sb_v3_scale(1 / size, cross) : sb_v3(0, 0, 1);
+}
+
+/* Takes the samples of a face that are near the tool, where they are or where they would go. 0: no room is left. */
+static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *view)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, view->face);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, view->face, view->parts);
+    int count = faces->sizes[view->face];
+    sb_vec3 out = sb_v3_scale(-1, sbi_contact_face_normal(contact, view->face));
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&view->tool->balance, out);
+    for (int s = 0; s < rule->count; s++) {
+        const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+        sb_vec3 at = sbi_contact_mean(weights, nodes, count, x), normal, ahead, carried;
+        sbi_contact_sample *sample = contact->samples + contact->sample_count;
+        sb_real gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
+                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal);
+        if (gap >= view->reach && view->dt > 0) {
+            ahead = sb_v3_madd(at, view->dt, sbi_contact_mean(weights, nodes, count, view->velocity));
+            gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
+                                    sbi_pose_to_tool(&view->tool->balance, ahead), fallback, &normal);
+        }
+        if (!(gap < view->reach))
+            continue;
+        if (contact->sample_count == contact->max_contacts)
+            return 0;
+        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->reached, at));
+        memset(sample, 0, sizeof *sample);
+        sample->patch = contact->patch_count;
+        sample->sample = s;
+        sample->weights = weights;
+        sample->carried = sb_v3_sub(carried, at);
+        sample->normal = out;
+        contact->sample_count++;
+    }
+    return 1;
+}
+
+/* A patch of a face with samples near the tool, if there are any. 0: no room is left. */
+static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *view)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_contact_patch *patch = contact->patches + contact->patch_count;
+    const int *nodes = sbi_contact_face_nodes(faces, view->face);
+    int first = contact->sample_count;
+    if (contact->patch_count == contact->patch_room)
+        return 0;
+    if (!sbi_contact_add_samples(contact, view))
+        return 0;
+    if (contact->sample_count == first)
+        return 1;
+    memset(patch, 0, sizeof *patch);
+    patch->tool = view->number;
+    patch->face = view->face;
+    patch->parts = view->parts;
+    patch->first = first;
+    patch->count = contact->sample_count - first;
+    for (int a = 0; a < faces->sizes[view->face]; a++)
+        patch->nodes[a] = sbi_contact_place_node(contact, nodes[a]);
+    for (int i = first; i < contact->sample_count; i++)
+        contact->samples[i].area =
+            sbi_contact_sample_area(faces, contact->body, view->face, view->parts, contact->samples[i].sample);
+    contact->patch_count++;
+    return 1;
+}
+
+/* How near (m) a sample counts: as far as it may move against the tool in a step, and of a plane, which moves as it
+ * will, half a face. */
+static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_tool *shape, int face)
+{
+    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
+        return (sb_real)0.5 * contact->faces->lengths[face];
+    return sbi_tool_inner_radius(shape);
+}
+
+/* All patches, with 1/2^thin of the parts that faces should have. 0: no room is left. */
+static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *step, int thin)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sbi_contact_forget_nodes(contact);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        const int *near = contact->near + (size_t)t * (size_t)faces->face_room;
+        for (int f = 0; tool->shape && f < tool->face_count; f++) {
+            sbi_contact_view view;
+            const sbi_contact_kind *kind = &faces->kinds[faces->sizes[near[f]]];
+            view.tool = tool;
+            view.number = t;
+            view.face = near[f];
+            view.parts =
+                sbi_max_int(kind->least, sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
+            view.velocity = step->velocity;
+            view.dt = step->dt;
+            view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
+            if (!sbi_contact_add_patch(contact, &view))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+/* ---- stiffness ---- */
+
+/* tr A_aa / 3 over the node's area, by place; 0 where it has no area or no stiffness. */
+static void sbi_contact_measure_nodes(sb_contact *contact, const sb_matrix *matrix)
+{
+    for (int k = 0; k < contact->touch.node_count; k++) {
+        int node = contact->nodes[k];
+        const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
+        sb_real trace = (a[0] + a[4] + a[8]) / 3, area = sbi_contact_node_area(contact->faces, node);
+        contact->stiffness_by_node[k] = trace > 0 && area > 0 ? trace / area : 0;
+    }
+}
+
+/* One stiffness for a tool and a region: so a plane that is pressed on a body has the same pressure everywhere. */
+static void sbi_contact_measure_regions(sb_contact *contact)
+{
+    size_t places = (size_t)contact->max_tools * (size_t)contact->region_room;
+    memset(contact->region_sum, 0, places * sizeof(sb_real));
+    memset(contact->region_count, 0, places * sizeof(int));
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        size_t place =
+            (size_t)patch->tool * (size_t)contact->region_room + (size_t)contact->faces->regions[patch->face];
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+            if (contact->stiffness_by_node[patch->nodes[a]] > 0) {
+                contact->region_sum[place] += contact->stiffness_by_node[patch->nodes[a]];
+                contact->region_count[place]++;
+            }
+    }
+    for (size_t i = 0; i < places; i++)
+        if (contact->region_count[i] > 0)
+            contact->region_sum[i] *= contact->stiffness / (sb_real)contact->region_count[i];
+}
+
+static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
+{
+    sbi_contact_measure_nodes(contact, matrix);
+    sbi_contact_measure_regions(contact);
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_patch *patch = contact->patches + contact->samples[i].patch;
+        contact->samples[i].k = contact->region_sum[(size_t)patch->tool * (size_t)contact->region_room +
+                                                    (size_t)contact->faces->regions[patch->face]];
+    }
+}
+
+/* ---- memory ---- */
+
+/* Order of samples: by tool, face, number. */
+static int sbi_contact_compare(const sbi_contact_patch *patch, const sbi_contact_sample *sample,
+                               const sbi_contact_entry *entry)
+{
+    if (patch->tool != entry->tool)
+        return patch->tool < entry->tool ? -1 : 1;
+    if (patch->face != entry->face)
+        return patch->face < entry->face ? -1 : 1;
+    return sample->sample < entry->sample ? -1 : sample->sample > entry->sample;
+}
+
+/* Hands what the last step left over to the samples: both lists are in the same order. */
+static void sbi_contact_remember(sb_contact *contact)
+{
+    int e = 0;
+    for (int i = 0; i < contact->sample_count; i++) {
+        sbi_contact_sample *sample = contact->samples + i;
+        const sbi_contact_patch *patch = contact->patches + sample->patch;
+        while (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) > 0)
+            e++;
+        if (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) == 0 &&
+            contact->entries[e].parts == patch->parts) {
+            sample->memory = contact->entries[e].memory;
+            sample->remembered = contact->entries[e].traction;
+            sample->normal = contact->entries[e].normal;
+        }
+    }
+}
+
+/* ---- begin ---- */
+
+static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    int thin = 0;
+    sbi_contact_sweep(contact, step);
+    while (!sbi_contact_find_patches(contact, step, thin)) {
+        if (thin++ == SBI_CONTACT_THINNEST) {
+            sbi_contact_forget_nodes(contact);
+            return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of the surface are near tools",
+                            contact->max_contacts);
+        }
+    }
+    sbi_contact_stiffen(contact, step->matrix);
+    sbi_contact_remember(contact);
+    contact->touch.nodes = contact->nodes;
+    contact->step_info.candidates = contact->sample_count;
+    contact->step_info.retries = step->tries;
+    contact->step_info.thinned = thin > 0;
+    contact->blocks_current = 0;
+    contact->saved_count = 0;
+    return SB_OK;
+}
+
+/* ---- evaluation ---- */
+
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du;
+    int renew;
+} sbi_contact_work;
+
+static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
+                                        sbi_contact_sample *s)
+{
+    const sb_contact *contact = work->contact;
+    const sbi_contact_tool *tool = contact->tools + patch->tool;
+    int count = contact->faces->sizes[patch->face];
+    sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
+    sb_vec3 slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
+                               &normal);
+    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
+    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
+    if (work->renew)
+        s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
+}
+
+static void sbi_contact_evaluate_chunk(void *user, int chunk)
+{
+    const sbi_contact_work *work = (const sbi_contact_work *)user;
+    sb_contact *contact = work->contact;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
+    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+        sbi_contact_patch *patch = contact->patches + p;
+        patch->touching = 0;
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            sbi_contact_evaluate_sample(work, patch, contact->samples + i);
+            patch->touching += contact->samples[i].answer.state != SBI_CONTACT_OFF;
+        }
+    }
+}
+
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* Forces on the nodes, in the order of samples. */
+static void sbi_contact_sum_forces(sb_contact *contact)
+{
+    sb_vec3 *force = contact->touch.force;
+    memset(force, 0, (size_t)contact->touch.node_count * sizeof *force);
+    contact->touch.touching = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        int count = contact->faces->sizes[patch->face];
+        contact->touch.touching += patch->touching;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 f = sb_v3_scale(s->area, sbi_contact_stress(s));
+            for (int a = 0; s->answer.state != SBI_CONTACT_OFF && a < count; a++)
+                force[patch->nodes[a]] = sb_v3_madd(force[patch->nodes[a]], s->weights[a], f);
+        }
+    }
+}
+
+static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_work work;
+    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
+    work.contact = contact;
+    work.du = du;
+    work.renew = renew;
+    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    sbi_contact_sum_forces(contact);
+    contact->blocks_current = 0;
+}
+
+static double sbi_contact_energy(void *user)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    double sum = 0;
+    for (int i = 0; i < contact->sample_count; i++)
+        sum += (double)contact->samples[i].area * (double)contact->samples[i].answer.energy;
+    return sum;
+}
+
+/* ---- stiffness as blocks ---- */
+
+/* blocks [count][count] of a patch: K of its samples with their nodes' weights. */
+static void sbi_contact_patch_blocks(const sb_contact *contact, const sbi_contact_patch *patch, sb_real (*blocks)[9])
+{
+    int count = contact->faces->sizes[patch->face];
+    memset(blocks, 0, (size_t)(count * count) * sizeof *blocks);
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real k[9];
+        if (s->answer.state == SBI_CONTACT_OFF)
+            continue;
+        sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+        for (int a = 0; a < count; a++)
+            for (int b = 0; b < count; b++) {
+                sb_real w = s->weights[a] * s->weights[b];
+                for (int c = 0; c < 9; c++)
+                    blocks[a * count + b][c] += w * k[c];
+            }
+    }
+}
+
+static void sbi_contact_make_chunk(void *user, int chunk)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
+    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++)
+        if (contact->patches[p].touching)
+            sbi_contact_patch_blocks(contact, contact->patches + p, contact->blocks + (size_t)p * width * width);
+}
+
+static void sbi_contact_make_blocks(sb_contact *contact)
+{
+    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
+    if (!contact->blocks_current)
+        sbi_run(sbi_body_jobs(contact->body), sbi_contact_make_chunk, contact, chunks);
+    contact->blocks_current = 1;
+}
+
+/* v without masked axes. */
+SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
+{
+    return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
+}
+
+static sb_vec3 sbi_contact_times(const sb_real *m, sb_vec3 v)
+{
+    return sb_v3(m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
+                 m[6] * v.x + m[7] * v.y + m[8] * v.z);
+}
+
+static void sbi_contact_multiply(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_contact *contact = (sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    sbi_contact_make_blocks(contact);
+    memset(out, 0, (size_t)contact->touch.node_count * sizeof *out);
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
+        int count = contact->faces->sizes[patch->face];
+        for (int b = 0; patch->touching && b < count; b++) {
+            unsigned axes = masked ? masked[contact->nodes[patch->nodes[b]]] : 0u;
+            sb_vec3 v = sbi_contact_unmasked(axes, x[patch->nodes[b]]);
+            for (int a = 0; a < count; a++)
+                out[patch->nodes[a]] = sb_v3_add(out[patch->nodes[a]], sbi_contact_times(blocks[a * count + b], v));
+        }
+    }
+    for (int k = 0; masked && k < contact->touch.node_count; k++)
+        out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
+}
+
+/* values += block without masked rows and columns. */
+static void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (!(rows >> i & 1u) && !(columns >> j & 1u))
+                values[3 * i + j] += block[3 * i + j];
+}
+
+static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_matrix *matrix)
+{
+    sb_contact *contact = (sb_contact *)user;
+    size_t width = (size_t)contact->faces->width;
+    sbi_contact_make_blocks(contact);
+    contact->saved_count = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
+        int count = contact->faces->sizes[patch->face];
+        const int *places =
+            patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
+        for (int i = 0; places && i < count * count; i++) {
+            sbi_contact_saved *saved = contact->saved + contact->saved_count++;
+            unsigned rows = masked ? masked[contact->nodes[patch->nodes[i / count]]] : 0u;
+            unsigned columns = masked ? masked[contact->nodes[patch->nodes[i % count]]] : 0u;
+            saved->block = places[i];
+            memcpy(saved->values, matrix->blocks[places[i]], sizeof saved->values);
+            sbi_contact_add_block(matrix->blocks[places[i]], blocks[i], rows, columns);
+        }
+    }
+}
+
+/* Backwards, since faces share blocks. */
+static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
+{
+    sb_contact *contact = (sb_contact *)user;
+    while (contact->saved_count > 0) {
+        const sbi_contact_saved *saved = contact->saved + --contact->saved_count;
+        memcpy(matrix->blocks[saved->block], saved->values, sizeof saved->values);
+    }
+}
+
+/* ---- end ---- */
+
+static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
+
+/* 1: pressures may be remembered here, see SBI_CONTACT_REMEMBERS. */
+static int sbi_contact_remembers(const sb_contact *contact, const sbi_contact_patch *patch, sb_real k)
+{
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+        if (!(k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
+            return 0;
+    return 1;
+}
+
+/* A sample in touch becomes an entry. What it remembers fades where it slips, within the distance of its neighbour. */
+static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const sbi_contact_patch *patch,
+                                                const sbi_contact_sample *s)
+{
+    sbi_contact_entry entry;
+    sb_real fade = 1 - s->slip / sb_sqrt(s->area);
+    memset(&entry, 0, sizeof entry);
+    entry.tool = patch->tool;
+    entry.face = patch->face;
+    entry.parts = patch->parts;
+    entry.sample = s->sample;
+    entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
+    if (fade > 0 && sbi_contact_remembers(contact, patch, s->k))
+        entry.memory = fade * s->answer.pressure;
+    entry.traction = s->answer.traction;
+    entry.gap = s->gap;
+    entry.area = s->area;
+    entry.point = s->point;
+    entry.normal = s->normal;
+    entry.force = sb_v3_scale(s->area, sbi_contact_stress(s));
+    return entry;
+}
+
+static void sbi_contact_sum_wrenches(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].force = contact->tools[t].torque = sb_v3(0, 0, 0);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sbi_contact_tool *tool = contact->tools + entry->tool;
+        sb_vec3 arm = sb_v3_sub(entry->point, tool->balance.position);
+        tool->force = sb_v3_add(tool->force, entry->force);
+        tool->torque = sb_v3_add(tool->torque, sb_v3_cross(arm, entry->force));
+    }
+}
+
+/* Entries of the samples that touch. */
+static void sbi_contact_keep_entries(sb_contact *contact)
+{
+    sbi_contact_entry *fresh = contact->spare;
+    int count = 0;
+    contact->step_info.touching = contact->step_info.sticking = 0;
+    contact->step_info.deepest = 0;
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        if (!(s->answer.pressure > 0))
+            continue;
+        fresh[count] = sbi_contact_make_entry(contact, contact->patches + s->patch, s);
+        contact->step_info.touching++;
+        contact->step_info.sticking += fresh[count++].sticks;
+        contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
+    }
+    contact->spare = contact->entries;
+    contact->entries = fresh;
+    contact->entry_count = count;
+}
+
+/* Tools are where they went. */
+static void sbi_contact_arrive(sb_contact *contact)
+{
+    contact->step_info.lag = 0;
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        if (!tool->shape)
+            continue;
+        tool->reached = tool->next;
+        for (int i = 0; i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_reached[i] = tool->chain_next[i];
+        tool->lag =
+            sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+        contact->step_info.lag = sb_max(contact->step_info.lag, tool->lag);
+    }
+}
+
+static void sbi_contact_commit(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_entries(contact);
+    sbi_contact_sum_wrenches(contact);
+    sbi_contact_arrive(contact);
+    contact->step_info.iterations = contact->touch.iterations;
+    contact->step_info.capped = contact->touch.capped;
+    contact->step_info.residual = contact->touch.residual;
+    contact->info = contact->step_info;
+    sbi_contact_forget_nodes(contact);
+}
+
+static void sbi_contact_undo(void *user) { sbi_contact_forget_nodes((sb_contact *)user); }
+
+SBI_API void sbi_contact_join(sb_contact *contact)
+{
+    sbi_touch *touch = &contact->touch;
+    touch->user = contact;
+    touch->begin = sbi_contact_begin;
+    touch->evaluate = sbi_contact_evaluate;
+    touch->energy = sbi_contact_energy;
+    touch->multiply = sbi_contact_multiply;
+    touch->add_blocks = sbi_contact_add_blocks;
+    touch->restore_blocks = sbi_contact_restore_blocks;
+    touch->accept = sbi_contact_accept;
+    touch->commit = sbi_contact_commit;
+    touch->undo = sbi_contact_undo;
+    sbi_body_set_touch(contact->body, touch);
+}

@@ -1,0 +1,196 @@
+/* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
+ *
+ * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
+ * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
+ * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was
+ * at least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+#include <math.h>
+#include <string.h>
+
+#include "contact_private.h"
+
+#define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
+#define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample near the tool against it */
+enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
+
+/* ---- faces near a tool ---- */
+
+/* Box of a tool on the way between two poses, grown by its radius and by what the straight line between the two misses
+ * of a turn. */
+static void sbi_sweep_box(const sbi_tool *shape, const sb_vec3 *chain0, const sb_pose *from, const sb_vec3 *chain1,
+                          const sb_pose *to, sb_vec3 *low, sb_vec3 *high)
+{
+    sb_vec3 low1, high1, sides;
+    sb_real turn = sb_v3_norm(sbi_pose_rotation(from, to)), grow;
+    sbi_tool_bounds(shape, chain0, from, low, high);
+    sbi_tool_bounds(shape, chain1, to, &low1, &high1);
+    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
+        return;
+    sides = sb_v3(sb_max(high->x - low->x, high1.x - low1.x), sb_max(high->y - low->y, high1.y - low1.y),
+                  sb_max(high->z - low->z, high1.z - low1.z));
+    grow = sbi_tool_radius(shape) + sb_v3_norm(sides) * sb_min((sb_real)1, turn * turn / 8);
+    *low = sb_v3(sb_min(low->x, low1.x) - grow, sb_min(low->y, low1.y) - grow, sb_min(low->z, low1.z) - grow);
+    *high = sb_v3(sb_max(high->x, high1.x) + grow, sb_max(high->y, high1.y) + grow, sb_max(high->z, high1.z) + grow);
+}
+
+static int *sbi_sweep_near(const sb_contact *contact, int tool)
+{
+    return contact->near + (size_t)tool * (size_t)contact->faces->face_room;
+}
+
+static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_vec3 low, high;
+    sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
+    tool->face_count =
+        sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
+}
+
+/* ---- the way ---- */
+
+/* chain = a share of the way between two. */
+static void sbi_sweep_bend(const sbi_contact_tool *tool, sb_real share, const sb_vec3 *to, sb_vec3 *chain)
+{
+    for (int i = 0; i < sbi_tool_point_count(tool->shape); i++) {
+        sb_vec3 way = sb_v3_sub(to[i], tool->chain_reached[i]);
+        chain[i] = share == 1 ? to[i] : sb_v3_madd(tool->chain_reached[i], share, way);
+    }
+}
+
+/* Least gap of the faces near a tool at a pose, where the body is. */
+static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                             const int *near, int count, int *deepest)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body), up = {0, 0, 1};
+    sb_real least = SB_REAL_MAX, radius = sbi_tool_radius(shape);
+    for (int f = 0; f < count; f++) {
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        for (int s = 0; s < rule->count; s++) {
+            sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)s * faces->sizes[face],
+                                          sbi_contact_face_nodes(faces, face), faces->sizes[face], x);
+            sb_vec3 normal;
+            sb_real gap = sbi_tool_distance(shape, chain, sbi_pose_to_tool(pose, at), up, &normal);
+            if (gap < least && deepest)
+                *deepest = face;
+            least = sb_min(least, gap);
+        }
+    }
+    return least;
+}
+
+/* Share of the way to where it is sent that a tool may go: free up to the body, and some into it. */
+static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real inner = sbi_tool_inner_radius(tool->shape), share = 0;
+    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), less = 1;
+    for (int i = 0; i < step->tries; i++)
+        less *= (sb_real)0.5;
+    if (step->tries >= SBI_SWEEP_LAST_TRY)
+        return 0;
+    if (way <= SBI_SWEEP_ADVANCE * inner || step->dt == 0)
+        return less;
+    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted);
+    for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
+        sb_pose at = sbi_pose_between(&tool->reached, &tool->wanted, share);
+        sb_real gap;
+        sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+        gap = sbi_sweep_gap(contact, tool->shape, tool->chain_next, &at, sbi_sweep_near(contact, number),
+                            tool->face_count, NULL);
+        if (!(gap > clear))
+            break;
+        share += gap / way;
+    }
+    return less * sb_min((sb_real)1, share + SBI_SWEEP_ADVANCE * inner / way);
+}
+
+static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step *step)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+    tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
+    sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+}
+
+SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
+{
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), step->velocity, step->dt);
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape)
+            sbi_sweep_tool(contact, i, step);
+}
+
+/* ---- afterwards ---- */
+
+/* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
+static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
+{
+    const sb_vec3 up = {0, 0, 1};
+    sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
+    sb_real inner = sbi_tool_inner_radius(tool->shape), before;
+    sb_real gap =
+        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
+    if (!(gap < SBI_SWEEP_DEEPEST * inner))
+        return 0;
+    if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
+        return 1;
+    if (gap > -SBI_SWEEP_DEEPEST * inner)
+        return 0;
+    before = sbi_tool_distance(tool->shape, tool->chain_reached, sbi_pose_to_tool(&tool->reached, x0), up, &normal);
+    return !(gap > before); /* a body that was put deep into a tool may come out */
+}
+
+static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    const sbi_contact_tool *tool = contact->tools + number;
+    const int *near = sbi_sweep_near(contact, number);
+    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+        return 1;
+    for (int f = 0; f < tool->face_count; f++) {
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(tool->shape));
+        int count = faces->sizes[face];
+        const int *nodes = sbi_contact_face_nodes(faces, face);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        for (int s = 0; s < rule->count; s++) {
+            const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+            sb_vec3 x1 =
+                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
+            if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
+{
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape && !sbi_sweep_tool_is_safe(contact, i, u))
+            return 0;
+    return 1;
+}
+
+SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
+                                  int *element)
+{
+    sb_vec3 low, high;
+    int *near = contact->scratch, count, face = -1;
+    sb_real gap;
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+    sbi_tool_bounds(shape, chain, pose, &low, &high);
+    count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);
+    gap = sbi_sweep_gap(contact, shape, chain, pose, near, count, &face);
+    *element = face >= 0 ? contact->faces->elements[face] : -1;
+    return gap < 0 ? -gap : 0;
+}

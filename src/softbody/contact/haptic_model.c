@@ -1,0 +1,288 @@
+/* haptic_model: the planes of a frame, and the tool that hangs on a hand among them. */
+#include "haptic_model.h"
+
+enum {
+    SBI_COUPLING_MOST = 12 /* Newton iterations. Where no contact begins or ends one is exact but for turns */
+};
+#define SBI_COUPLING_NEAR 1e-3  /* imbalance relative to the forces in balance: one iteration more, and no look back */
+#define SBI_COUPLING_CLOSE 1e-8 /* none more */
+#define SBI_COUPLING_LEAST                                                                                             \
+    1e-12 /* m or rad: imbalance of the coupling that is none, where there are next to no forces */
+#define SBI_FRICTION_FULL (1 - 1e-9)
+#define SBI_HAPTIC_LARGE 1e9 /* of an entry of a frame: its squares are far from overflow */
+
+SBI_API int sbi_haptic_frame_is_sound(const sbi_haptic_frame *frame)
+{
+    const sbi_turn *q = &frame->pose.rotation;
+    int sound = frame->count >= 0 && frame->count <= SBI_HAPTIC_CLUSTERS;
+    sound = sound && sbi_d3_within(frame->pose.position, SBI_HAPTIC_LARGE);
+    sound = sound && fabs(q->w * q->w + q->x * q->x + q->y * q->y + q->z * q->z - 1) < 1e-6;
+    for (int c = 0; sound && c < frame->count; c++) {
+        const sbi_haptic_cluster *k = frame->clusters + c;
+        sound = sbi_d3_within(k->point, SBI_HAPTIC_LARGE) && sbi_d3_within(k->traction, SBI_HAPTIC_LARGE) &&
+                sbi_d3_within(k->torque, SBI_HAPTIC_LARGE) && sbi_d_within(k->push, SBI_HAPTIC_LARGE) &&
+                fabs(sbi_d_dot(k->normal, k->normal) - 1) < 1e-6 && sbi_d_within(k->friction, SBI_HAPTIC_LARGE) &&
+                k->friction >= 0 && sbi_d_within(k->stiffness, SBI_HAPTIC_LARGE) && k->stiffness >= 0 &&
+                sbi_d_within(k->tangential, SBI_HAPTIC_LARGE) && k->tangential >= 0;
+    }
+    return sound;
+}
+
+/* r of a cluster's point in space, counted from the tool's position */
+static sbi_d3 sbi_haptic_arm(const sbi_haptic_cluster *cluster, const sbi_d_pose *pose)
+{
+    return sbi_turn_apply(pose->rotation, cluster->point);
+}
+
+SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame)
+{
+    model->frame = *frame;
+    for (int c = 0; c < frame->count; c++) {
+        const sbi_haptic_cluster *k = frame->clusters + c;
+        model->places[c] = sbi_d_add(frame->pose.position, sbi_haptic_arm(k, &frame->pose));
+        model->anchors[c] = model->places[c];
+        if (k->tangential > 0)
+            model->anchors[c] = sbi_d_madd(model->places[c], 1 / k->tangential, k->traction);
+    }
+}
+
+/* ---- a plane at a pose ---- */
+
+typedef struct sbi_haptic_touch {
+    double push;       /* N */
+    sbi_d3 traction;   /* N */
+    sbi_d3 arm, place; /* m, of the point: from the tool's position, and in space */
+    double kept;       /* share of the traction that friction allows */
+    int slides;        /* 1: all of it; a contact that has slid is still there when the next call begins */
+} sbi_haptic_touch;
+
+static sbi_haptic_touch sbi_haptic_touch_at(const sbi_haptic_model *model, int c, const sbi_d_pose *pose)
+{
+    const sbi_haptic_cluster *k = model->frame.clusters + c;
+    sbi_haptic_touch at;
+    double bound, size;
+    at.arm = sbi_haptic_arm(k, pose);
+    at.place = sbi_d_add(pose->position, at.arm);
+    at.push = k->push - k->stiffness * sbi_d_dot(k->normal, sbi_d_sub(at.place, model->places[c]));
+    if (!(at.push > 0))
+        at.push = 0;
+    at.traction = sbi_d_scale(k->tangential, sbi_d_across(sbi_d_sub(model->anchors[c], at.place), k->normal));
+    bound = k->friction * at.push;
+    size = sbi_d_norm(at.traction);
+    at.kept = size > bound ? bound / size : 1;
+    at.slides = size > SBI_FRICTION_FULL * bound;
+    at.traction = sbi_d_scale(at.kept, at.traction);
+    return at;
+}
+
+static void sbi_haptic_add_touch(const sbi_haptic_cluster *cluster, const sbi_haptic_touch *at, sbi_d_wrench *sum)
+{
+    sbi_d3 force = sbi_d_madd(at->traction, at->push, cluster->normal);
+    sum->force = sbi_d_add(sum->force, force);
+    sum->torque = sbi_d_add(sum->torque, sbi_d_cross(at->arm, force));
+    if (cluster->push > 0 && at->push > 0)
+        sum->torque = sbi_d_madd(sum->torque, at->push / cluster->push, cluster->torque);
+}
+
+/* The wrench at a pose. Draws the anchors along and adds up the planes' energy (J). */
+static sbi_d_wrench sbi_haptic_model_at(sbi_haptic_model *model, const sbi_d_pose *pose, double *stored)
+{
+    sbi_d_wrench sum;
+    memset(&sum, 0, sizeof sum);
+    for (int c = 0; c < model->frame.count; c++) {
+        const sbi_haptic_cluster *k = model->frame.clusters + c;
+        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, pose);
+        sbi_haptic_add_touch(k, &at, &sum);
+        if (k->stiffness > 0)
+            *stored += at.push * at.push / (2 * k->stiffness);
+        if (k->tangential > 0) {
+            *stored += sbi_d_dot(at.traction, at.traction) / (2 * k->tangential);
+            if (at.kept < 1)
+                model->anchors[c] = sbi_d_madd(at.place, 1 / k->tangential, at.traction);
+        }
+    }
+    return sum;
+}
+
+/* ---- the coupling: Newton's method for the tool's pose ---- */
+
+/* Unknowns: three of the position, then three of a turn in space unless the rotation is rigid. */
+typedef struct sbi_haptic_balance {
+    int size;                       /* 3 or 6 */
+    double h[6][6];                 /* minus the tangent of the wrench */
+    double b[6];                    /* wrench out of balance; then the way there */
+    double least[2], in_balance[2]; /* imbalance that is none; forces and torques in balance */
+} sbi_haptic_balance;
+
+/* c += s a b^T, by columns */
+static void sbi_haptic_add_outer(sbi_d3 c[3], double s, sbi_d3 a, sbi_d3 b)
+{
+    c[0] = sbi_d_madd(c[0], s * b.x, a);
+    c[1] = sbi_d_madd(c[1], s * b.y, a);
+    c[2] = sbi_d_madd(c[2], s * b.z, a);
+}
+
+/* Columns of the stiffness of a plane where it touches: what its force loses as the point moves. Where it slides the
+ * traction turns with a way across it, and grows with the push: that part is not symmetric. */
+static void sbi_haptic_touch_stiffness(const sbi_haptic_cluster *k, const sbi_haptic_touch *at, sbi_d3 c[3])
+{
+    double size = sbi_d_norm(at->traction), sticks = k->tangential > 0 && !at->slides ? k->tangential : 0;
+    c[0] = sbi_d(sticks, 0, 0);
+    c[1] = sbi_d(0, sticks, 0);
+    c[2] = sbi_d(0, 0, sticks);
+    sbi_haptic_add_outer(c, k->stiffness - sticks, k->normal, k->normal);
+    if (at->slides && size > 0) {
+        sbi_d3 along = sbi_d_scale(1 / size, at->traction), across = sbi_d_cross(k->normal, along);
+        sbi_haptic_add_outer(c, at->kept * k->tangential, across, across);
+        sbi_haptic_add_outer(c, k->friction * k->stiffness, along, k->normal);
+    }
+}
+
+/* A column of h: what a unit of the unknown takes from force and torque. */
+static void sbi_haptic_balance_column(sbi_haptic_balance *balance, int column, sbi_d3 force, sbi_d3 arm)
+{
+    sbi_d3 torque = sbi_d_cross(arm, force);
+    double rows[6];
+    sbi_d_put(rows, force);
+    sbi_d_put(rows + 3, torque);
+    for (int i = 0; i < 6; i++)
+        balance->h[i][column] += rows[i];
+}
+
+/* The point moves with the tool: by e_j, and by e_j x arm for a turn. How the arm turns under the force is left out: it
+ * is small beside the coupling. */
+static void sbi_haptic_balance_touch(sbi_haptic_balance *balance, const sbi_haptic_cluster *k,
+                                     const sbi_haptic_touch *at)
+{
+    sbi_d3 c[3], r = at->arm;
+    sbi_haptic_touch_stiffness(k, at, c);
+    for (int j = 0; j < 3; j++)
+        sbi_haptic_balance_column(balance, j, c[j], r);
+    if (balance->size < 6)
+        return;
+    sbi_haptic_balance_column(balance, 3, sbi_d_madd(sbi_d_scale(r.y, c[2]), -r.z, c[1]), r);
+    sbi_haptic_balance_column(balance, 4, sbi_d_madd(sbi_d_scale(r.z, c[0]), -r.x, c[2]), r);
+    sbi_haptic_balance_column(balance, 5, sbi_d_madd(sbi_d_scale(r.x, c[1]), -r.y, c[0]), r);
+}
+
+/* What the coupling does to the hand. */
+static sbi_d_wrench sbi_haptic_coupling_wrench(const sbi_haptic_coupling *coupling, const sbi_d_pose *hand,
+                                               const sbi_d_pose *tool)
+{
+    sbi_d_wrench felt;
+    felt.force = sbi_d_scale(coupling->translation, sbi_d_sub(tool->position, hand->position));
+    felt.torque = sbi_d_scale(coupling->rotation, sbi_turn_between(hand->rotation, tool->rotation));
+    return felt;
+}
+
+/* Wrench and tangent of tissue and coupling at a pose of the tool. */
+static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_model *model,
+                                  const sbi_haptic_coupling *coupling, const sbi_d_pose *hand, const sbi_d_pose *tool)
+{
+    sbi_d_wrench sum, felt;
+    memset(&sum, 0, sizeof sum);
+    memset(balance, 0, sizeof *balance);
+    balance->size = coupling->rotation > 0 ? 6 : 3;
+    for (int i = 0; i < balance->size; i++)
+        balance->h[i][i] = i < 3 ? coupling->translation : coupling->rotation;
+    for (int c = 0; c < model->frame.count; c++) {
+        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, tool);
+        if (!(at.push > 0))
+            continue;
+        sbi_haptic_add_touch(model->frame.clusters + c, &at, &sum);
+        sbi_haptic_balance_touch(balance, model->frame.clusters + c, &at);
+    }
+    felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
+    sbi_d_put(balance->b, sbi_d_sub(sum.force, felt.force));
+    sbi_d_put(balance->b + 3, sbi_d_sub(sum.torque, felt.torque));
+    balance->least[0] = SBI_COUPLING_LEAST * coupling->translation;
+    balance->least[1] = SBI_COUPLING_LEAST * coupling->rotation;
+    balance->in_balance[0] = sbi_d_norm(sum.force) + sbi_d_norm(felt.force);
+    balance->in_balance[1] = sbi_d_norm(sum.torque) + sbi_d_norm(felt.torque);
+}
+
+static int sbi_haptic_balance_is_within(const sbi_haptic_balance *balance, double share)
+{
+    int within = 1;
+    for (int i = 0; i < balance->size; i++)
+        within &= sbi_d_within(balance->b[i], balance->least[i / 3] + share * balance->in_balance[i / 3]);
+    return within;
+}
+
+/* b = h^-1 b by elimination with row exchanges. */
+static void sbi_haptic_balance_solve(sbi_haptic_balance *balance)
+{
+    double(*h)[6] = balance->h, *b = balance->b, inverse[6];
+    int n = balance->size;
+    for (int k = 0; k < n; k++) {
+        int best = k;
+        for (int i = k + 1; i < n; i++)
+            best = fabs(h[i][k]) > fabs(h[best][k]) ? i : best;
+        for (int j = k; j < n && best != k; j++) {
+            double swap = h[k][j];
+            h[k][j] = h[best][j];
+            h[best][j] = swap;
+        }
+        if (best != k) {
+            double swap = b[k];
+            b[k] = b[best];
+            b[best] = swap;
+        }
+        inverse[k] = 1 / h[k][k];
+        for (int i = k + 1; i < n; i++) {
+            double factor = h[i][k] * inverse[k];
+            for (int j = k + 1; j < n; j++)
+                h[i][j] -= factor * h[k][j];
+            b[i] -= factor * b[k];
+        }
+    }
+    for (int i = n; i-- > 0;) {
+        for (int j = i + 1; j < n; j++)
+            b[i] -= h[i][j] * b[j];
+        b[i] *= inverse[i];
+    }
+}
+
+/* Moves the tool to where it balances. */
+static void sbi_haptic_balance_find(const sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                    const sbi_d_pose *hand, sbi_d_pose *tool)
+{
+    sbi_haptic_balance balance;
+    int near_it = 0;
+    if (!(coupling->rotation > 0))
+        tool->rotation = hand->rotation;
+    for (int iteration = 0; iteration < SBI_COUPLING_MOST && !near_it; iteration++) {
+        sbi_haptic_balance_at(&balance, model, coupling, hand, tool);
+        if (sbi_haptic_balance_is_within(&balance, SBI_COUPLING_CLOSE))
+            return;
+        near_it = sbi_haptic_balance_is_within(&balance, SBI_COUPLING_NEAR);
+        sbi_haptic_balance_solve(&balance);
+        if (!sbi_d3_within(sbi_d_from(balance.b), SBI_HAPTIC_LARGE)) { /* of forged frames: begins anew at the hand */
+            *tool = *hand;
+            return;
+        }
+        tool->position = sbi_d_add(tool->position, sbi_d_from(balance.b));
+        if (balance.size == 6)
+            tool->rotation = sbi_turn_further(tool->rotation, sbi_d_from(balance.b + 3));
+    }
+}
+
+SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                           const sbi_d_pose *hand, sbi_d_pose *tool, double *stored)
+{
+    sbi_d_wrench felt, tissue;
+    *stored = 0;
+    if (!(coupling->translation > 0)) {
+        *tool = *hand;
+        return sbi_haptic_model_at(model, tool, stored);
+    }
+    sbi_haptic_balance_find(model, coupling, hand, tool);
+    felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
+    tissue = sbi_haptic_model_at(model, tool, stored);
+    *stored += sbi_d_dot(felt.force, felt.force) / (2 * coupling->translation);
+    if (coupling->rotation > 0)
+        *stored += sbi_d_dot(felt.torque, felt.torque) / (2 * coupling->rotation);
+    else
+        felt.torque = tissue.torque;
+    return felt;
+}

@@ -1,0 +1,63 @@
+/* haptic_model: what tissue does to a tool until the next step has been computed. Internal.
+ *
+ * A frame is what one step knows: where the tool was, and its contacts gathered into at most eight planes (clusters)
+ * with stiffness and friction. The wrench is then a function of the tool's pose alone, at no cost:
+ *
+ *     gap change     d = n.(pose(r) - pose0(r))         n unit, the way the tissue pushes the tool
+ *     push           f = max(0, f0 - kn d)              f0 < 0: no contact yet, the gap is -f0/kn
+ *     friction       t = -kt (what the point moved across n from its anchor), |t| <= mu f; the anchor is drawn along
+ *     torque         r x (f n + t) + m0 f/f0
+ *
+ * A force that is held between steps instead makes a hand with little damping swing: the delay of a step makes it
+ * active. Source: contact-haptics sheet 9.2, 9.4; Barbic and James 2007; Zilles and Salisbury 1995 (anchors). */
+#ifndef SB_HAPTIC_MODEL_H
+#define SB_HAPTIC_MODEL_H
+
+#include "haptic_math.h"
+
+enum { SBI_HAPTIC_CLUSTERS = 8 };
+
+typedef struct sbi_haptic_cluster {
+    sbi_d3 point;      /* m, in the tool's frame */
+    sbi_d3 normal;     /* unit, in space: out of the tissue */
+    double push;       /* N along the normal, on the tool */
+    sbi_d3 traction;   /* N across the normal, on the tool */
+    sbi_d3 torque;     /* N m that push and traction at the point lack */
+    double friction;   /* Coulomb's mu, >= 0 */
+    double stiffness;  /* N/m along the normal, >= 0 */
+    double tangential; /* N/m across it, >= 0; 0: no friction */
+} sbi_haptic_cluster;
+
+typedef struct sbi_haptic_frame {
+    sbi_d_pose pose; /* of the tool at the end of the step */
+    int count;       /* clusters, 0 .. SBI_HAPTIC_CLUSTERS */
+    sbi_haptic_cluster clusters[SBI_HAPTIC_CLUSTERS];
+} sbi_haptic_frame;
+
+/* The frame that is in force, and what friction remembers. */
+typedef struct sbi_haptic_model {
+    sbi_haptic_frame frame;
+    sbi_d3 places[SBI_HAPTIC_CLUSTERS];  /* m, pose0(r) */
+    sbi_d3 anchors[SBI_HAPTIC_CLUSTERS]; /* m, where friction would vanish */
+} sbi_haptic_model;
+
+/* What holds the tool to the hand. A translation of 0 is rigid, in rotation too; a rotation of 0 is rigid by itself. */
+typedef struct sbi_haptic_coupling {
+    double translation, rotation; /* N/m, N m/rad */
+} sbi_haptic_coupling;
+
+/* 1 when everything in the frame is finite, of a size that can be computed with, and within its range. */
+SBI_API int sbi_haptic_frame_is_sound(const sbi_haptic_frame *frame);
+/* Puts a sound frame in force. */
+SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame);
+
+/* Where the tool is that hangs on a hand at `hand`, what the hand feels, and the energy in planes and coupling (J).
+ * Anchors follow. *tool in: the last such pose, where the search starts.
+ *
+ * The tool is where tissue and coupling balance, K_vc (x - q) + F(q) = 0. For a tangent K of the tissue that is
+ *     q = (K_vc I - K)^-1 (K_vc x + F(q0) - K q0),
+ * and the hand feels K_vc (q - x), with the tangent K_vc (K_vc I - K)^-1 K: two springs in series. */
+SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+                                           const sbi_d_pose *hand, sbi_d_pose *tool, double *stored);
+
+#endif /* SB_HAPTIC_MODEL_H */

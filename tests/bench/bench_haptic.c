@@ -1,0 +1,99 @@
+/* bench_haptic: the call at 1 kHz, by itself.
+ *
+ *     haptic_force          eight clusters in contact and slipping, the default coupling, turns too
+ *     haptic_force_rigid    the same without coupling
+ *     haptic_force_plane    one cluster, the default coupling, no torques: the usual device
+ *
+ * A hand that strokes, and every tenth call a new frame. One line per workload:
+ *     name calls median_us p99_us p99.9_us p99.99_us checksum
+ * of single calls, less what reading the clock takes; the checksum is the sum of the forces' sizes. Asserts nothing. */
+#define SB_IMPLEMENTATION
+#include "softbody.h"
+
+#include "measure.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { CALLS = 1000000 };
+
+/* Wall time (s) since the first call: now() has too few digits for what takes less than a microsecond. */
+static double instant(void)
+{
+    static struct timespec first;
+    struct timespec t;
+    timespec_get(&t, TIME_UTC);
+    if (first.tv_sec == 0)
+        first = t;
+    return (double)(t.tv_sec - first.tv_sec) + 1e-9 * (double)(t.tv_nsec - first.tv_nsec);
+}
+
+/* Planes like a dent's, pressed with about half a newton each. */
+static sbi_haptic_frame dent(int count, double time)
+{
+    sbi_haptic_frame frame;
+    memset(&frame, 0, sizeof frame);
+    frame.pose.rotation.w = 1;
+    frame.count = count;
+    for (int c = 0; c < count; c++) {
+        sbi_haptic_cluster *k = frame.clusters + c;
+        double angle = 6.283185307179586 * c / count;
+        k->point = sbi_d(0.005 * cos(angle), 0.005 * sin(angle), -0.008);
+        k->normal = sbi_d(-0.6 * cos(angle), -0.6 * sin(angle), 0.8);
+        k->push = 0.5 + 0.1 * sin(3 * time + c);
+        k->traction = sbi_d(0.08 * sin(angle), -0.08 * cos(angle), 0);
+        k->torque = sbi_d(1e-4, 0, 0);
+        k->friction = 0.3;
+        k->stiffness = 200;
+        k->tangential = 100;
+    }
+    return frame;
+}
+
+static void run(const char *name, int clusters, double max_torque, double coupling)
+{
+    static double times[CALLS];
+    sb_haptic_def def = sb_default_haptic_def();
+    sb_wrench_d out;
+    sbi_servo servo;
+    double sum = 0, clock_takes;
+    def.max_force = 8;
+    def.max_torque = max_torque;
+    def.max_stiffness = 2000;
+    def.max_damping = 3;
+    def.coupling = coupling;
+    def.resolution = 5.5e-5;
+    if (sbi_servo_begin(&servo, &def, NULL) != SB_OK)
+        return;
+    for (int i = 0; i < CALLS; i++) {
+        double t = instant();
+        times[i] = instant() - t;
+    }
+    clock_takes = median(times, CALLS);
+    for (int i = 0; i < CALLS; i++) {
+        double time = 1e-3 * i, begun;
+        sbi_haptic_frame frame = dent(clusters, time);
+        sb_tool_state state;
+        memset(&state, 0, sizeof state);
+        state.position[0] = 0.002 * sin(4 * time);
+        state.position[2] = -0.0005 + 0.0007 * sin(2.3 * time);
+        state.rotation[0] = state.rotation[4] = state.rotation[8] = 1;
+        state.time = time;
+        begun = instant();
+        sbi_servo_call(&servo, &state, i % 10 ? NULL : &frame, &out);
+        times[i] = instant() - begun - clock_takes;
+        sum += sqrt(out.force[0] * out.force[0] + out.force[1] * out.force[1] + out.force[2] * out.force[2]);
+    }
+    qsort(times, CALLS, sizeof times[0], ascending);
+    printf("%s %d %.3f %.3f %.3f %.3f %.9g\n", name, (int)CALLS, 1e6 * times[CALLS / 2], 1e6 * times[CALLS / 100 * 99],
+           1e6 * times[CALLS / 1000 * 999], 1e6 * times[CALLS / 10000 * 9999], sum);
+}
+
+int main(void)
+{
+    run("haptic_force", 8, 0.4, -1);
+    run("haptic_force_rigid", 8, 0.4, 0);
+    run("haptic_force_plane", 1, 0, -1);
+    return 0;
+}
