@@ -197,6 +197,19 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
     }
 }
 
+/* Forces that rounding of places makes (N): the norm of those of all samples. */
+static double sbi_contact_noise(const sb_contact *contact)
+{
+    double sum = 0, place = 0;
+    for (int k = 0; k < contact->touch.node_count; k++)
+        place = fmax(place, (double)sb_v3_norm(contact->positions[k]));
+    for (int i = 0; i < contact->sample_count; i++) {
+        double force = (double)(contact->samples[i].area * contact->samples[i].k) * (double)SB_EPSILON * place;
+        sum += force * force;
+    }
+    return sqrt(sum);
+}
+
 /* ---- memory ---- */
 
 /* Order of samples: by tool, face, number. */
@@ -256,6 +269,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
     contact->touch.nodes = contact->nodes;
+    contact->touch.noise = sbi_contact_noise(contact);
     contact->step_info.candidates = contact->sample_count;
     contact->step_info.retries = step->tries;
     contact->step_info.thinned = thin > 0;
