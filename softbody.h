@@ -46292,6 +46292,7 @@ typedef struct sbi_touch {
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
     sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
+    double noise;     /* N: norm of what rounding of places makes in them; from begin on */
     /* room for the step: */
     sb_vec3 *du;     /* (m) what it asks forces at */
     sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
@@ -60523,6 +60524,27 @@ static void sbi_step_renew_touch(sbi_step *step)
 
 /* ---- how much of a new increment is taken ---- */
 
+/* The force (N) that what is left over is compared with. */
+static double sbi_step_touch_scale(const sbi_step *step)
+{
+    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+}
+
+/* What contact's forces differ by from those that the solve had, of the largest force; 0 where it is rounding. */
+static double sbi_step_touch_residual(const sbi_step *step)
+{
+    const sbi_touch *touch = step->touch;
+    double sum = 0, size, scale = sbi_step_touch_scale(step);
+    for (int k = 0; k < touch->node_count; k++) {
+        unsigned char fixed = step->body->fixed[touch->nodes[k]];
+        sb_vec3 v = sb_v3_sub(touch->left[k], touch->force[k]);
+        v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), v);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    size = sqrt(sum);
+    return size > touch->noise ? size / scale : 0;
+}
+
 /* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
  * end, and rises evenly by `rise` to there. */
 static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
@@ -60590,8 +60612,9 @@ static void sbi_step_measure_way(sbi_step *step)
 }
 
 /* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
- * increment overshoot, and a free block is thrown away by it. Returns the share. */
-static double sbi_step_search_touch(sbi_step *step)
+ * increment overshoot, and a free block is thrown away by it. An end whose forces are those that were solved for needs
+ * no search: slopes are rounding there. Returns the share. */
+static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
 {
     sb_body *b = step->body;
     sbi_touch *touch = step->touch;
@@ -60601,7 +60624,7 @@ static double sbi_step_search_touch(sbi_step *step)
     own = sbi_touch_dot(touch, touch->way, touch->du);
     end = sbi_touch_dot(touch, touch->way, touch->left);
     at1 = sbi_step_touch_slope(step, end, 0, 1);
-    if (!(at1 > 0.1 * own))
+    if (!(at1 > 0.1 * own) || sbi_step_touch_residual(step) <= (double)tolerance)
         return 1;
     whole = sbi_step_touch_rise(step);
     if (!(at1 > 0.1 * whole))
@@ -60616,12 +60639,6 @@ static double sbi_step_search_touch(sbi_step *step)
 }
 
 /* ---- the iteration ---- */
-
-/* The force (N) that what is left over is compared with. */
-static double sbi_step_touch_scale(const sbi_step *step)
-{
-    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
-}
 
 /* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
  * tolerance admits. */
@@ -60639,17 +60656,11 @@ static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
     return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
 }
 
-/* Forces at the new increment, with friction's bounds of there; touch->residual is what they differ by from those that
- * the solve had. */
+/* Forces at the new increment, with friction's bounds of there. */
 static void sbi_step_end_way(sbi_step *step)
 {
-    sbi_touch *touch = step->touch;
-    double scale;
     sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
-    for (int k = 0; k < touch->node_count; k++)
-        touch->left[k] = sb_v3_sub(touch->left[k], touch->force[k]);
-    scale = sbi_step_touch_scale(step);
-    touch->residual = scale > 0 ? (sb_real)(sbi_touch_norm(step->body, touch->left) / scale) : 0;
+    step->touch->residual = (sb_real)sbi_step_touch_residual(step);
 }
 
 SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
@@ -60664,7 +60675,7 @@ SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
         result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
         if (result != SB_OK)
             return result;
-        share = sbi_step_search_touch(step);
+        share = sbi_step_search_touch(step, tolerance);
         sbi_step_end_way(step);
         touch->capped = !(share == 1 && touch->residual <= tolerance);
         if (!touch->capped || touch->iterations >= touch->max_iterations)
@@ -67444,8 +67455,9 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
 #if !defined(SB_NO_GEOMETRY)
 /* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
  *
- * A face is a slot: a number that it keeps while it exists. Samples are not stored: a face cut into n parts a side has
- * those of its type's rule for n, which is made once.
+ * Faces are numbered in the order of their cells and of the cells' sides, whatever happened before, so that sums over
+ * faces have the bits of a body made with its mesh. Where the mesh changes, numbers do: see sbi_contact_faces_update.
+ * Samples are not stored: a face cut into n parts a side has those of its type's rule for n, which is made once.
  *
  *     type           samples of n parts a side                     parts no longer than   n
  *     tri3           n^2: centroids of equal triangles             r / 2                  2 .. 16
@@ -67481,27 +67493,61 @@ typedef struct sbi_contact_kind {
     sbi_contact_rule rules[SBI_CONTACT_MOST_PARTS + 1];
 } sbi_contact_kind;
 
-/* All arrays by face have face_room entries; those of free slots are 0. */
+/* A side of an element. */
+typedef struct sbi_contact_side {
+    int nodes, corners;
+    int local[SB_MAX_FACE_NODES];
+} sbi_contact_side;
+
+/* Scratch for the order of faces in the tree. */
+typedef struct sbi_contact_order {
+    sb_vec3 *centres;   /* [faces] */
+    uint32_t *scratch;  /* [faces][3] */
+    int *faces, *order; /* [faces] */
+} sbi_contact_order;
+
+typedef enum sbi_contact_news {
+    SBI_CONTACT_CURRENT = 0,
+    SBI_CONTACT_CHANGED = 1, /* `outer` is right, the faces are those before */
+    SBI_CONTACT_STALE = 2    /* the whole mesh is another */
+} sbi_contact_news;
+
+/* What is kept of a mesh that may change; zeros of one that may not. */
+typedef struct sbi_contact_live {
+    int cell_room;
+    sbi_contact_news news;
+    int outer_count;
+    unsigned char *outer;  /* [cell_room][sides of a cell] 1: a face of the surface */
+    unsigned char *gone;   /* [cell_room] 1: removed since the last update, and perhaps made again */
+    unsigned char *near;   /* [node_room] zeros between calls */
+    int seen_count, *seen; /* [face_room] keys at the last update */
+    int *moved;            /* [face_room] see sbi_contact_faces_update */
+    sbi_contact_order order;
+} sbi_contact_live;
+
 typedef struct sbi_contact_faces {
     sb_allocator allocator;
-    int face_end;   /* slots in use or free lie below */
-    int face_count; /* in use */
-    int flat_count; /* of these without area: they have no samples, and no query finds them */
-    int face_room, node_room;
-    int width;                                     /* nodes per slot: most of any face */
-    unsigned char *sizes;                          /* nodes of each face; 0: a free slot */
-    unsigned char *sides;                          /* its number among the faces of its element */
-    int *nodes;                                    /* [slot][width] counter-clockwise seen from outside */
-    int *elements;                                 /* the cell behind it */
-    int *regions;                                  /* index of its material in the body */
-    sb_real *areas;                                /* m^2 at rest */
-    sb_real *lengths;                              /* m at rest: what is cut into parts, see sbi_contact_face_parts */
-    int *blocks;                                   /* [slot][width * width] once they were asked for */
-    int *versions;                                 /* pattern that the blocks are of; -1: of none */
-    sb_real *node_areas;                           /* [node_room] (m^2), see sbi_contact_node_area */
+    int face_end;             /* faces are numbered below */
+    int flat_count;           /* without area: they have no samples, and no query finds them */
+    int face_room, node_room; /* that arrays by face and by node have */
+    int width;                /* nodes per face in `nodes`: most of any face */
+    unsigned char *sizes;     /* nodes of each face */
+    int *nodes;               /* [face][width] counter-clockwise seen from outside */
+    int *keys;                /* elements[face] * side_count + sides[face]: ascending */
+    int *elements;            /* the cell behind it */
+    unsigned char *sides;     /* its number among the faces of that cell */
+    int *regions;             /* index of its material in the body */
+    sb_real *areas;           /* m^2 at rest */
+    sb_real *lengths;         /* m at rest: what is cut into parts, see sbi_contact_face_parts */
+    int *blocks;              /* [face][width * width] once they were asked for */
+    int *versions;            /* pattern that the blocks are of; -1: of none */
+    sb_real *node_areas;      /* [node_room] (m^2), see sbi_contact_node_area */
+    int side_count;           /* of a cell */
+    sbi_contact_side element_sides[SB_MAX_ELEMENT_FACES];
     sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
     sbi_face_tree tree;
     uint64_t *marks; /* zeros between queries */
+    sbi_contact_live live;
     void *memory, *rule_memory;
 } sbi_contact_faces;
 
@@ -67512,6 +67558,20 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
                                            sbi_contact_faces **faces, sb_error *error);
 SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces); /* NULL is fine */
 
+/* ---- following a mesh that changes (def.slack > 0): to be called by a listener of the body (sb_body_listen) ---- */
+/* Takes the memory that following needs: a change that fails for it leaves the faces as they are. */
+SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change,
+                                            sb_error *error);
+/* The change happened; NULL: the whole mesh is another. Cannot fail. Faces are out of date until the next update. */
+SBI_API void sbi_contact_faces_follow(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change);
+/* Brings the faces up to date; a refit has to follow. *changed (may be NULL): 1 when numbers may be others now: face f
+ * of the last time is faces->live.moved[f], or -1 when its cell was removed (and perhaps another made in its place) or
+ * it is none of the surface any more. Those that stay keep their order. Takes memory only where the whole mesh was
+ * another: SB_ERROR_MEMORY, SB_ERROR_MESH (no face has an area) leave the faces without use until it succeeds. */
+SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_body *body, int *changed,
+                                           sb_error *error);
+
+/* ---- boxes, samples, blocks ---- */
 /* Boxes anew, for the way from x to x + dt v (m); v NULL: at x. */
 SBI_API void sbi_contact_faces_refit(sbi_contact_faces *faces, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
 /* Faces whose boxes meet [low, high] (m): returns how many, and writes the first `capacity` of them, ascending. One
@@ -67551,17 +67611,33 @@ SB_INLINE const sb_real *sbi_contact_sample_weights(const sbi_contact_faces *fac
  * times the area. Their sum is the area. */
 SB_INLINE sb_real sbi_contact_node_area(const sbi_contact_faces *faces, int node) { return faces->node_areas[node]; }
 
+/* ---- what the sources of this room share ---- */
+/* Kinds, sides and rules of an element's faces. 0: no memory. */
+SBI_API int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element);
+SBI_API const int *sbi_contact_cell_nodes(const sb_body *body, int cell);
+/* 1 when the corners of a cell's side run through it the way round in which the second least follows the least: of two
+ * sides that touch, one does. */
+SBI_API int sbi_contact_side_ascends(const sbi_contact_side *side, const int *nodes);
+/* Rooms, arrays, faces and tree of a body from nothing. */
+SBI_API sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error);
+/* Arrays and tree for the rooms there are. 0: no memory. */
+SBI_API int sbi_contact_take_arrays(sbi_contact_faces *faces);
+SBI_API int sbi_contact_take_tree(sbi_contact_faces *faces, int nodes);
+SBI_API void sbi_contact_release_arrays(sbi_contact_faces *faces);
+/* As many nodes as the faces that there is room for can have. */
+SBI_API int sbi_contact_most_nodes(const sbi_contact_faces *faces);
+/* Faces from what is outside, and the tree of those with area: along Morton's curve through their corners' centres. */
+SBI_API void sbi_contact_put_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer);
+SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order);
+
 #endif /* SB_CONTACT_FACES_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
-/* ==== src/softbody/contact/contact_faces.c ==== */
+/* ==== src/softbody/contact/contact_rules.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* contact_faces: what faces a body has, their samples, areas and places in the matrix. */
+/* contact_rules: the samples of each face type, and what of a quadratic face is each node's. */
 
 #include <string.h>
-
-
-/* ---- rules of samples ---- */
 
 /* Points of a part: of a triangle in the parts' triangle (0, 0), (1, 0), (0, 1), and of the one that fills its cell. */
 static const sb_real sbi_contact_centroids[2][1][2] = {{{(sb_real)1 / 3, (sb_real)1 / 3}},
@@ -67655,17 +67731,18 @@ static void sbi_contact_fill_shares(sbi_contact_kind *kind)
         kind->shares[a] /= sum;
 }
 
-/* Kinds and rules of an element's faces. 0: no memory. */
-static int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element)
+SBI_API int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element)
 {
     sbi_arena arena = {NULL, 0, 0};
-    for (int side = 0; side < sbi_element_face_count(element); side++) {
-        int local[SB_MAX_FACE_NODES];
+    faces->side_count = sbi_element_face_count(element);
+    for (int s = 0; s < faces->side_count; s++) {
+        sbi_contact_side *side = &faces->element_sides[s];
         sb_element_type type = SB_NO_ELEMENT;
-        int size = sbi_element_face(element, side, local, &type);
-        if (!faces->kinds[size].nodes)
-            faces->kinds[size] = sbi_contact_make_kind(type);
-        faces->width = sbi_max_int(faces->width, size);
+        side->nodes = sbi_element_face(element, s, side->local, &type);
+        side->corners = sb_element_corner_count(type);
+        if (!faces->kinds[side->nodes].nodes)
+            faces->kinds[side->nodes] = sbi_contact_make_kind(type);
+        faces->width = sbi_max_int(faces->width, side->nodes);
     }
     for (int pass = 0; pass < 2; pass++) {
         for (int size = 1; size <= SB_MAX_FACE_NODES; size++)
@@ -67688,56 +67765,66 @@ static int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element)
     }
     return 1;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_faces.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_faces: what faces a body has, their areas, boxes and places in the matrix. */
+
+#include <string.h>
+
 
 /* ---- faces that have nothing on their other side ---- */
 
-/* 1 when the corners run through the face the way round in which the second least follows the least: of two faces that
- * touch, one does. */
-static int sbi_contact_ascends(const int *corners, int count)
+SBI_API const int *sbi_contact_cell_nodes(const sb_body *body, int cell)
 {
-    int least = 0;
-    for (int a = 1; a < count; a++)
-        if (corners[a] < corners[least])
-            least = a;
-    return corners[(least + 1) % count] < corners[(least + count - 1) % count];
+    return body->domain.cells + (size_t)cell * (size_t)body->domain.nodes_per_cell;
 }
 
-static int sbi_contact_side_ascends(const sb_body *body, int cell, int side)
+SBI_API int sbi_contact_side_ascends(const sbi_contact_side *side, const int *nodes)
 {
-    const sb_domain *domain = &body->domain;
-    const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
-    int local[SB_MAX_FACE_NODES], corners[SB_MAX_FACE_NODES], count;
-    sb_element_type type = SB_NO_ELEMENT;
-    sbi_element_face(sbi_element_make(domain->element_type, domain->table), side, local, &type);
-    count = sb_element_corner_count(type);
-    for (int a = 0; a < count; a++)
-        corners[a] = nodes[local[a]];
-    return sbi_contact_ascends(corners, count);
+    int least = 0, count = side->corners;
+    for (int a = 1; a < count; a++)
+        if (nodes[side->local[a]] < nodes[side->local[least]])
+            least = a;
+    return nodes[side->local[(least + 1) % count]] < nodes[side->local[(least + count - 1) % count]];
+}
+
+/* 1 when parts order[begin] .. order[end - 1] with the same corners lie on one side of them. */
+static int sbi_contact_is_outer(const sbi_contact_faces *faces, const sb_body *body, const sbi_mesh_keys *keys,
+                                int begin, int end)
+{
+    int ascends[2] = {0, 0};
+    for (int i = begin; i < end; i++) {
+        int part = keys->order[i];
+        ascends[sbi_contact_side_ascends(&faces->element_sides[part % keys->per_element],
+                                         sbi_contact_cell_nodes(body, part / keys->per_element))]++;
+    }
+    return !ascends[0] || !ascends[1];
 }
 
 /* outer[cell * sides + side] = 1 for the boundary: where all cells with these corners lie on one side, as those of an
- * immersed grid that share all their nodes do, the first of them. Returns how many, -1: no memory. */
-static int sbi_contact_find_outer(const sb_body *body, const sb_allocator *allocator, unsigned char *outer,
+ * immersed grid that share all their nodes do, the first of them. Returns how many, -1: no memory. skip: [cells]
+ * scratch. */
+static int sbi_contact_find_outer(const sbi_contact_faces *faces, const sb_body *body, unsigned char *outer,
                                   unsigned char *skip)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sbi_mesh_keys keys;
     int count = 0;
     for (int e = 0; e < mesh.element_count; e++)
-        skip[e] = !sb_body_cell_in_use(body, e);
-    if (!sbi_mesh_keys_make(&mesh, SBI_MESH_SIDES, skip, allocator, &keys))
+        skip[e] = !sbi_live_has_cell(body, e);
+    if (!sbi_mesh_keys_make(&mesh, SBI_MESH_SIDES, skip, &faces->allocator, &keys))
         return -1;
     memset(outer, 0, (size_t)keys.count);
     for (int begin = 0, end; begin < keys.sorted; begin = end) {
-        int first = keys.order[begin], lone = 1, per = keys.per_element;
+        int lone;
         end = sbi_mesh_run_end(&keys, begin);
-        for (int i = begin + 1; i < end && lone; i++)
-            lone = sbi_contact_side_ascends(body, keys.order[i] / per, keys.order[i] % per) ==
-                   sbi_contact_side_ascends(body, first / per, first % per);
-        outer[first] = (unsigned char)lone;
+        lone = sbi_contact_is_outer(faces, body, &keys, begin, end);
+        outer[keys.order[begin]] = (unsigned char)lone;
         count += lone;
     }
-    sbi_mesh_keys_free(allocator, &keys);
+    sbi_mesh_keys_free(&faces->allocator, &keys);
     return count;
 }
 
@@ -67767,8 +67854,12 @@ static sb_real sbi_contact_length(const sbi_contact_kind *kind, const sb_vec3 *x
     sb_real longest = 0;
     for (int a = 0; a < kind->corners; a++) {
         sb_vec3 from = x[a], to = x[(a + 1) % kind->corners];
-        sb_vec3 middle = kind->nodes > kind->corners ? x[kind->corners + a] : to;
-        longest = sb_max(longest, sb_v3_norm(sb_v3_sub(middle, from)) + sb_v3_norm(sb_v3_sub(to, middle)));
+        sb_real edge;
+        if (kind->nodes == kind->corners)
+            edge = sb_v3_norm(sb_v3_sub(to, from));
+        else
+            edge = sb_v3_norm(sb_v3_sub(x[kind->corners + a], from)) + sb_v3_norm(sb_v3_sub(to, x[kind->corners + a]));
+        longest = sb_max(longest, edge);
     }
     for (int a = 0; a < 2 && kind->corners == 4; a++)
         longest = sb_max(longest, square * sb_v3_norm(sb_v3_sub(x[a + 2], x[a])));
@@ -67778,16 +67869,18 @@ static sb_real sbi_contact_length(const sbi_contact_kind *kind, const sb_vec3 *x
 /* Two parts a side: enough for the areas of faces and nodes of straight faces to be exact. */
 enum { SBI_CONTACT_AREA_PARTS = 2 };
 
-/* Area of a face and, added to them, those of its nodes; all 0 where it is so flat that its normal is rounding. */
-static void sbi_contact_measure(sbi_contact_faces *faces, const sb_body *body, int face)
+/* Area of a face, and what of it is each node's. */
+static sb_real sbi_contact_face_area(const sbi_contact_kind *kind, const sb_vec3 *x, sb_real *of_nodes)
 {
-    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
     const sbi_contact_rule *rule = &kind->rules[SBI_CONTACT_AREA_PARTS];
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    sb_vec3 x[SB_MAX_FACE_NODES];
-    sb_real area = 0, of_nodes[SB_MAX_FACE_NODES] = {0}, length;
-    sbi_contact_gather(faces, body, face, x);
-    faces->lengths[face] = length = sbi_contact_length(kind, x);
+    sb_real area = 0;
+    for (int a = 0; a < kind->nodes; a++)
+        of_nodes[a] = 0;
+    if (kind->nodes == 3) {
+        area = sb_v3_norm(sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]))) / 2;
+        of_nodes[0] = of_nodes[1] = of_nodes[2] = area / 3;
+        return area;
+    }
     for (int i = 0; i < rule->count; i++) {
         const sb_real *weights = rule->weights + i * kind->nodes;
         sb_real part = rule->measure * sbi_contact_stretch(rule->slopes + 2 * i * kind->nodes, x, kind->nodes);
@@ -67795,48 +67888,82 @@ static void sbi_contact_measure(sbi_contact_faces *faces, const sb_body *body, i
         for (int a = 0; a < kind->nodes; a++)
             of_nodes[a] += part * weights[a];
     }
+    for (int a = 0; a < kind->nodes && kind->nodes > 4; a++)
+        of_nodes[a] = area * kind->shares[a];
+    return area;
+}
+
+/* Measures a face and adds to the areas of its nodes, unless it is so flat that its normal is rounding. */
+static void sbi_contact_measure(sbi_contact_faces *faces, const sb_body *body, int face)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    sb_real of_nodes[SB_MAX_FACE_NODES], length, area;
+    sbi_contact_gather(faces, body, face, x);
+    length = sbi_contact_length(kind, x);
+    area = sbi_contact_face_area(kind, x, of_nodes);
+    faces->lengths[face] = length;
     faces->areas[face] = area > 16 * SB_EPSILON * length * length ? area : 0;
     faces->flat_count += faces->areas[face] == 0;
     for (int a = 0; a < kind->nodes && faces->areas[face] > 0; a++)
-        faces->node_areas[nodes[a]] += kind->nodes > 4 ? area * kind->shares[a] : of_nodes[a];
+        faces->node_areas[nodes[a]] += of_nodes[a];
 }
 
-static void sbi_contact_put_face(sbi_contact_faces *faces, const sb_body *body, int face, int cell, int side)
+static void sbi_contact_put_face(sbi_contact_faces *faces, const sb_body *body, int cell, int side)
 {
-    const sb_domain *domain = &body->domain;
-    const int *corners = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
-    int local[SB_MAX_FACE_NODES], *nodes = faces->nodes + (size_t)face * (size_t)faces->width;
-    int size = sbi_element_face(sbi_element_make(domain->element_type, domain->table), side, local, NULL);
-    for (int a = 0; a < size; a++)
-        nodes[a] = corners[local[a]];
-    faces->sizes[face] = (unsigned char)size;
+    const int *corners = sbi_contact_cell_nodes(body, cell), face = faces->face_end++;
+    int *nodes = faces->nodes + (size_t)face * (size_t)faces->width;
+    for (int a = 0; a < faces->element_sides[side].nodes; a++)
+        nodes[a] = corners[faces->element_sides[side].local[a]];
+    faces->sizes[face] = (unsigned char)faces->element_sides[side].nodes;
     faces->sides[face] = (unsigned char)side;
+    faces->keys[face] = cell * faces->side_count + side;
     faces->elements[face] = cell;
     faces->regions[face] = body->cell_material[cell];
     faces->versions[face] = -1;
-    faces->face_count++;
+    sbi_contact_measure(faces, body, face);
 }
 
-/* ---- creation ---- */
+/* ---- memory ---- */
 
-/* Takes the arrays by face and by node (measuring or for real). */
+/* Scratch for the tree's order. */
+static void sbi_contact_layout_order(int count, sbi_contact_order *order, sbi_arena *arena)
+{
+    order->centres = (sb_vec3 *)sbi_arena_take(arena, (size_t)count, sizeof(sb_vec3));
+    order->scratch = (uint32_t *)sbi_arena_take(arena, (size_t)count, 3 * sizeof(uint32_t));
+    order->faces = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+    order->order = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+}
+
+/* Takes the arrays (measuring or for real). */
 static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
 {
-    size_t room = (size_t)faces->face_room, width = (size_t)faces->width;
+    size_t room = (size_t)faces->face_room, width = (size_t)faces->width, nodes = (size_t)faces->node_room;
+    sbi_contact_live *live = &faces->live;
     faces->areas = (sb_real *)sbi_arena_take(arena, room, sizeof(sb_real));
     faces->lengths = (sb_real *)sbi_arena_take(arena, room, sizeof(sb_real));
-    faces->node_areas = (sb_real *)sbi_arena_take(arena, (size_t)faces->node_room, sizeof(sb_real));
+    faces->node_areas = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    faces->marks = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(faces->face_room), sizeof(uint64_t));
     faces->nodes = (int *)sbi_arena_take(arena, room, width * sizeof(int));
     faces->blocks = (int *)sbi_arena_take(arena, room, width * width * sizeof(int));
+    faces->keys = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->elements = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->regions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
     faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
-    faces->marks = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(faces->face_room), sizeof(uint64_t));
+    if (!live->cell_room)
+        return;
+    sbi_contact_layout_order(faces->face_room, &live->order, arena);
+    live->seen = (int *)sbi_arena_take(arena, room, sizeof(int));
+    live->moved = (int *)sbi_arena_take(arena, room, sizeof(int));
+    live->outer = (unsigned char *)sbi_arena_take(arena, (size_t)live->cell_room, (size_t)faces->side_count);
+    live->gone = (unsigned char *)sbi_arena_take(arena, (size_t)live->cell_room, 1);
+    live->near = (unsigned char *)sbi_arena_take(arena, nodes, 1);
 }
 
-static int sbi_contact_take_arrays(sbi_contact_faces *faces)
+SBI_API int sbi_contact_take_arrays(sbi_contact_faces *faces)
 {
     sbi_arena arena = {NULL, 0, 0};
     sbi_contact_layout(faces, &arena);
@@ -67849,28 +67976,29 @@ static int sbi_contact_take_arrays(sbi_contact_faces *faces)
     return 1;
 }
 
-static sb_result sbi_contact_no_memory(int faces, sb_error *error)
+SBI_API int sbi_contact_take_tree(sbi_contact_faces *faces, int nodes)
 {
-    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", faces);
+    sbi_face_tree_room room;
+    room.faces = faces->face_room;
+    room.nodes = nodes;
+    room.node_end = faces->node_room;
+    room.width = faces->width;
+    return sbi_face_tree_create(&room, &faces->allocator, &faces->tree);
 }
 
-/* Scratch for the tree's order. */
-typedef struct sbi_contact_order {
-    sb_vec3 *centres;  /* [faces] */
-    uint32_t *scratch; /* [faces][3] */
-    int *faces, *order;
-} sbi_contact_order;
+/* ---- all faces ---- */
 
-static void sbi_contact_layout_order(int count, sbi_contact_order *order, sbi_arena *arena)
+SBI_API void sbi_contact_put_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer)
 {
-    order->centres = (sb_vec3 *)sbi_arena_take(arena, (size_t)count, sizeof(sb_vec3));
-    order->scratch = (uint32_t *)sbi_arena_take(arena, (size_t)count, 3 * sizeof(uint32_t));
-    order->faces = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
-    order->order = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+    memset(faces->node_areas, 0, (size_t)faces->node_room * sizeof(sb_real));
+    faces->face_end = faces->flat_count = 0;
+    for (int e = 0, p = 0; e < body->domain.cell_count; e++)
+        for (int side = 0; side < faces->side_count; side++, p++)
+            if (outer[p])
+                sbi_contact_put_face(faces, body, e, side);
 }
 
-/* Puts the faces with area into the tree, along Morton's curve through their corners' centres at rest. */
-static void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order)
+SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order)
 {
     sbi_face_tree_source source;
     int count = 0;
@@ -67895,80 +68023,118 @@ static void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body
     sbi_face_tree_build(&faces->tree, &source);
 }
 
-/* How many nodes have faces; uses `scratch` [node_count]. */
-static int sbi_contact_count_nodes(const sbi_contact_faces *faces, unsigned char *scratch)
+/* How many nodes have faces; seen: [node_room] scratch. */
+static int sbi_contact_count_nodes(const sbi_contact_faces *faces, unsigned char *seen)
 {
     int count = 0;
-    memset(scratch, 0, (size_t)faces->node_room);
+    memset(seen, 0, (size_t)faces->node_room);
     for (int f = 0; f < faces->face_end; f++)
         for (int a = 0; a < faces->sizes[f]; a++) {
-            unsigned char *seen = scratch + sbi_contact_face_nodes(faces, f)[a];
-            count += !*seen;
-            *seen = 1;
+            int node = sbi_contact_face_nodes(faces, f)[a];
+            count += !seen[node];
+            seen[node] = 1;
         }
     return count;
 }
 
-static sb_result sbi_contact_make_tree(sbi_contact_faces *faces, const sb_body *body, unsigned char *scratch,
-                                       sb_error *error)
+SBI_API int sbi_contact_most_nodes(const sbi_contact_faces *faces)
+{
+    int most = faces->node_room / faces->width;
+    return faces->face_room <= most ? faces->face_room * faces->width : faces->node_room;
+}
+
+/* ---- creation ---- */
+
+/* The tree of a body whose mesh stays as it is: no larger than it needs to be. 0: no memory. */
+static int sbi_contact_make_fixed_tree(sbi_contact_faces *faces, const sb_body *body, unsigned char *scratch)
 {
     sbi_arena arena = {NULL, 0, 0};
     sbi_contact_order order;
-    sbi_face_tree_room room;
-    room.faces = faces->face_count;
-    room.nodes = sbi_contact_count_nodes(faces, scratch);
-    room.node_end = faces->node_room;
-    room.width = faces->width;
-    sbi_contact_layout_order(faces->face_count, &order, &arena);
+    int ok;
+    sbi_contact_layout_order(faces->face_end, &order, &arena);
     arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&faces->allocator, arena.used, 1);
-    if (!arena.base || !sbi_face_tree_create(&room, &faces->allocator, &faces->tree)) {
-        sbi_free(&faces->allocator, arena.base);
-        return sbi_contact_no_memory(faces->face_count, error);
-    }
     arena.used = 0;
-    sbi_contact_layout_order(faces->face_count, &order, &arena);
-    sbi_contact_build_tree(faces, body, &order);
+    ok = arena.base && sbi_contact_take_tree(faces, sbi_contact_count_nodes(faces, scratch));
+    if (ok) {
+        sbi_contact_layout_order(faces->face_end, &order, &arena);
+        sbi_contact_build_tree(faces, body, &order);
+    }
     sbi_free(&faces->allocator, arena.base);
-    return SB_OK;
+    return ok;
 }
 
-/* Arrays, faces in the order of cells and sides, and the tree; outer: what sbi_contact_find_outer found. */
+/* The same of one that may change. */
+static int sbi_contact_make_live_tree(sbi_contact_faces *faces, const sb_body *body)
+{
+    if (!sbi_contact_take_tree(faces, sbi_contact_most_nodes(faces)))
+        return 0;
+    sbi_contact_build_tree(faces, body, &faces->live.order);
+    return 1;
+}
+
+static sb_result sbi_contact_no_memory(const sb_body *body, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body of %d elements",
+                    body->domain.cell_count);
+}
+
+/* Arrays, faces and tree from what is outside; scratch: [nodes]. */
 static sb_result sbi_contact_take_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer,
                                         unsigned char *scratch, sb_error *error)
 {
-    int sides = sbi_element_face_count(sbi_element_make(body->domain.element_type, body->domain.table));
-    if (!sbi_contact_take_arrays(faces))
-        return sbi_contact_no_memory(faces->face_room, error);
-    for (int p = 0; p < body->domain.cell_count * sides; p++)
-        if (outer[p])
-            sbi_contact_put_face(faces, body, faces->face_end++, p / sides, p % sides);
-    for (int f = 0; f < faces->face_end; f++)
-        sbi_contact_measure(faces, body, f);
-    if (faces->flat_count == faces->face_count)
-        return sbi_fail(error, SB_ERROR_MESH,
-                        "no face of the body's surface has an area: contact has nothing to act on");
-    return sbi_contact_make_tree(faces, body, scratch, error);
+    sbi_contact_live *live = &faces->live;
+    int ok = sbi_contact_take_arrays(faces);
+    if (ok)
+        sbi_contact_put_faces(faces, body, outer);
+    if (ok && faces->flat_count == faces->face_end)
+        return sbi_fail(error, SB_ERROR_MESH, "no face of the body's surface has an area: contact has none to act on");
+    if (ok && live->cell_room) {
+        memcpy(live->outer, outer, (size_t)body->domain.cell_count * (size_t)faces->side_count);
+        memcpy(live->seen, faces->keys, (size_t)faces->face_end * sizeof(int));
+        live->outer_count = live->seen_count = faces->face_end;
+    }
+    ok = ok && (live->cell_room ? sbi_contact_make_live_tree(faces, body)
+                                : sbi_contact_make_fixed_tree(faces, body, scratch));
+    return ok ? SB_OK : sbi_contact_no_memory(body, error);
 }
 
-static sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error)
+/* Rooms for a body with so many faces. */
+static void sbi_contact_set_rooms(sbi_contact_faces *faces, const sb_body *body, int count)
 {
-    const sb_domain *domain = &body->domain;
-    sbi_element element = sbi_element_make(domain->element_type, domain->table);
-    size_t sides = (size_t)domain->cell_count * (size_t)sbi_element_face_count(element);
-    unsigned char *outer = (unsigned char *)sbi_alloc(&faces->allocator, sides, 1);
+    faces->face_room = count;
+    faces->node_room = body->domain.node_count;
+    if (!body->live)
+        return;
+    faces->face_room = count < INT32_MAX / 2 ? count + count / 2 + 1 : count;
+    faces->node_room = body->node_capacity;
+    faces->live.cell_room = sbi_live_cell_room(body);
+}
+
+SBI_API sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error)
+{
+    int cells = body->domain.cell_count, count = -1;
+    unsigned char *outer = (unsigned char *)sbi_alloc(&faces->allocator, (size_t)cells, (size_t)faces->side_count);
     unsigned char *scratch =
-        (unsigned char *)sbi_alloc(&faces->allocator, (size_t)sbi_max_int(domain->cell_count, domain->node_count), 1);
-    sb_result result = SB_ERROR_MEMORY;
-    faces->node_room = domain->node_count;
-    faces->face_room = outer && scratch ? sbi_contact_find_outer(body, &faces->allocator, outer, scratch) : -1;
-    if (faces->face_room < 0 || !sbi_contact_make_rules(faces, element))
-        result =
-            sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body of %d elements", domain->cell_count);
-    else
+        (unsigned char *)sbi_alloc(&faces->allocator, (size_t)sbi_max_int(cells, body->node_capacity), 1);
+    sb_result result;
+    if (outer && scratch)
+        count = sbi_contact_find_outer(faces, body, outer, scratch);
+    if (count >= 0) {
+        sbi_contact_set_rooms(faces, body, count);
         result = sbi_contact_take_faces(faces, body, outer, scratch, error);
+    } else {
+        result = sbi_contact_no_memory(body, error);
+    }
     sbi_free(&faces->allocator, outer);
     sbi_free(&faces->allocator, scratch);
     return result;
+}
+
+SBI_API void sbi_contact_release_arrays(sbi_contact_faces *faces)
+{
+    sbi_face_tree_free(&faces->tree, &faces->allocator);
+    sbi_free(&faces->allocator, faces->memory);
+    faces->memory = NULL;
 }
 
 SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocator *allocator,
@@ -67977,10 +68143,13 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
     sbi_contact_faces *made = (sbi_contact_faces *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
     sb_result result;
     if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body");
+        return sbi_contact_no_memory(body, error);
     if (allocator)
         made->allocator = *allocator;
-    result = sbi_contact_fill(made, body, error);
+    if (sbi_contact_make_rules(made, sbi_element_make(body->domain.element_type, body->domain.table)))
+        result = sbi_contact_fill(made, body, error);
+    else
+        result = sbi_contact_no_memory(body, error);
     if (result != SB_OK) {
         sbi_contact_faces_destroy(made);
         return result;
@@ -67996,9 +68165,8 @@ SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces)
     if (!faces)
         return;
     allocator = faces->allocator;
-    sbi_face_tree_free(&faces->tree, &allocator);
+    sbi_contact_release_arrays(faces);
     sbi_free(&allocator, faces->rule_memory);
-    sbi_free(&allocator, faces->memory);
     sbi_free(&allocator, faces);
 }
 
@@ -68064,6 +68232,231 @@ SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_bo
             blocks[a * size + b] = sb_matrix_find(&body->matrix, nodes[a], nodes[b]);
     faces->versions[face] = body->pattern_version;
     return blocks;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_follow.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_follow: faces of a body whose mesh changes.
+ *
+ * A change says at once which sides of cells came to the surface or left it, in time proportional to what changed. The
+ * faces themselves are made anew once a step, from these marks: that costs less than a microsecond for ten faces, and
+ * leaves no trace of how the mesh came about. */
+
+#include <string.h>
+
+
+/* ---- memory ---- */
+
+/* Larger rooms; the faces are then those that `outer` says. 0: no memory, and nothing changed. */
+static int sbi_contact_grow(sbi_contact_faces *faces, const sb_body *body, int face_room, int node_room, int cell_room)
+{
+    sbi_contact_faces next = *faces;
+    const sbi_contact_live *old = &faces->live;
+    next.face_room = face_room;
+    next.node_room = node_room;
+    next.live.cell_room = cell_room;
+    if (!sbi_contact_take_arrays(&next))
+        return 0;
+    if (!sbi_contact_take_tree(&next, sbi_contact_most_nodes(&next))) {
+        sbi_free(&next.allocator, next.memory);
+        return 0;
+    }
+    memcpy(next.live.outer, old->outer, (size_t)old->cell_room * (size_t)faces->side_count);
+    memcpy(next.live.gone, old->gone, (size_t)old->cell_room);
+    memcpy(next.live.seen, old->seen, (size_t)old->seen_count * sizeof(int));
+    sbi_contact_release_arrays(faces);
+    *faces = next;
+    sbi_contact_put_faces(faces, body, faces->live.outer);
+    sbi_contact_build_tree(faces, body, &faces->live.order);
+    sbi_contact_faces_refit(faces, body->position, NULL, 0);
+    return 1;
+}
+
+/* Room for `needed`, and half of it in reserve where it has to grow. */
+static int sbi_contact_room(int room, int64_t needed)
+{
+    int64_t grown = needed + needed / 2;
+    return needed <= room ? room : (int)(grown < INT32_MAX ? grown : INT32_MAX);
+}
+
+SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change,
+                                            sb_error *error)
+{
+    const sbi_contact_live *live = &faces->live;
+    int64_t cells = (int64_t)change->made_cell_count + change->removed_cell_count;
+    int64_t needed = live->outer_count + cells * faces->side_count; /* each side of each cell lays open one */
+    int face_room = sbi_contact_room(faces->face_room, needed);
+    int node_room = sbi_contact_room(faces->node_room, change->node_end);
+    int cell_room = sbi_contact_room(live->cell_room, change->cell_end);
+    if (live->news == SBI_CONTACT_STALE ||
+        (face_room == faces->face_room && node_room == faces->node_room && cell_room == live->cell_room))
+        return SB_OK;
+    if (needed > INT32_MAX || cell_room > INT32_MAX / faces->side_count ||
+        !sbi_contact_grow(faces, body, face_room, node_room, cell_room))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact to follow a mesh of %d cells", change->cell_end);
+    return SB_OK;
+}
+
+/* ---- what is outside ---- */
+
+/* 1 when no cell lies on the other side of a cell's side, and none before it on this. */
+static int sbi_contact_is_outside(const sbi_contact_faces *faces, const sb_body *body, int cell, int number)
+{
+    const sbi_contact_side *side = &faces->element_sides[number];
+    const int *nodes = sbi_contact_cell_nodes(body, cell);
+    int corners[SB_MAX_FACE_NODES], ascends = sbi_contact_side_ascends(side, nodes), key;
+    for (int a = 0; a < side->corners; a++)
+        corners[a] = nodes[side->local[a]];
+    key = cell * faces->side_count + number;
+    for (int at = sbi_live_first_cell(body, corners[0]); at >= 0; at = sbi_live_next_cell(body, corners[0], at)) {
+        int other = sbi_live_cell_of(body, at);
+        const int *others = sbi_contact_cell_nodes(body, other);
+        for (int k = 0; k < faces->side_count; k++) {
+            const sbi_contact_side *same = &faces->element_sides[k];
+            int place = other * faces->side_count + k;
+            if (place != key && same->corners == side->corners &&
+                sbi_body_has_corners(corners, others, same->local, side->corners) &&
+                (place < key || sbi_contact_side_ascends(same, others) != ascends))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+/* 1 when all corners of a side are marked. */
+static int sbi_contact_is_near(const unsigned char *near, const sbi_contact_side *side, const int *nodes)
+{
+    int all = 1;
+    for (int a = 0; a < side->corners; a++)
+        all &= near[nodes[side->local[a]]] != 0;
+    return all;
+}
+
+static void sbi_contact_set_outer(sbi_contact_live *live, int key, int outer)
+{
+    live->outer_count += outer - live->outer[key];
+    live->outer[key] = (unsigned char)outer;
+}
+
+/* Sides that begin at a node and have marked corners only. */
+static void sbi_contact_look_around(sbi_contact_faces *faces, const sb_body *body, int node)
+{
+    sbi_contact_live *live = &faces->live;
+    if (node >= body->domain.node_count) /* a slot at the end that is no more */
+        return;
+    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+        int cell = sbi_live_cell_of(body, at);
+        const int *nodes = sbi_contact_cell_nodes(body, cell);
+        for (int k = 0; k < faces->side_count; k++)
+            if (nodes[faces->element_sides[k].local[0]] == node &&
+                sbi_contact_is_near(live->near, &faces->element_sides[k], nodes))
+                sbi_contact_set_outer(live, cell * faces->side_count + k, sbi_contact_is_outside(faces, body, cell, k));
+    }
+}
+
+/* near[node] of the nodes becomes `mark`. */
+static void sbi_contact_mark_nodes(unsigned char *near, const int *nodes, size_t count, int mark)
+{
+    for (size_t i = 0; i < count; i++)
+        near[nodes[i]] = (unsigned char)mark;
+}
+
+/* Looks around nodes of a list that are marked with 1, each once. */
+static void sbi_contact_look_around_nodes(sbi_contact_faces *faces, const sb_body *body, const int *nodes, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (faces->live.near[nodes[i]] == 1) {
+            faces->live.near[nodes[i]] = 2;
+            sbi_contact_look_around(faces, body, nodes[i]);
+        }
+}
+
+SBI_API void sbi_contact_faces_follow(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change)
+{
+    sbi_contact_live *live = &faces->live;
+    size_t removed, made;
+    if (!change)
+        live->news = SBI_CONTACT_STALE;
+    if (live->news == SBI_CONTACT_STALE)
+        return;
+    live->news = SBI_CONTACT_CHANGED;
+    removed = (size_t)change->removed_cell_count * (size_t)change->nodes_per_cell;
+    made = (size_t)change->made_cell_count * (size_t)change->nodes_per_cell;
+    for (int i = 0; i < change->removed_cell_count; i++) {
+        live->gone[change->removed_cells[i]] = 1;
+        for (int k = 0; k < faces->side_count; k++)
+            sbi_contact_set_outer(live, change->removed_cells[i] * faces->side_count + k, 0);
+    }
+    sbi_contact_mark_nodes(live->near, change->removed_cell_nodes, removed, 1);
+    sbi_contact_mark_nodes(live->near, change->made_cell_nodes, made, 1);
+    sbi_contact_look_around_nodes(faces, body, change->removed_cell_nodes, removed);
+    sbi_contact_look_around_nodes(faces, body, change->made_cell_nodes, made);
+    sbi_contact_mark_nodes(live->near, change->removed_cell_nodes, removed, 0);
+    sbi_contact_mark_nodes(live->near, change->made_cell_nodes, made, 0);
+}
+
+/* ---- the faces anew ---- */
+
+/* Faces of a mesh that is another as a whole: none is what it was. */
+static sb_result sbi_contact_reload(sbi_contact_faces *faces, const sb_body *body, sb_error *error)
+{
+    sbi_contact_faces next = *faces;
+    sb_result result;
+    int before = faces->live.seen_count;
+    memset(&next.live, 0, sizeof next.live);
+    memset(&next.tree, 0, sizeof next.tree);
+    next.memory = NULL;
+    result = sbi_contact_fill(&next, body, error);
+    if (result == SB_OK && next.face_room < before) { /* `moved` has an entry for each face before */
+        next.live.seen_count = 0;
+        if (!sbi_contact_grow(&next, body, before, next.node_room, next.live.cell_room))
+            result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", before);
+    }
+    if (result != SB_OK) {
+        sbi_contact_release_arrays(&next);
+        return result;
+    }
+    next.live.seen_count = before;
+    sbi_contact_release_arrays(faces);
+    *faces = next;
+    memset(faces->live.gone, 1, (size_t)faces->live.cell_room);
+    return SB_OK;
+}
+
+/* live.moved from the keys of the last time and those of now, which both ascend. */
+static void sbi_contact_match(sbi_contact_faces *faces)
+{
+    sbi_contact_live *live = &faces->live;
+    int f = 0;
+    for (int i = 0; i < live->seen_count; i++) {
+        int key = live->seen[i];
+        while (f < faces->face_end && faces->keys[f] < key)
+            f++;
+        live->moved[i] = f < faces->face_end && faces->keys[f] == key && !live->gone[key / faces->side_count] ? f : -1;
+    }
+    memcpy(live->seen, faces->keys, (size_t)faces->face_end * sizeof(int));
+    live->seen_count = faces->face_end;
+    memset(live->gone, 0, (size_t)live->cell_room);
+}
+
+SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_body *body, int *changed, sb_error *error)
+{
+    sbi_contact_live *live = &faces->live;
+    if (changed)
+        *changed = live->news != SBI_CONTACT_CURRENT;
+    if (live->news == SBI_CONTACT_STALE) {
+        sb_result result = sbi_contact_reload(faces, body, error);
+        if (result != SB_OK)
+            return result;
+    } else if (live->news == SBI_CONTACT_CHANGED) {
+        sbi_contact_put_faces(faces, body, live->outer);
+        sbi_contact_build_tree(faces, body, &live->order);
+    }
+    if (live->news != SBI_CONTACT_CURRENT)
+        sbi_contact_match(faces);
+    live->news = SBI_CONTACT_CURRENT;
+    return SB_OK;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -68747,6 +69140,19 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
     }
 }
 
+/* Forces that rounding of places makes (N): the norm of those of all samples. */
+static double sbi_contact_noise(const sb_contact *contact)
+{
+    double sum = 0, place = 0;
+    for (int k = 0; k < contact->touch.node_count; k++)
+        place = fmax(place, (double)sb_v3_norm(contact->positions[k]));
+    for (int i = 0; i < contact->sample_count; i++) {
+        double force = (double)(contact->samples[i].area * contact->samples[i].k) * (double)SB_EPSILON * place;
+        sum += force * force;
+    }
+    return sqrt(sum);
+}
+
 /* ---- memory ---- */
 
 /* Order of samples: by tool, face, number. */
@@ -68806,6 +69212,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
     contact->touch.nodes = contact->nodes;
+    contact->touch.noise = sbi_contact_noise(contact);
     contact->step_info.candidates = contact->sample_count;
     contact->step_info.retries = step->tries;
     contact->step_info.thinned = thin > 0;
