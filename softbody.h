@@ -60046,6 +60046,9 @@ SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way);
 SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share);
 
 /* ---- step_touch.c: of steps with step->touch ---- */
+/* Axes that its blocks in the matrix leave out: none where constraints condense whole ones (NULL), else those of
+ * supports. */
+SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *body);
 /* The tangent at the start is there: contact begins. */
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
 /* Its forces where share increment is still to be added to the displacement (increment NULL: nothing is). */
@@ -60058,8 +60061,6 @@ SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increme
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
 SBI_API void sbi_step_add_touch(sbi_step *step);
-/* Solves the system of a linearised step, again and again. */
-SBI_API sb_result sbi_step_solve_touch(sbi_step *step);
 /* Reactions less its forces on supported axes. */
 SBI_API void sbi_step_touch_reactions(const sbi_step *step);
 /* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
@@ -60077,13 +60078,17 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
 SBI_API void sbi_step_fill_system(sbi_step *step);
-/* Solves it for the body's increment, with guests and contact. */
-SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Tolerance of this iteration's linear solve. */
+SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step);
 /* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
 SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current);
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
  * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
+
+/* ---- step_solve.c ---- */
+/* Solves the system for the body's increment, with guests and contact. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step);
 
 /* ---- step_search.c ---- */
 /* Moves the displacement by the increment, or the share of it that the line search admits. */
@@ -60382,38 +60387,15 @@ SBI_API void sbi_step_undo_guests(sbi_step *step)
 /* ==== src/softbody/body/step_touch.c ==== */
 /* step_touch: what touches a body takes part in its steps, see step_touch.h. */
 
-#include <math.h>
 #include <string.h>
 
-
-enum { SBI_TOUCH_CUTS = 8 }; /* evaluations of a line search */
 
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch) { body->touch = touch; }
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
 /* ---- between the body's vectors and those of the nodes in touch ---- */
 
-static double sbi_touch_dot(const sbi_touch *touch, const sb_vec3 *a, const sb_vec3 *b)
-{
-    double sum = 0;
-    for (int k = 0; k < touch->node_count; k++)
-        sum += (double)a[k].x * (double)b[k].x + (double)a[k].y * (double)b[k].y + (double)a[k].z * (double)b[k].z;
-    return sum;
-}
-
-/* Norm on axes without supports (N). */
-static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
-{
-    double sum = 0;
-    for (int k = 0; k < b->touch->node_count; k++) {
-        sb_vec3 v = sbi_body_pick_axes(b->fixed[b->touch->nodes[k]], sb_v3(0, 0, 0), a[k]);
-        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
-    return sqrt(sum);
-}
-
-/* Axes that its blocks in the matrix leave out: constraints condense the whole ones. */
-static const unsigned char *sbi_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
+SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
 
 /* Displacement that du counts from: that at the start of the step, or of the increment of a static solve. */
 static const sb_vec3 *sbi_touch_start(const sbi_step *step)
@@ -60493,10 +60475,10 @@ SBI_API void sbi_step_add_touch(sbi_step *step)
 {
     sb_body *b = step->body;
     sbi_touch *touch = step->touch;
-    touch->add_blocks(touch->user, sbi_touch_mask(b), &b->matrix);
+    touch->add_blocks(touch->user, sbi_step_touch_mask(b), &b->matrix);
     if (!step->linearised)
         return;
-    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->linear);
+    touch->multiply(touch->user, sbi_step_touch_mask(b), touch->du, touch->linear);
     for (int k = 0; k < touch->node_count; k++) {
         int node = touch->nodes[k];
         touch->linear[k] = sb_v3_add(touch->linear[k], touch->force[k]);
@@ -60505,186 +60487,6 @@ SBI_API void sbi_step_add_touch(sbi_step *step)
         touch->kept[k] = b->rhs[node];
         b->rhs[node] = sb_v3_add(b->rhs[node], touch->linear[k]);
     }
-}
-
-/* The system without contact again, and then with it as it was evaluated last. */
-static void sbi_step_renew_touch(sbi_step *step)
-{
-    sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    touch->restore_blocks(touch->user, &b->matrix);
-    if (b->elimination) {
-        sbi_step_fill_system(step);
-        return;
-    }
-    for (int k = 0; k < touch->node_count; k++)
-        b->rhs[touch->nodes[k]] = touch->kept[k];
-    sbi_step_add_touch(step);
-}
-
-/* ---- how much of a new increment is taken ---- */
-
-/* The force (N) that what is left over is compared with. */
-static double sbi_step_touch_scale(const sbi_step *step)
-{
-    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
-}
-
-/* What contact's forces differ by from those that the solve had, of the largest force; 0 where it is rounding. */
-static double sbi_step_touch_residual(const sbi_step *step)
-{
-    const sbi_touch *touch = step->touch;
-    double sum = 0, size, scale = sbi_step_touch_scale(step);
-    for (int k = 0; k < touch->node_count; k++) {
-        unsigned char fixed = step->body->fixed[touch->nodes[k]];
-        sb_vec3 v = sb_v3_sub(touch->left[k], touch->force[k]);
-        v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), v);
-        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
-    size = sqrt(sum);
-    return size > touch->noise ? size / scale : 0;
-}
-
-/* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
- * end, and rises evenly by `rise` to there. */
-static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
-{
-    const sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    for (int k = 0; k < touch->node_count; k++)
-        touch->du[k] = sb_v3_madd(b->previous[touch->nodes[k]], (sb_real)share, touch->way[k]);
-    touch->evaluate(touch->user, touch->du, 0);
-    return end - (1 - share) * rise - sbi_touch_dot(touch, touch->force, touch->way);
-}
-
-/* Where the slope vanishes, to a tenth of what it was at 0: false position, in which an end that stays counts half. */
-static double sbi_step_touch_root(sbi_step *step, double end, double rise, double at0, double at1)
-{
-    double low = 0, high = 1, slope_low = at0, slope_high = at1, share = 1;
-    int side = 0;
-    for (int i = 0; i < SBI_TOUCH_CUTS; i++) {
-        double slope;
-        share = (low * slope_high - high * slope_low) / (slope_high - slope_low);
-        slope = sbi_step_touch_slope(step, end, rise, share);
-        if (fabs(slope) <= -0.1 * at0)
-            break;
-        if (slope > 0) {
-            slope_low *= side > 0 ? 0.5 : 1;
-            high = share, slope_high = slope, side = 1;
-        } else {
-            slope_high *= side < 0 ? 0.5 : 1;
-            low = share, slope_low = slope, side = -1;
-        }
-    }
-    return share;
-}
-
-/* way.(A + K + G) way, of the whole system that was solved; way [rows] is in body->work. */
-static double sbi_step_touch_rise(const sbi_step *step)
-{
-    sb_body *b = step->body;
-    const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
-    double sum = 0;
-    sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
-    for (int i = 0; i < b->domain.node_count; i++)
-        sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
-               (double)b->work[i].z * (double)b->work2[i].z;
-    return sum + sbi_step_guest_rise(step, b->work);
-}
-
-/* touch->way, and body->work without slaves, = what the solve added to the increment; touch->left = F + K x of the
- * system less K x' */
-static void sbi_step_measure_way(sbi_step *step)
-{
-    sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    for (int k = 0; k < touch->node_count; k++)
-        touch->du[k] = b->increment[touch->nodes[k]];
-    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->left);
-    for (int k = 0; k < touch->node_count; k++) {
-        touch->left[k] = sb_v3_sub(touch->linear[k], touch->left[k]);
-        touch->way[k] = sb_v3_sub(touch->du[k], b->previous[touch->nodes[k]]);
-    }
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->work[i] = sb_v3_sub(b->increment[i], b->previous[i]);
-    if (b->elimination)
-        sbi_elimination_clear_slaves(b->elimination, b->work);
-}
-
-/* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
- * increment overshoot, and a free block is thrown away by it. An end whose forces are those that were solved for needs
- * no search: slopes are rounding there. Returns the share. */
-static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
-{
-    sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    double own, end, at1, whole, share;
-    sbi_step_measure_way(step);
-    touch->multiply(touch->user, sbi_touch_mask(b), touch->way, touch->du);
-    own = sbi_touch_dot(touch, touch->way, touch->du);
-    end = sbi_touch_dot(touch, touch->way, touch->left);
-    at1 = sbi_step_touch_slope(step, end, 0, 1);
-    if (!(at1 > 0.1 * own) || sbi_step_touch_residual(step) <= (double)tolerance)
-        return 1;
-    whole = sbi_step_touch_rise(step);
-    if (!(at1 > 0.1 * whole))
-        return 1;
-    share = sbi_step_touch_root(step, end, whole - own, -whole, at1);
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->increment[i] = sb_v3_madd(b->previous[i], (sb_real)share, b->work[i]);
-    if (b->elimination)
-        sbi_elimination_expand(b->elimination, b->increment, step->opens_gaps);
-    sbi_step_shorten_guests(step, share);
-    return share;
-}
-
-/* ---- the iteration ---- */
-
-/* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
- * tolerance admits. */
-static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
-{
-    const sb_body *b = step->body;
-    const double share = 0.3;
-    double rhs = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
-        rhs += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
-    if (step->touch->touching == 0 || !(rhs > 0))
-        return tolerance;
-    return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
-}
-
-/* Forces at the new increment, with friction's bounds of there. */
-static void sbi_step_end_way(sbi_step *step)
-{
-    sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
-    step->touch->residual = (sb_real)sbi_step_touch_residual(step);
-}
-
-SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
-{
-    sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    sb_real tolerance = step->linear_tolerance;
-    for (touch->iterations = 1;; touch->iterations++) {
-        sb_result result;
-        double share;
-        memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
-        if (result != SB_OK)
-            return result;
-        share = sbi_step_search_touch(step, tolerance);
-        sbi_step_end_way(step);
-        touch->capped = !(share == 1 && touch->residual <= tolerance);
-        if (!touch->capped || touch->iterations >= touch->max_iterations)
-            break;
-        sbi_step_renew_touch(step);
-    }
-    if (b->elimination)
-        touch->restore_blocks(touch->user, &b->matrix);
-    return SB_OK;
 }
 
 /* ---- end ---- */
@@ -61167,7 +60969,7 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
  * progress (Eisenstat and Walker 1996, choice 2), never beyond what the residual's tolerance can notice. */
-static sb_real sbi_step_linear_tolerance(const sbi_step *step)
+SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step)
 {
     const sb_body *b = step->body;
     sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
@@ -61269,6 +61071,213 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int cur
     if (e)
         sbi_elimination_expand(e, b->increment, step->opens_gaps);
     return result;
+}
+
+/* ==== src/softbody/body/step_solve.c ==== */
+/* step_solve: the linear system of an iteration is solved: once, or again and again with what touches the body. */
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_TOUCH_CUTS = 8 }; /* evaluations of a line search */
+
+static double sbi_touch_dot(const sbi_touch *touch, const sb_vec3 *a, const sb_vec3 *b)
+{
+    double sum = 0;
+    for (int k = 0; k < touch->node_count; k++)
+        sum += (double)a[k].x * (double)b[k].x + (double)a[k].y * (double)b[k].y + (double)a[k].z * (double)b[k].z;
+    return sum;
+}
+
+/* Norm on axes without supports (N). */
+static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
+{
+    double sum = 0;
+    for (int k = 0; k < b->touch->node_count; k++) {
+        sb_vec3 v = sbi_body_pick_axes(b->fixed[b->touch->nodes[k]], sb_v3(0, 0, 0), a[k]);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    return sqrt(sum);
+}
+
+/* The system without contact again, and then with it as it was evaluated last. */
+static void sbi_step_renew_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    touch->restore_blocks(touch->user, &b->matrix);
+    if (b->elimination) {
+        sbi_step_fill_system(step);
+        return;
+    }
+    for (int k = 0; k < touch->node_count; k++)
+        b->rhs[touch->nodes[k]] = touch->kept[k];
+    sbi_step_add_touch(step);
+}
+
+/* ---- how much of a new increment is taken ---- */
+
+/* The force (N) that what is left over is compared with. */
+static double sbi_step_touch_scale(const sbi_step *step)
+{
+    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+}
+
+/* What contact's forces differ by from those that the solve had, of the largest force; 0 where it is rounding. */
+static double sbi_step_touch_residual(const sbi_step *step)
+{
+    const sbi_touch *touch = step->touch;
+    double sum = 0, size, scale = sbi_step_touch_scale(step);
+    for (int k = 0; k < touch->node_count; k++) {
+        unsigned char fixed = step->body->fixed[touch->nodes[k]];
+        sb_vec3 v = sb_v3_sub(touch->left[k], touch->force[k]);
+        v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), v);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    size = sqrt(sum);
+    return size > touch->noise ? size / scale : 0;
+}
+
+/* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
+ * end, and rises evenly by `rise` to there. */
+static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
+{
+    const sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = sb_v3_madd(b->previous[touch->nodes[k]], (sb_real)share, touch->way[k]);
+    touch->evaluate(touch->user, touch->du, 0);
+    return end - (1 - share) * rise - sbi_touch_dot(touch, touch->force, touch->way);
+}
+
+/* Where the slope vanishes, to a tenth of what it was at 0: false position, in which an end that stays counts half. */
+static double sbi_step_touch_root(sbi_step *step, double end, double rise, double at0, double at1)
+{
+    double low = 0, high = 1, slope_low = at0, slope_high = at1, share = 1;
+    int side = 0;
+    for (int i = 0; i < SBI_TOUCH_CUTS; i++) {
+        double slope;
+        share = (low * slope_high - high * slope_low) / (slope_high - slope_low);
+        slope = sbi_step_touch_slope(step, end, rise, share);
+        if (fabs(slope) <= -0.1 * at0)
+            break;
+        if (slope > 0) {
+            slope_low *= side > 0 ? 0.5 : 1;
+            high = share, slope_high = slope, side = 1;
+        } else {
+            slope_high *= side < 0 ? 0.5 : 1;
+            low = share, slope_low = slope, side = -1;
+        }
+    }
+    return share;
+}
+
+/* way.(A + K + G) way, of the whole system that was solved; way [rows] is in body->work. */
+static double sbi_step_touch_rise(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
+    double sum = 0;
+    sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+    for (int i = 0; i < b->domain.node_count; i++)
+        sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
+               (double)b->work[i].z * (double)b->work2[i].z;
+    return sum + sbi_step_guest_rise(step, b->work);
+}
+
+/* touch->way, and body->work without slaves, = what the solve added to the increment; touch->left = F + K x of the
+ * system less K x' */
+static void sbi_step_measure_way(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = b->increment[touch->nodes[k]];
+    touch->multiply(touch->user, sbi_step_touch_mask(b), touch->du, touch->left);
+    for (int k = 0; k < touch->node_count; k++) {
+        touch->left[k] = sb_v3_sub(touch->linear[k], touch->left[k]);
+        touch->way[k] = sb_v3_sub(touch->du[k], b->previous[touch->nodes[k]]);
+    }
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sb_v3_sub(b->increment[i], b->previous[i]);
+    if (b->elimination)
+        sbi_elimination_clear_slaves(b->elimination, b->work);
+}
+
+/* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
+ * increment overshoot, and a free block is thrown away by it. An end whose forces are those that were solved for needs
+ * no search: slopes are rounding there. Returns the share. */
+static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    double own, end, at1, whole, share;
+    sbi_step_measure_way(step);
+    touch->multiply(touch->user, sbi_step_touch_mask(b), touch->way, touch->du);
+    own = sbi_touch_dot(touch, touch->way, touch->du);
+    end = sbi_touch_dot(touch, touch->way, touch->left);
+    at1 = sbi_step_touch_slope(step, end, 0, 1);
+    if (!(at1 > 0.1 * own) || sbi_step_touch_residual(step) <= (double)tolerance)
+        return 1;
+    whole = sbi_step_touch_rise(step);
+    if (!(at1 > 0.1 * whole))
+        return 1;
+    share = sbi_step_touch_root(step, end, whole - own, -whole, at1);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_madd(b->previous[i], (sb_real)share, b->work[i]);
+    if (b->elimination)
+        sbi_elimination_expand(b->elimination, b->increment, step->opens_gaps);
+    sbi_step_shorten_guests(step, share);
+    return share;
+}
+
+/* ---- the iteration ---- */
+
+/* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
+ * tolerance admits. */
+static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
+{
+    const sb_body *b = step->body;
+    const double share = 0.3;
+    double rhs = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
+        rhs += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    if (step->touch->touching == 0 || !(rhs > 0))
+        return tolerance;
+    return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
+}
+
+/* Forces at the new increment, with friction's bounds of there. */
+static void sbi_step_end_way(sbi_step *step)
+{
+    sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
+    step->touch->residual = (sb_real)sbi_step_touch_residual(step);
+}
+
+static sb_result sbi_step_solve_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    sb_real tolerance = step->linear_tolerance;
+    for (touch->iterations = 1;; touch->iterations++) {
+        sb_result result;
+        double share;
+        memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        if (result != SB_OK)
+            return result;
+        share = sbi_step_search_touch(step, tolerance);
+        sbi_step_end_way(step);
+        touch->capped = !(share == 1 && touch->residual <= tolerance);
+        if (!touch->capped || touch->iterations >= touch->max_iterations)
+            break;
+        sbi_step_renew_touch(step);
+    }
+    if (b->elimination)
+        touch->restore_blocks(touch->user, &b->matrix);
+    return SB_OK;
 }
 
 SBI_API sb_result sbi_step_solve_system(sbi_step *step)
@@ -68656,6 +68665,13 @@ struct sb_contact {
     sbi_contact_entry *before; /* [max_contacts] the entries before a static solve, for undo */
     int before_count;
     void *memory;
+
+    /* of a body whose mesh may change, see contact_live.c */
+    int listener;               /* -1: none */
+    int faces_old;              /* 1: the mesh has changed since the faces were brought up to date */
+    int room_faces, room_nodes; /* what there are arrays for */
+    void *room_memory;          /* behind the arrays by face and node */
+    void *next_room;            /* for the change that is under way, or NULL */
 };
 
 /* ---- contact_tool.c ---- */
@@ -68677,7 +68693,26 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
 
-/* ---- contact_state.c ---- */
+/* ---- contact_live.c ---- */
+/* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
+SBI_API int sbi_contact_take_room(sb_contact *contact);
+/* Follows its body's changes from now on; and no longer. */
+SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_unlisten(sb_contact *contact);
+/* Faces as the mesh is now, and entries of those that are still there. Allocates only where the whole mesh was another.
+ * SB_ERROR_MEMORY, SB_ERROR_MESH: it is to be called again. */
+SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error);
+
+/* ---- contact_tell.c ---- */
+#define SBI_CONTACT_PART "contact" /* its name in its body's state */
+enum { SBI_CONTACT_POSE_REALS = 7 };
+SB_INLINE void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+SB_INLINE void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
+{
+    sbi_contact_pack_vector(pose->position, out);
+    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
+}
+
 /* What a recording keeps of calls: codes stand in files. */
 typedef enum sbi_contact_command {
     SBI_CONTACT_ADD = 1,     /* cannot be played */
@@ -68691,6 +68726,8 @@ SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command com
                               int count);
 SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
                                    const sb_pose *pose);
+
+/* ---- contact_state.c ---- */
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
 SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_leave_state(const sb_contact *contact);
@@ -68705,6 +68742,148 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 }
 
 #endif /* SB_CONTACT_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_live.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_live: contact on a body whose mesh changes: arrays by face and node, and what is remembered of faces. */
+#include <string.h>
+
+
+/* Arrays by face and by node: all hold what a step needs only while it lasts. */
+static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places};
+    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
+    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+}
+
+static size_t sbi_contact_room_bytes(sb_contact *contact)
+{
+    sb_contact measured = *contact;
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_lay_out_room(&measured, &arena);
+    return arena.overflow ? (size_t)-1 : arena.used;
+}
+
+/* Hands the arrays out of memory of that size. */
+static void sbi_contact_set_room(sb_contact *contact, void *memory)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    arena.base = (unsigned char *)memory;
+    contact->room_memory = memory;
+    sbi_contact_lay_out_room(contact, &arena);
+    for (int i = 0; i < contact->faces->node_room; i++)
+        contact->node_place[i] = -1;
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].face_count = 0;
+    contact->room_faces = contact->faces->face_room;
+    contact->room_nodes = contact->faces->node_room;
+}
+
+SBI_API int sbi_contact_take_room(sb_contact *contact)
+{
+    size_t bytes = sbi_contact_room_bytes(contact);
+    void *memory = bytes == (size_t)-1 ? NULL : sbi_alloc_zeroed(&contact->allocator, bytes, 1);
+    if (!memory)
+        return 0;
+    sbi_free(&contact->allocator, contact->room_memory);
+    sbi_contact_set_room(contact, memory);
+    return 1;
+}
+
+/* ---- changes of the mesh ---- */
+
+static void sbi_contact_give_up(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_free(&contact->allocator, contact->next_room);
+    contact->next_room = NULL;
+}
+
+static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_result result = sbi_contact_faces_reserve(contact->faces, body, change, error);
+    size_t bytes;
+    if (result != SB_OK)
+        return result;
+    if (contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes)
+        return SB_OK;
+    bytes = sbi_contact_room_bytes(contact);
+    contact->next_room = bytes == (size_t)-1 ? NULL : sbi_alloc_zeroed(&contact->allocator, bytes, 1);
+    if (!contact->next_room)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
+    return SB_OK;
+}
+
+static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    sb_contact *contact = (sb_contact *)user;
+    if (contact->next_room) {
+        sbi_free(&contact->allocator, contact->room_memory);
+        sbi_contact_set_room(contact, contact->next_room);
+        contact->next_room = NULL;
+    }
+    sbi_contact_faces_follow(contact->faces, body, change);
+    contact->faces_old = 1;
+}
+
+/* The body goes first: contact must not be asked about it any more. */
+static void sbi_contact_end(void *user) { ((sb_contact *)user)->body = NULL; }
+
+SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error)
+{
+    sb_body_listener listener;
+    contact->listener = -1;
+    if (sbi_body_node_slots(contact->body).room == 0) /* its mesh stays as it is */
+        return SB_OK;
+    memset(&listener, 0, sizeof listener);
+    listener.user = contact;
+    listener.reserve = sbi_contact_reserve;
+    listener.follow = sbi_contact_follow;
+    listener.give_up = sbi_contact_give_up;
+    listener.end = sbi_contact_end;
+    return sb_body_listen(contact->body, &listener, &contact->listener, error);
+}
+
+SBI_API void sbi_contact_unlisten(sb_contact *contact)
+{
+    if (contact->body && contact->listener >= 0)
+        (void)sb_body_unlisten(contact->body, contact->listener);
+    sbi_contact_give_up(contact);
+}
+
+SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
+{
+    int changed = 0, count = 0;
+    sb_result result;
+    if (!contact->faces_old)
+        return SB_OK;
+    result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
+    if (result == SB_OK && (contact->faces->face_room != contact->room_faces ||
+                            contact->faces->node_room != contact->room_nodes) && !sbi_contact_take_room(contact))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
+    if (result != SB_OK)
+        return result;
+    contact->faces_old = 0;
+    for (int e = 0; changed && e < contact->entry_count; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        entry.face = contact->faces->live.moved[entry.face];
+        if (entry.face >= 0)
+            contact->entries[count++] = entry;
+    }
+    if (changed)
+        contact->entry_count = count;
+    return SB_OK;
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_sweep.c ==== */
@@ -69197,7 +69376,9 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 {
     sb_contact *contact = (sb_contact *)user;
     int thin = 0;
-    sb_result result = sbi_contact_sweep(contact, step, error);
+    sb_result result = sbi_contact_update_faces(contact, error);
+    if (result == SB_OK)
+        result = sbi_contact_sweep(contact, step, error);
     if (result != SB_OK)
         return result;
     if (contact->is_static && step->stage == 0)
@@ -69606,6 +69787,27 @@ SBI_API void sbi_contact_join(sb_contact *contact)
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_tell.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_tell: calls to tools, told to the recorder of their body. contact_state.c plays them again. */
+
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = tool;
+    sbi_body_tell_part(contact->body, SBI_CONTACT_PART, ints, 2, reals, (size_t)count);
+}
+
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose)
+{
+    sb_real reals[SBI_CONTACT_POSE_REALS];
+    sbi_contact_pack_pose(pose, reals);
+    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_tool.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_tool: the tools of a contact: made, moved, removed. */
@@ -69849,7 +70051,6 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 #include <string.h>
 
 
-static const char sbi_contact_name[] = "contact";
 enum { SBI_CONTACT_VERSION = 1 };
 
 /* ---- words ---- */
@@ -69902,15 +70103,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
-
-static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
-
-static void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
-{
-    sbi_contact_pack_vector(pose->position, out);
-    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
-}
+enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -70003,13 +70196,20 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     return SB_OK;
 }
 
-/* The face of a cell's side, or -1. */
+/* The face of a cell's side, or -1: keys ascend. */
 static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
 {
-    for (int f = 0; f < faces->face_end; f++)
-        if (faces->sizes[f] && faces->elements[f] == element && faces->sides[f] == side)
-            return f;
-    return -1;
+    int low = 0, high = faces->face_end;
+    if (side >= faces->side_count || element > (faces->face_end > 0 ? faces->elements[faces->face_end - 1] : -1))
+        return -1;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (faces->elements[middle] < element || (faces->elements[middle] == element && faces->sides[middle] < side))
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
 /* entry->face: -1 where the mesh has no such face, or the face no such sample. */
@@ -70103,22 +70303,6 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 
 /* ---- recording ---- */
 
-SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
-                              int count)
-{
-    int ints[2];
-    ints[0] = (int)command, ints[1] = tool;
-    sbi_body_tell_part(contact->body, sbi_contact_name, ints, 2, reals, (size_t)count);
-}
-
-SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
-                                   const sb_pose *pose)
-{
-    sb_real reals[SBI_CONTACT_POSE_REALS];
-    sbi_contact_pack_pose(pose, reals);
-    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
-}
-
 static sb_result sbi_contact_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
                                     size_t real_count, sb_error *error)
 {
@@ -70149,7 +70333,7 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
 {
     sbi_state_part part;
     memset(&part, 0, sizeof part);
-    memcpy(part.name, sbi_contact_name, sizeof sbi_contact_name);
+    memcpy(part.name, SBI_CONTACT_PART, sizeof SBI_CONTACT_PART);
     part.version = SBI_CONTACT_VERSION;
     part.user = contact;
     part.save = sbi_contact_save;
@@ -70159,7 +70343,7 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
     return sbi_body_join(contact->body, &part, error);
 }
 
-SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, sbi_contact_name); }
+SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, SBI_CONTACT_PART); }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_read.c ==== */
@@ -70269,23 +70453,14 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
     return SB_OK;
 }
 
+/* Arrays that do not depend on the mesh. */
 static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
-    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t tools = (size_t)c->max_tools, samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
-    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
-    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
     c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
-    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
-    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
     c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
     c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
@@ -70307,8 +70482,6 @@ static int sbi_contact_take_memory(sb_contact *c)
     arena.base = (unsigned char *)c->memory;
     arena.used = 0;
     sbi_contact_lay_out(c, &arena);
-    for (int i = 0; i < c->faces->node_room; i++)
-        c->node_place[i] = -1;
     return 1;
 }
 
@@ -70321,7 +70494,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     for (int f = 0; f < c->faces->face_end; f++)
         c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
     c->touch.max_iterations = def->max_iterations;
-    if (!sbi_contact_take_memory(c))
+    if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
     return SB_OK;
 }
@@ -70332,6 +70505,7 @@ static void sbi_contact_release(sb_contact *contact)
     for (int t = 0; contact->tools && t < contact->max_tools; t++)
         sbi_contact_free_tool(contact, t);
     sbi_contact_faces_destroy(contact->faces);
+    sbi_free(&allocator, contact->room_memory);
     sbi_free(&allocator, contact->memory);
     sbi_free(&allocator, contact);
 }
@@ -70359,7 +70533,10 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         return result;
     }
     result = sbi_contact_join_state(made, error);
+    if (result == SB_OK)
+        result = sbi_contact_listen(made, error);
     if (result != SB_OK) {
+        sbi_contact_leave_state(made);
         sbi_contact_release(made);
         return result;
     }
@@ -70373,6 +70550,7 @@ SB_API void sb_contact_destroy(sb_contact *contact)
     if (!contact)
         return;
     sbi_body_set_touch(contact->body, NULL);
+    sbi_contact_unlisten(contact);
     sbi_contact_leave_state(contact);
     sbi_contact_release(contact);
 }

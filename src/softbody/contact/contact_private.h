@@ -105,6 +105,13 @@ struct sb_contact {
     sbi_contact_entry *before; /* [max_contacts] the entries before a static solve, for undo */
     int before_count;
     void *memory;
+
+    /* of a body whose mesh may change, see contact_live.c */
+    int listener;               /* -1: none */
+    int faces_old;              /* 1: the mesh has changed since the faces were brought up to date */
+    int room_faces, room_nodes; /* what there are arrays for */
+    void *room_memory;          /* behind the arrays by face and node */
+    void *next_room;            /* for the change that is under way, or NULL */
 };
 
 /* ---- contact_tool.c ---- */
@@ -126,7 +133,26 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
 
-/* ---- contact_state.c ---- */
+/* ---- contact_live.c ---- */
+/* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
+SBI_API int sbi_contact_take_room(sb_contact *contact);
+/* Follows its body's changes from now on; and no longer. */
+SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_unlisten(sb_contact *contact);
+/* Faces as the mesh is now, and entries of those that are still there. Allocates only where the whole mesh was another.
+ * SB_ERROR_MEMORY, SB_ERROR_MESH: it is to be called again. */
+SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error);
+
+/* ---- contact_tell.c ---- */
+#define SBI_CONTACT_PART "contact" /* its name in its body's state */
+enum { SBI_CONTACT_POSE_REALS = 7 };
+SB_INLINE void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+SB_INLINE void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
+{
+    sbi_contact_pack_vector(pose->position, out);
+    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
+}
+
 /* What a recording keeps of calls: codes stand in files. */
 typedef enum sbi_contact_command {
     SBI_CONTACT_ADD = 1,     /* cannot be played */
@@ -140,6 +166,8 @@ SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command com
                               int count);
 SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
                                    const sb_pose *pose);
+
+/* ---- contact_state.c ---- */
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
 SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_leave_state(const sb_contact *contact);

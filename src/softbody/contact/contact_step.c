@@ -254,7 +254,9 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 {
     sb_contact *contact = (sb_contact *)user;
     int thin = 0;
-    sb_result result = sbi_contact_sweep(contact, step, error);
+    sb_result result = sbi_contact_update_faces(contact, error);
+    if (result == SB_OK)
+        result = sbi_contact_sweep(contact, step, error);
     if (result != SB_OK)
         return result;
     if (contact->is_static && step->stage == 0)
