@@ -68593,7 +68593,7 @@ struct sb_contact {
     sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
     sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
     int blocks_current;
-    sbi_contact_sum *sums; /* [node_room] by place */
+    sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
 
@@ -68911,8 +68911,7 @@ SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
             sbi_contact_sample *s = contact->samples + i;
             s->memory = 0;
             for (int a = 0; a < kind->corners; a++)
-                s->memory +=
-                    sbi_contact_corner_share(kind, s->weights, a) * contact->sums[patch->nodes[a]].old;
+                s->memory += sbi_contact_corner_share(kind, s->weights, a) * contact->sums[patch->nodes[a]].old;
         }
     }
 }
@@ -68934,8 +68933,7 @@ static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *p
         }
     }
     for (int a = 0; a < kind->corners; a++)
-        if (!(contact->samples[patch->first].k >=
-              SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
+        if (!(contact->samples[patch->first].k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
             contact->sums[patch->nodes[a]].refuses = 1;
 }
 
