@@ -68589,14 +68589,28 @@ typedef struct sbi_contact_tool {
     sb_real lag;           /* m */
 } sbi_contact_tool;
 
-/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
+/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
 typedef struct sbi_contact_entry {
     int tool, face, parts, sample, sticks;
-    sb_real memory;               /* l (Pa) */
     sb_real gap, area;            /* m, m^2 at rest */
     sb_vec3 traction;             /* t (Pa) on the body */
     sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
 } sbi_contact_entry;
+
+enum { SBI_CONTACT_MOST_CORNERS = 4 }; /* of any face */
+
+/* What a corner of faces remembers of a tool's pressure. */
+typedef struct sbi_contact_pressure {
+    int tool, node;
+    sb_real value; /* l_a (Pa), > 0 */
+} sbi_contact_pressure;
+
+/* Sums at a corner over the samples in touch, see contact_memory.c. */
+typedef struct sbi_contact_sum {
+    sb_real old;               /* l_a before (Pa) */
+    sb_real force, rise, kept; /* sum w p, sum w p (p - l), sum w p f */
+    int refuses;               /* 1: the matrix is too stiff here for a memory to be stable */
+} sbi_contact_sum;
 
 /* A face near a tool. */
 typedef struct sbi_contact_patch {
@@ -68656,14 +68670,18 @@ struct sb_contact {
     sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
     sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
     int blocks_current;
+    sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
-    sbi_contact_entry *before; /* [max_contacts] the entries before a static solve, for undo */
-    int before_count;
+    sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
+    int pressure_count;
+    sbi_contact_entry *before; /* [max_contacts] these two before a static solve, for undo */
+    sbi_contact_pressure *before_pressures;
+    int before_count, before_pressure_count;
     void *memory;
 
     /* of a body whose mesh may change, see contact_live.c */
@@ -68688,6 +68706,12 @@ SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
 /* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
                                   int *element);
+
+/* ---- contact_memory.c ---- */
+/* memory of all samples, by what corners remember. */
+SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
+/* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
+SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 
 /* ---- contact_step.c ---- */
 /* What the body calls in its steps. */
@@ -68760,6 +68784,7 @@ static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
     c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
@@ -68824,6 +68849,30 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     return SB_OK;
 }
 
+SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
+{
+    int changed = 0, count = 0;
+    sb_result result;
+    if (!contact->faces_old)
+        return SB_OK;
+    result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
+    if (result == SB_OK && (contact->faces->face_room != contact->room_faces ||
+                            contact->faces->node_room != contact->room_nodes) && !sbi_contact_take_room(contact))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
+    if (result != SB_OK)
+        return result;
+    contact->faces_old = 0;
+    for (int e = 0; changed && e < contact->entry_count; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        entry.face = contact->faces->live.moved[entry.face];
+        if (entry.face >= 0)
+            contact->entries[count++] = entry;
+    }
+    if (changed)
+        contact->entry_count = count;
+    return SB_OK;
+}
+
 static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_change *change)
 {
     sb_contact *contact = (sb_contact *)user;
@@ -68834,6 +68883,7 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     }
     sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
+    (void)sbi_contact_update_faces(contact, NULL); /* where it fails the next step says so */
 }
 
 /* The body goes first: contact must not be asked about it any more. */
@@ -68859,30 +68909,6 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
     if (contact->body && contact->listener >= 0)
         (void)sb_body_unlisten(contact->body, contact->listener);
     sbi_contact_give_up(contact);
-}
-
-SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
-{
-    int changed = 0, count = 0;
-    sb_result result;
-    if (!contact->faces_old)
-        return SB_OK;
-    result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
-    if (result == SB_OK && (contact->faces->face_room != contact->room_faces ||
-                            contact->faces->node_room != contact->room_nodes) && !sbi_contact_take_room(contact))
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
-    if (result != SB_OK)
-        return result;
-    contact->faces_old = 0;
-    for (int e = 0; changed && e < contact->entry_count; e++) {
-        sbi_contact_entry entry = contact->entries[e];
-        entry.face = contact->faces->live.moved[entry.face];
-        if (entry.face >= 0)
-            contact->entries[count++] = entry;
-    }
-    if (changed)
-        contact->entry_count = count;
-    return SB_OK;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -69119,6 +69145,118 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_memory.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_memory: pressures that contact remembers from step to step, so that overlap vanishes where the surface rests.
+ *
+ * What is remembered is a field over the faces near a tool, linear (of quads bilinear) between their corners: l = sum
+ * L_a l_a. After a step each corner takes what its surroundings are pressed in,
+ *     l_a <- (l_a + sum w p (p - l) / sum w p) sum w p f / sum w p,    w = L_a dA, f = max(0, 1 - slip / spacing),
+ * over the samples in touch: by their force, so that samples may come and go without a jump. One number for each corner
+ * is as much as the surface can follow. Of each sample by itself it would never settle: a face cannot meet the tool at
+ * all of its samples, ever fewer would bear ever more, and what friction holds would creep all the while. */
+#include <string.h>
+
+
+/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
+ * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+#define SBI_CONTACT_REMEMBERS ((sb_real)3)
+
+/* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
+static sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner)
+{
+    int n = kind->corners;
+    sb_real share = weights[corner];
+    if (kind->nodes >= 2 * n)
+        share += (sb_real)0.5 * (weights[n + corner] + weights[n + (corner + n - 1) % n]);
+    return kind->nodes > 2 * n ? share + (sb_real)0.25 * weights[2 * n] : share;
+}
+
+/* ---- from the list to samples ---- */
+
+/* sums[place].old = what the nodes of a tool's patches remember. */
+static void sbi_contact_spread(sb_contact *contact, int tool)
+{
+    memset(contact->sums, 0, (size_t)contact->touch.node_count * sizeof *contact->sums);
+    for (int i = 0; i < contact->pressure_count; i++) {
+        const sbi_contact_pressure *pressure = contact->pressures + i;
+        int place = contact->node_place[pressure->node];
+        if (pressure->tool == tool && place >= 0)
+            contact->sums[place].old = pressure->value;
+    }
+}
+
+SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
+{
+    for (int p = 0, tool = -1; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+        if (patch->tool != tool)
+            sbi_contact_spread(contact, patch->tool);
+        tool = patch->tool;
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            sbi_contact_sample *s = contact->samples + i;
+            s->memory = 0;
+            for (int a = 0; a < kind->corners; a++)
+                s->memory += sbi_contact_corner_share(kind, s->weights, a) * contact->sums[patch->nodes[a]].old;
+        }
+    }
+}
+
+/* ---- from samples to the list ---- */
+
+static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *patch)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real fade = sb_max((sb_real)0, 1 - s->slip / sb_sqrt(s->area));
+        for (int a = 0; a < kind->corners && s->answer.pressure > 0; a++) {
+            sbi_contact_sum *sum = contact->sums + patch->nodes[a];
+            sb_real force = sbi_contact_corner_share(kind, s->weights, a) * s->area * s->answer.pressure;
+            sum->force += force;
+            sum->rise += force * (s->answer.pressure - s->memory);
+            sum->kept += force * fade;
+        }
+    }
+    for (int a = 0; a < kind->corners; a++)
+        if (!(contact->samples[patch->first].k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
+            contact->sums[patch->nodes[a]].refuses = 1;
+}
+
+/* Appends what a tool's corners remember now, in the order of places, which is that of its faces. */
+static int sbi_contact_append_pressures(sb_contact *contact, int tool, int fades, int count)
+{
+    for (int k = 0; k < contact->touch.node_count; k++) {
+        const sbi_contact_sum *sum = contact->sums + k;
+        sbi_contact_pressure *fresh = contact->spare_pressures + count;
+        if (!(sum->force > 0) || sum->refuses)
+            continue;
+        fresh->tool = tool;
+        fresh->node = contact->nodes[k];
+        fresh->value = (sum->old + sum->rise / sum->force) * (fades ? sum->kept / sum->force : 1);
+        count += fresh->value > 0;
+    }
+    return count;
+}
+
+SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
+{
+    sbi_contact_pressure *fresh = contact->spare_pressures;
+    int count = 0;
+    for (int p = 0; p < contact->patch_count;) {
+        int tool = contact->patches[p].tool;
+        sbi_contact_spread(contact, tool);
+        for (; p < contact->patch_count && contact->patches[p].tool == tool; p++)
+            sbi_contact_add_sums(contact, contact->patches + p);
+        count = sbi_contact_append_pressures(contact, tool, fades, count);
+    }
+    contact->spare_pressures = contact->pressures;
+    contact->pressures = fresh;
+    contact->pressure_count = count;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_step.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_step: contact within a step: samples near tools, their stiffness and memory, forces and blocks. */
@@ -69130,10 +69268,6 @@ enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20
 
 /* Overlap that a static solve leaves, over how far the surface was pushed. */
 #define SBI_CONTACT_OVERLAP ((sb_real)1e-3)
-
-/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
- * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
-#define SBI_CONTACT_REMEMBERS ((sb_real)3)
 
 /* ---- nodes and patches ---- */
 
@@ -69345,7 +69479,7 @@ static int sbi_contact_compare(const sbi_contact_patch *patch, const sbi_contact
     return sample->sample < entry->sample ? -1 : sample->sample > entry->sample;
 }
 
-/* Hands what the last step left over to the samples: both lists are in the same order. */
+/* Hands tractions that the last step left over to the samples: both lists are in the same order. */
 static void sbi_contact_remember(sb_contact *contact)
 {
     int e = 0;
@@ -69356,7 +69490,6 @@ static void sbi_contact_remember(sb_contact *contact)
             e++;
         if (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) == 0 &&
             contact->entries[e].parts == patch->parts) {
-            sample->memory = contact->entries[e].memory;
             sample->remembered = contact->entries[e].traction;
             sample->normal = contact->entries[e].normal;
         }
@@ -69368,6 +69501,9 @@ static void sbi_contact_keep_before(sb_contact *contact)
 {
     contact->before_count = contact->entry_count;
     memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
+    contact->before_pressure_count = contact->pressure_count;
+    memcpy(contact->before_pressures, contact->pressures,
+           (size_t)contact->pressure_count * sizeof *contact->pressures);
 }
 
 /* ---- begin ---- */
@@ -69392,6 +69528,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     }
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
+    sbi_contact_remember_pressures(contact);
     contact->touch.nodes = contact->nodes;
     contact->touch.noise = sbi_contact_noise(contact);
     contact->step_info.candidates = contact->sample_count;
@@ -69609,29 +69746,16 @@ static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 
 static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
 
-/* 1: pressures may be remembered here, see SBI_CONTACT_REMEMBERS. */
-static int sbi_contact_remembers(const sb_contact *contact, const sbi_contact_patch *patch, sb_real k)
-{
-    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
-        if (!(k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
-            return 0;
-    return 1;
-}
-
-/* A sample in touch becomes an entry. What it remembers fades where it slips, within the distance of its neighbour. */
-static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const sbi_contact_patch *patch,
-                                                const sbi_contact_sample *s)
+/* A sample in touch becomes an entry. */
+static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
 {
     sbi_contact_entry entry;
-    sb_real fade = contact->is_static ? 1 : 1 - s->slip / sb_sqrt(s->area);
     memset(&entry, 0, sizeof entry);
     entry.tool = patch->tool;
     entry.face = patch->face;
     entry.parts = patch->parts;
     entry.sample = s->sample;
     entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
-    if (fade > 0 && sbi_contact_remembers(contact, patch, s->k))
-        entry.memory = fade * s->answer.pressure;
     entry.traction = s->answer.traction;
     entry.gap = s->gap;
     entry.area = s->area;
@@ -69665,7 +69789,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
         const sbi_contact_sample *s = contact->samples + i;
         if (!(s->answer.pressure > 0))
             continue;
-        fresh[count] = sbi_contact_make_entry(contact, contact->patches + s->patch, s);
+        fresh[count] = sbi_contact_make_entry(contact->patches + s->patch, s);
         contact->step_info.touching++;
         contact->step_info.sticking += fresh[count++].sticks;
         contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
@@ -69719,11 +69843,11 @@ static int sbi_contact_balance(void *user, int round)
     sb_real overlap, pushed;
     sbi_contact_measure_overlap(contact, &overlap, &pushed);
     if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
-        for (int i = 0; i < contact->sample_count; i++)
-            if (sbi_contact_remembers(contact, contact->patches + contact->samples[i].patch, contact->samples[i].k))
-                contact->samples[i].memory = contact->samples[i].answer.pressure;
+        sbi_contact_keep_pressures(contact, 0);
+        sbi_contact_remember_pressures(contact);
         return 1;
     }
+    sbi_contact_keep_pressures(contact, 0);
     sbi_contact_keep_entries(contact);
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].stage = contact->tools[t].balance;
@@ -69745,8 +69869,10 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (!contact->is_static)
+    if (!contact->is_static) {
+        sbi_contact_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
+    }
     for (int t = 0; contact->is_static && t < contact->max_tools; t++)
         contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
@@ -69764,6 +69890,9 @@ static void sbi_contact_undo(void *user)
     if (contact->is_static) {
         contact->entry_count = contact->before_count;
         memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+        contact->pressure_count = contact->before_pressure_count;
+        memcpy(contact->pressures, contact->before_pressures,
+               (size_t)contact->pressure_count * sizeof *contact->pressures);
     }
     sbi_contact_forget_nodes(contact);
 }
@@ -69862,7 +69991,11 @@ static sb_result sbi_contact_check_depth(sb_contact *contact, const sbi_tool *sh
                                          const sb_pose *pose, sb_error *error)
 {
     int element;
-    sb_real depth = sbi_contact_depth(contact, shape, chain, pose, &element);
+    sb_real depth;
+    sb_result result = sbi_contact_update_faces(contact, error);
+    if (result != SB_OK)
+        return result;
+    depth = sbi_contact_depth(contact, shape, chain, pose, &element);
     if (!(depth > (sb_real)0.5 * sbi_tool_inner_radius(shape)))
         return SB_OK;
     return sbi_fail_element(error, SB_ERROR_ARGUMENT, element,
@@ -69924,6 +70057,11 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
         if (contact->entries[e].tool != tool)
             contact->entries[count++] = contact->entries[e];
     contact->entry_count = count;
+    count = 0;
+    for (int i = 0; i < contact->pressure_count; i++)
+        if (contact->pressures[i].tool != tool)
+            contact->pressures[count++] = contact->pressures[i];
+    contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
 }
 
@@ -70051,7 +70189,7 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 #include <string.h>
 
 
-enum { SBI_CONTACT_VERSION = 1 };
+enum { SBI_CONTACT_VERSION = 2 };
 
 /* ---- words ---- */
 
@@ -70103,7 +70241,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
+enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -70136,17 +70274,17 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
 
 static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_entry *entry, sbi_state_out *out)
 {
-    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->memory, entry->gap, entry->area};
+    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_contact_put_int(out, entry->tool);
     sbi_contact_put_int(out, contact->faces->elements[entry->face]);
     sbi_contact_put_int(out, contact->faces->sides[entry->face]);
     sbi_contact_put_int(out, entry->parts);
     sbi_contact_put_int(out, entry->sample);
     sbi_contact_put_int(out, entry->sticks);
-    sbi_contact_pack_vector(entry->traction, reals + 3);
-    sbi_contact_pack_vector(entry->point, reals + 6);
-    sbi_contact_pack_vector(entry->normal, reals + 9);
-    sbi_contact_pack_vector(entry->force, reals + 12);
+    sbi_contact_pack_vector(entry->traction, reals + 2);
+    sbi_contact_pack_vector(entry->point, reals + 5);
+    sbi_contact_pack_vector(entry->normal, reals + 8);
+    sbi_contact_pack_vector(entry->force, reals + 11);
     sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
 }
 
@@ -70159,6 +70297,12 @@ static void sbi_contact_save(const void *user, sbi_state_out *out)
     sbi_contact_put_int(out, contact->entry_count);
     for (int e = 0; e < contact->entry_count; e++)
         sbi_contact_put_entry(contact, contact->entries + e, out);
+    sbi_contact_put_int(out, contact->pressure_count);
+    for (int i = 0; i < contact->pressure_count; i++) {
+        sbi_contact_put_int(out, contact->pressures[i].tool);
+        sbi_contact_put_int(out, contact->pressures[i].node);
+        sbi_contact_put_reals(out, &contact->pressures[i].value, 1);
+    }
 }
 
 /* ---- loading: a check without effect, then the same walk with it ---- */
@@ -70225,17 +70369,36 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in,
     entry->sample = sbi_contact_get_int(in);
     entry->sticks = sbi_contact_get_int(in);
     sbi_contact_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
-    entry->memory = reals[0], entry->gap = reals[1], entry->area = reals[2];
-    entry->traction = sb_v3(reals[3], reals[4], reals[5]);
-    entry->point = sb_v3(reals[6], reals[7], reals[8]);
-    entry->normal = sb_v3(reals[9], reals[10], reals[11]);
-    entry->force = sb_v3(reals[12], reals[13], reals[14]);
+    entry->gap = reals[0], entry->area = reals[1];
+    entry->traction = sb_v3(reals[2], reals[3], reals[4]);
+    entry->point = sb_v3(reals[5], reals[6], reals[7]);
+    entry->normal = sb_v3(reals[8], reals[9], reals[10]);
+    entry->force = sb_v3(reals[11], reals[12], reals[13]);
     in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
                element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
-               entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
+               entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
     entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
     if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
+}
+
+static sbi_contact_pressure sbi_contact_get_pressure(const sb_contact *contact, sbi_contact_in *in)
+{
+    sbi_contact_pressure pressure;
+    pressure.tool = sbi_contact_get_int(in);
+    pressure.node = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, &pressure.value, 1);
+    in->bad |= pressure.tool < 0 || pressure.tool >= contact->max_tools || !contact->tools[pressure.tool].shape ||
+               pressure.node < 0 || !(pressure.value > 0);
+    return pressure;
+}
+
+/* Pressures of at most four corners of each contact. */
+static int sbi_contact_get_pressure_count(sbi_contact_in *in, int contacts)
+{
+    int count = sbi_contact_get_int(in);
+    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
+    return in->bad ? 0 : count;
 }
 
 static sb_result sbi_contact_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
@@ -70244,7 +70407,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
     sb_result result = SB_OK;
-    int count;
+    int count, pressures;
     (void)body;
     if (sbi_contact_get_int(&in) != contact->max_tools)
         return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
@@ -70261,6 +70424,9 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 0, &entry);
     }
+    pressures = sbi_contact_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures && !in.bad; i++)
+        (void)sbi_contact_get_pressure(contact, &in);
     if (in.bad || count < 0 || in.left != 0)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
     return SB_OK;
@@ -70286,18 +70452,27 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
-    int count;
+    int count, pressures;
     (void)sbi_contact_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
         (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
     count = sbi_contact_get_int(&in);
     contact->entry_count = 0;
     memset(&contact->info, 0, sizeof contact->info);
+    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+        return;
     for (int e = 0; e < count; e++) {
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 1, &entry);
         if (entry.face >= 0)
             sbi_contact_insert(contact, &entry);
+    }
+    contact->pressure_count = 0;
+    pressures = sbi_contact_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures; i++) {
+        sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);
+        if (pressure.node < contact->faces->node_room)
+            contact->pressures[contact->pressure_count++] = pressure;
     }
 }
 
@@ -70457,6 +70632,7 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
 static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
     size_t tools = (size_t)c->max_tools, samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
@@ -70468,6 +70644,10 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
     c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
+    c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
+    c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
+    c->before_pressures =
+        (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -70549,9 +70729,11 @@ SB_API void sb_contact_destroy(sb_contact *contact)
 {
     if (!contact)
         return;
-    sbi_body_set_touch(contact->body, NULL);
+    if (contact->body) { /* NULL: it went first */
+        sbi_body_set_touch(contact->body, NULL);
+        sbi_contact_leave_state(contact);
+    }
     sbi_contact_unlisten(contact);
-    sbi_contact_leave_state(contact);
     sbi_contact_release(contact);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */

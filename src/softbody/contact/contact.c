@@ -50,6 +50,7 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
 static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
     size_t tools = (size_t)c->max_tools, samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
@@ -61,6 +62,10 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
     c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
+    c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
+    c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
+    c->before_pressures =
+        (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)

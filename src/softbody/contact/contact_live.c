@@ -13,6 +13,7 @@ static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
     c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
@@ -77,6 +78,22 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     return SB_OK;
 }
 
+/* Corners remember as long as a face with an entry has them. */
+static void sbi_contact_drop_pressures(sb_contact *contact)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int count = 0;
+    for (int set = 1; set >= 0; set--) {
+        for (int e = 0; e < contact->entry_count; e++)
+            for (int a = 0; a < faces->sizes[contact->entries[e].face]; a++)
+                contact->node_place[sbi_contact_face_nodes(faces, contact->entries[e].face)[a]] = set ? 0 : -1;
+        for (int i = 0; set && i < contact->pressure_count; i++)
+            if (contact->node_place[contact->pressures[i].node] >= 0)
+                contact->pressures[count++] = contact->pressures[i];
+    }
+    contact->pressure_count = count;
+}
+
 SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
 {
     int changed = 0, count = 0;
@@ -96,8 +113,10 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
         if (entry.face >= 0)
             contact->entries[count++] = entry;
     }
-    if (changed)
+    if (changed) {
         contact->entry_count = count;
+        sbi_contact_drop_pressures(contact);
+    }
     return SB_OK;
 }
 

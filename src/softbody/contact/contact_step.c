@@ -9,10 +9,6 @@ enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20
 /* Overlap that a static solve leaves, over how far the surface was pushed. */
 #define SBI_CONTACT_OVERLAP ((sb_real)1e-3)
 
-/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
- * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
-#define SBI_CONTACT_REMEMBERS ((sb_real)3)
-
 /* ---- nodes and patches ---- */
 
 static int sbi_contact_place_node(sb_contact *contact, int node)
@@ -223,7 +219,7 @@ static int sbi_contact_compare(const sbi_contact_patch *patch, const sbi_contact
     return sample->sample < entry->sample ? -1 : sample->sample > entry->sample;
 }
 
-/* Hands what the last step left over to the samples: both lists are in the same order. */
+/* Hands tractions that the last step left over to the samples: both lists are in the same order. */
 static void sbi_contact_remember(sb_contact *contact)
 {
     int e = 0;
@@ -234,7 +230,6 @@ static void sbi_contact_remember(sb_contact *contact)
             e++;
         if (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) == 0 &&
             contact->entries[e].parts == patch->parts) {
-            sample->memory = contact->entries[e].memory;
             sample->remembered = contact->entries[e].traction;
             sample->normal = contact->entries[e].normal;
         }
@@ -246,6 +241,9 @@ static void sbi_contact_keep_before(sb_contact *contact)
 {
     contact->before_count = contact->entry_count;
     memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
+    contact->before_pressure_count = contact->pressure_count;
+    memcpy(contact->before_pressures, contact->pressures,
+           (size_t)contact->pressure_count * sizeof *contact->pressures);
 }
 
 /* ---- begin ---- */
@@ -270,6 +268,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     }
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
+    sbi_contact_remember_pressures(contact);
     contact->touch.nodes = contact->nodes;
     contact->touch.noise = sbi_contact_noise(contact);
     contact->step_info.candidates = contact->sample_count;
@@ -487,29 +486,16 @@ static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 
 static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
 
-/* 1: pressures may be remembered here, see SBI_CONTACT_REMEMBERS. */
-static int sbi_contact_remembers(const sb_contact *contact, const sbi_contact_patch *patch, sb_real k)
-{
-    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
-        if (!(k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
-            return 0;
-    return 1;
-}
-
-/* A sample in touch becomes an entry. What it remembers fades where it slips, within the distance of its neighbour. */
-static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const sbi_contact_patch *patch,
-                                                const sbi_contact_sample *s)
+/* A sample in touch becomes an entry. */
+static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
 {
     sbi_contact_entry entry;
-    sb_real fade = contact->is_static ? 1 : 1 - s->slip / sb_sqrt(s->area);
     memset(&entry, 0, sizeof entry);
     entry.tool = patch->tool;
     entry.face = patch->face;
     entry.parts = patch->parts;
     entry.sample = s->sample;
     entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
-    if (fade > 0 && sbi_contact_remembers(contact, patch, s->k))
-        entry.memory = fade * s->answer.pressure;
     entry.traction = s->answer.traction;
     entry.gap = s->gap;
     entry.area = s->area;
@@ -543,7 +529,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
         const sbi_contact_sample *s = contact->samples + i;
         if (!(s->answer.pressure > 0))
             continue;
-        fresh[count] = sbi_contact_make_entry(contact, contact->patches + s->patch, s);
+        fresh[count] = sbi_contact_make_entry(contact->patches + s->patch, s);
         contact->step_info.touching++;
         contact->step_info.sticking += fresh[count++].sticks;
         contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
@@ -597,11 +583,11 @@ static int sbi_contact_balance(void *user, int round)
     sb_real overlap, pushed;
     sbi_contact_measure_overlap(contact, &overlap, &pushed);
     if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
-        for (int i = 0; i < contact->sample_count; i++)
-            if (sbi_contact_remembers(contact, contact->patches + contact->samples[i].patch, contact->samples[i].k))
-                contact->samples[i].memory = contact->samples[i].answer.pressure;
+        sbi_contact_keep_pressures(contact, 0);
+        sbi_contact_remember_pressures(contact);
         return 1;
     }
+    sbi_contact_keep_pressures(contact, 0);
     sbi_contact_keep_entries(contact);
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].stage = contact->tools[t].balance;
@@ -623,8 +609,10 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (!contact->is_static)
+    if (!contact->is_static) {
+        sbi_contact_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
+    }
     for (int t = 0; contact->is_static && t < contact->max_tools; t++)
         contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
@@ -642,6 +630,9 @@ static void sbi_contact_undo(void *user)
     if (contact->is_static) {
         contact->entry_count = contact->before_count;
         memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+        contact->pressure_count = contact->before_pressure_count;
+        memcpy(contact->pressures, contact->before_pressures,
+               (size_t)contact->pressure_count * sizeof *contact->pressures);
     }
     sbi_contact_forget_nodes(contact);
 }
