@@ -68802,8 +68802,7 @@ static int sbi_sweep_way_meets(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3
     sb_vec3 way = sb_v3_sub(x1, x0), normal;
     sb_real length = sb_v3_norm(way), share = 0;
     for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
-        sb_real gap =
-            sbi_tool_distance(tool->shape, tool->chain_balance, sb_v3_madd(x0, share, way), up, &normal);
+        sb_real gap = sbi_tool_distance(tool->shape, tool->chain_balance, sb_v3_madd(x0, share, way), up, &normal);
         if (!(gap > 0))
             return 1;
         share += sb_max(gap, SBI_SWEEP_CLEAR * sbi_tool_inner_radius(tool->shape)) / length;
@@ -70275,7 +70274,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions, &c->moved};
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->moved};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
