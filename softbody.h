@@ -60729,7 +60729,10 @@ static void sbi_step_add_loads(sbi_step *step)
 static void sbi_step_add_touch_residual(sbi_step *step)
 {
     sb_body *b = step->body;
+    sb_real before = step->energy_known ? sbi_step_touch_energy(step, b->displacement) : 0;
     sbi_step_evaluate_touch(step, NULL, 1, 1);
+    if (step->energy_known) /* of the bounds of friction that follow, or the line search sees them as a rise */
+        step->energy += (sb_real)step->touch->energy(step->touch->user) - before;
     memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
     sbi_step_add_touch_force(step, 1, b->work);
     sbi_step_add_touch_force(step, -1, b->residual);
@@ -68663,6 +68666,7 @@ struct sb_contact {
     int sample_count;
     int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
     int *nodes;          /* [node_room] */
+    sb_vec3 *moved;      /* [node_room] how far nodes go in the step (m), for a look at its end */
     sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
     sb_real *region_sum; /* [max_tools][regions] of k while it is summed, then k (Pa/m) */
     int *region_count;
@@ -68779,7 +68783,8 @@ static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
     sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places};
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
+                           &c->moved};
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
@@ -68849,6 +68854,22 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     return SB_OK;
 }
 
+/* Corners remember as long as a face with an entry has them. */
+static void sbi_contact_drop_pressures(sb_contact *contact)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int count = 0;
+    for (int set = 1; set >= 0; set--) {
+        for (int e = 0; e < contact->entry_count; e++)
+            for (int a = 0; a < faces->sizes[contact->entries[e].face]; a++)
+                contact->node_place[sbi_contact_face_nodes(faces, contact->entries[e].face)[a]] = set ? 0 : -1;
+        for (int i = 0; set && i < contact->pressure_count; i++)
+            if (contact->node_place[contact->pressures[i].node] >= 0)
+                contact->pressures[count++] = contact->pressures[i];
+    }
+    contact->pressure_count = count;
+}
+
 SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
 {
     int changed = 0, count = 0;
@@ -68868,8 +68889,10 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
         if (entry.face >= 0)
             contact->entries[count++] = entry;
     }
-    if (changed)
+    if (changed) {
         contact->entry_count = count;
+        sbi_contact_drop_pressures(contact);
+    }
     return SB_OK;
 }
 
@@ -68917,9 +68940,10 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
 /* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
  *
  * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
- * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
- * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was
- * at least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+ * from there on. After the solve no sample may be deeper than 0.6 of it, nor any have come into the tool on a way
+ * against it longer than 0.8 of it: a face has a sample within 0.36 radii of any of its points, so that a skeleton that
+ * was at least 0.4 inner radii off a face's one side cannot have come as far off its other side. Faces are looked for
+ * anew then: tissue may go where its velocity did not point to. */
 #include <math.h>
 #include <string.h>
 
@@ -68927,7 +68951,7 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
 #define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
 #define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
 #define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
-#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample near the tool against it */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample that comes into the tool, against it */
 enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
 
 /* ---- faces near a tool ---- */
@@ -69079,21 +69103,33 @@ SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *s
 
 /* ---- afterwards ---- */
 
+/* 1 when a sample on the straight way from x0 to x1, both in the tool's frame at the end, comes into the tool. */
+static int sbi_sweep_way_meets(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
+{
+    const sb_vec3 up = {0, 0, 1};
+    sb_vec3 way = sb_v3_sub(x1, x0), normal;
+    sb_real length = sb_v3_norm(way), share = 0;
+    for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
+        sb_real gap = sbi_tool_distance(tool->shape, tool->chain_balance, sb_v3_madd(x0, share, way), up, &normal);
+        if (!(gap > 0))
+            return 1;
+        share += sb_max(gap, SBI_SWEEP_CLEAR * sbi_tool_inner_radius(tool->shape)) / length;
+    }
+    return share < 1;
+}
+
 /* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
 static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
 {
     const sb_vec3 up = {0, 0, 1};
-    sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
-    sb_real inner = sbi_tool_inner_radius(tool->shape), before;
-    sb_real gap =
-        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
-    if (!(gap < SBI_SWEEP_DEEPEST * inner))
-        return 0;
-    if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
+    sb_vec3 normal, start = sbi_pose_to_tool(&tool->reached, x0), end = sbi_pose_to_tool(&tool->balance, x1);
+    sb_real inner = sbi_tool_inner_radius(tool->shape), before, gap;
+    if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) && sbi_sweep_way_meets(tool, start, end))
         return 1;
+    gap = sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &normal);
     if (gap > -SBI_SWEEP_DEEPEST * inner)
         return 0;
-    before = sbi_tool_distance(tool->shape, tool->chain_reached, sbi_pose_to_tool(&tool->reached, x0), up, &normal);
+    before = sbi_tool_distance(tool->shape, tool->chain_reached, start, up, &normal);
     return !(gap > before); /* a body that was put deep into a tool may come out */
 }
 
@@ -69123,9 +69159,18 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
 
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
 {
-    for (int i = 0; i < contact->max_tools; i++)
-        if (contact->tools[i].shape && !sbi_sweep_tool_is_safe(contact, i, u))
+    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    for (int i = 0; i < contact->faces->node_room; i++)
+        contact->moved[i] = sb_v3_sub(sb_v3_add(rest[i], u[i]), x[i]);
+    sbi_contact_faces_refit(contact->faces, x, contact->moved, 1);
+    for (int i = 0; i < contact->max_tools; i++) {
+        const sbi_contact_tool *tool = contact->tools + i;
+        if (!tool->shape)
+            continue;
+        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next);
+        if (!sbi_sweep_tool_is_safe(contact, i, u))
             return 0;
+    }
     return 1;
 }
 

@@ -103,6 +103,7 @@ struct sb_contact {
     int sample_count;
     int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
     int *nodes;          /* [node_room] */
+    sb_vec3 *moved;      /* [node_room] how far nodes go in the step (m), for a look at its end */
     sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
     sb_real *region_sum; /* [max_tools][regions] of k while it is summed, then k (Pa/m) */
     int *region_count;
