@@ -125,10 +125,7 @@ SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
 }
 
-SBI_API int sbi_step_balance_touch(sbi_step *step, int round)
-{
-    return step->touch->balance(step->touch->user, round);
-}
+SBI_API int sbi_step_balance_touch(sbi_step *step, int round) { return step->touch->balance(step->touch->user, round); }
 
 SBI_API void sbi_step_commit_touch(sbi_step *step)
 {

@@ -21,7 +21,7 @@
 /* The step that begins. */
 typedef struct sbi_touch_step {
     const sb_matrix *matrix; /* A before supports and constraints: what stiffness is measured by (N/m) */
-    const sb_vec3 *start;    /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
+    const sb_vec3 *start; /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
     sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */

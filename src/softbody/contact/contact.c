@@ -64,8 +64,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
     c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
     c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
-    c->before_pressures =
-        (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
+    c->before_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)

@@ -7,9 +7,8 @@
 static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
-                           &c->moved};
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left, &c->touch.way,
+                           &c->touch.kept,  &c->positions, &c->places,       &c->moved};
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
@@ -102,8 +101,9 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
     if (!contact->faces_old)
         return SB_OK;
     result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
-    if (result == SB_OK && (contact->faces->face_room != contact->room_faces ||
-                            contact->faces->node_room != contact->room_nodes) && !sbi_contact_take_room(contact))
+    if (result == SB_OK &&
+        (contact->faces->face_room != contact->room_faces || contact->faces->node_room != contact->room_nodes) &&
+        !sbi_contact_take_room(contact))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
     if (result != SB_OK)
         return result;

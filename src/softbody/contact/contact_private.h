@@ -92,10 +92,10 @@ struct sb_contact {
 
     /* of the step */
     int is_static;
-    const sb_vec3 *x;    /* [rows] places at its start (m): the body's own, or: */
-    sb_vec3 *places;     /* [node_room] in a static solve, whose increments do not move the body before its end */
-    int *near;    /* [max_tools][face_room] faces by tool */
-    int *scratch; /* [face_room] outside of steps */
+    const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
+    sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
+    int *near;        /* [max_tools][face_room] faces by tool */
+    int *scratch;     /* [face_room] outside of steps */
     int patch_count;
     sbi_contact_patch *patches;
     int patch_room;

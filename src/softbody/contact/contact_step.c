@@ -111,9 +111,9 @@ static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *vi
     return 1;
 }
 
-/* How near (m) a sample counts: as far as the face beside it may have been dragged and the tool goes, but no farther than
- * what moves against a tool in a step, of which something may pass through. A sample that comes from beyond is found in
- * the next step. */
+/* How near (m) a sample counts: as far as the face beside it may have been dragged and the tool goes, but no farther
+ * than what moves against a tool in a step, of which something may pass through. A sample that comes from beyond is
+ * found in the next step. */
 static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_contact_tool *tool, int face)
 {
     sb_real length = contact->faces->lengths[face];
@@ -242,8 +242,7 @@ static void sbi_contact_keep_before(sb_contact *contact)
     contact->before_count = contact->entry_count;
     memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
     contact->before_pressure_count = contact->pressure_count;
-    memcpy(contact->before_pressures, contact->pressures,
-           (size_t)contact->pressure_count * sizeof *contact->pressures);
+    memcpy(contact->before_pressures, contact->pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
 }
 
 /* ---- begin ---- */
