@@ -173,7 +173,8 @@ SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildca
 	-grid/badly -grid/weighted -grid/convergence -grid/stretched -grid/bars -match/livers -nicp/livers -loads/livers
 QUICK = $(or $(FILTER),$(SLOW))
 # Long too, and left to make check by make test.
-SLOWER = -multigrid/bodies -needle_materials/every -parts/parts
+SLOWER = -multigrid/bodies -needle_materials/every -parts/parts -needle_programs/the -live_mesh/iterations \
+	-integrators/explicit -schemes/one
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \

@@ -5722,24 +5722,24 @@ typedef struct sb_wrench_d {
  * The hand's motion times scale_motion is the tool's; the tool's force times scale_force is the hand's. Torques are
  * scaled by scale_force/scale_motion, so that power has one scale. */
 typedef struct sb_haptic_def {
-    sb_contact *contact;        /* borrowed, destroyed after it */
-    int tool;                   /* of the contact */
-    double max_force;           /* N that the device gives for long, > 0; required */
-    double max_torque;          /* N m, >= 0; default 0: the device gives forces only */
-    double max_stiffness;       /* N/m and N s/m that it renders at 1 kHz, > 0 and >= 0; required: the device's own */
-    double max_damping;         /* figures. With a larger stiffness it hums in a light hand */
-    double max_slew;            /* N/s that the force changes by at most; default -1: max_force in 2 ms */
-    double coupling;            /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
-                                 * softer than the device can render; default -1: 0.5 max_stiffness */
-    double coupling_turning;    /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
-                                 * square of max_torque/max_force */
-    double resolution;   /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
-                          * figure gives energy away, 0 makes a hand that rests for minutes lose force at times */
-    double scale_motion; /* > 0; default 1 */
-    double scale_force;  /* > 0; default 1 */
-    double timeout;      /* s without a new frame before the force fades, >= 0.01; default 0.1 */
-    double energy_rate;  /* W that organs which move by themselves may give to the hand, >= 0; default 0 */
-    unsigned cookie;     /* set by sb_default_haptic_def; a def made without it is refused */
+    sb_contact *contact;     /* borrowed, destroyed after it */
+    int tool;                /* of the contact */
+    double max_force;        /* N that the device gives for long, > 0; required */
+    double max_torque;       /* N m, >= 0; default 0: the device gives forces only */
+    double max_stiffness;    /* N/m and N s/m that it renders at 1 kHz, > 0 and >= 0; required: the device's own */
+    double max_damping;      /* figures. With a larger stiffness it hums in a light hand */
+    double max_slew;         /* N/s that the force changes by at most; default -1: max_force in 2 ms */
+    double coupling;         /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
+                              * softer than the device can render; default -1: 0.5 max_stiffness */
+    double coupling_turning; /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
+                              * square of max_torque/max_force */
+    double resolution;       /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
+                              * figure gives energy away, 0 makes a hand that rests for minutes lose force at times */
+    double scale_motion;     /* > 0; default 1 */
+    double scale_force;      /* > 0; default 1 */
+    double timeout;          /* s without a new frame before the force fades, >= 0.01; default 0.1 */
+    double energy_rate;      /* W that organs which move by themselves may give to the hand, >= 0; default 0 */
+    unsigned cookie;         /* set by sb_default_haptic_def; a def made without it is refused */
 } sb_haptic_def;
 
 SB_API sb_haptic_def sb_default_haptic_def(void);
@@ -46329,6 +46329,7 @@ typedef struct sbi_touch {
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
     sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
+    double noise;     /* N: norm of what rounding of places makes in them; from begin on */
     /* room for the step: */
     sb_vec3 *du;     /* (m) what it asks forces at */
     sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
@@ -60540,6 +60541,27 @@ static void sbi_step_renew_touch(sbi_step *step)
 
 /* ---- how much of a new increment is taken ---- */
 
+/* The force (N) that what is left over is compared with. */
+static double sbi_step_touch_scale(const sbi_step *step)
+{
+    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+}
+
+/* What contact's forces differ by from those that the solve had, of the largest force; 0 where it is rounding. */
+static double sbi_step_touch_residual(const sbi_step *step)
+{
+    const sbi_touch *touch = step->touch;
+    double sum = 0, size, scale = sbi_step_touch_scale(step);
+    for (int k = 0; k < touch->node_count; k++) {
+        unsigned char fixed = step->body->fixed[touch->nodes[k]];
+        sb_vec3 v = sb_v3_sub(touch->left[k], touch->force[k]);
+        v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), v);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    size = sqrt(sum);
+    return size > touch->noise ? size / scale : 0;
+}
+
 /* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
  * end, and rises evenly by `rise` to there. */
 static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
@@ -60607,8 +60629,9 @@ static void sbi_step_measure_way(sbi_step *step)
 }
 
 /* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
- * increment overshoot, and a free block is thrown away by it. Returns the share. */
-static double sbi_step_search_touch(sbi_step *step)
+ * increment overshoot, and a free block is thrown away by it. An end whose forces are those that were solved for needs
+ * no search: slopes are rounding there. Returns the share. */
+static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
 {
     sb_body *b = step->body;
     sbi_touch *touch = step->touch;
@@ -60618,7 +60641,7 @@ static double sbi_step_search_touch(sbi_step *step)
     own = sbi_touch_dot(touch, touch->way, touch->du);
     end = sbi_touch_dot(touch, touch->way, touch->left);
     at1 = sbi_step_touch_slope(step, end, 0, 1);
-    if (!(at1 > 0.1 * own))
+    if (!(at1 > 0.1 * own) || sbi_step_touch_residual(step) <= (double)tolerance)
         return 1;
     whole = sbi_step_touch_rise(step);
     if (!(at1 > 0.1 * whole))
@@ -60633,12 +60656,6 @@ static double sbi_step_search_touch(sbi_step *step)
 }
 
 /* ---- the iteration ---- */
-
-/* The force (N) that what is left over is compared with. */
-static double sbi_step_touch_scale(const sbi_step *step)
-{
-    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
-}
 
 /* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
  * tolerance admits. */
@@ -60656,17 +60673,11 @@ static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
     return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
 }
 
-/* Forces at the new increment, with friction's bounds of there; touch->residual is what they differ by from those that
- * the solve had. */
+/* Forces at the new increment, with friction's bounds of there. */
 static void sbi_step_end_way(sbi_step *step)
 {
-    sbi_touch *touch = step->touch;
-    double scale;
     sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
-    for (int k = 0; k < touch->node_count; k++)
-        touch->left[k] = sb_v3_sub(touch->left[k], touch->force[k]);
-    scale = sbi_step_touch_scale(step);
-    touch->residual = scale > 0 ? (sb_real)(sbi_touch_norm(step->body, touch->left) / scale) : 0;
+    step->touch->residual = (sb_real)sbi_step_touch_residual(step);
 }
 
 SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
@@ -60681,7 +60692,7 @@ SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
         result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
         if (result != SB_OK)
             return result;
-        share = sbi_step_search_touch(step);
+        share = sbi_step_search_touch(step, tolerance);
         sbi_step_end_way(step);
         touch->capped = !(share == 1 && touch->residual <= tolerance);
         if (!touch->capped || touch->iterations >= touch->max_iterations)
@@ -67448,8 +67459,9 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
 #if !defined(SB_NO_GEOMETRY)
 /* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
  *
- * A face is a slot: a number that it keeps while it exists. Samples are not stored: a face cut into n parts a side has
- * those of its type's rule for n, which is made once.
+ * Faces are numbered in the order of their cells and of the cells' sides, whatever happened before, so that sums over
+ * faces have the bits of a body made with its mesh. Where the mesh changes, numbers do: see sbi_contact_faces_update.
+ * Samples are not stored: a face cut into n parts a side has those of its type's rule for n, which is made once.
  *
  *     type           samples of n parts a side                     parts no longer than   n
  *     tri3           n^2: centroids of equal triangles             r / 2                  2 .. 16
@@ -67485,27 +67497,61 @@ typedef struct sbi_contact_kind {
     sbi_contact_rule rules[SBI_CONTACT_MOST_PARTS + 1];
 } sbi_contact_kind;
 
-/* All arrays by face have face_room entries; those of free slots are 0. */
+/* A side of an element. */
+typedef struct sbi_contact_side {
+    int nodes, corners;
+    int local[SB_MAX_FACE_NODES];
+} sbi_contact_side;
+
+/* Scratch for the order of faces in the tree. */
+typedef struct sbi_contact_order {
+    sb_vec3 *centres;   /* [faces] */
+    uint32_t *scratch;  /* [faces][3] */
+    int *faces, *order; /* [faces] */
+} sbi_contact_order;
+
+typedef enum sbi_contact_news {
+    SBI_CONTACT_CURRENT = 0,
+    SBI_CONTACT_CHANGED = 1, /* `outer` is right, the faces are those before */
+    SBI_CONTACT_STALE = 2    /* the whole mesh is another */
+} sbi_contact_news;
+
+/* What is kept of a mesh that may change; zeros of one that may not. */
+typedef struct sbi_contact_live {
+    int cell_room;
+    sbi_contact_news news;
+    int outer_count;
+    unsigned char *outer;  /* [cell_room][sides of a cell] 1: a face of the surface */
+    unsigned char *gone;   /* [cell_room] 1: removed since the last update, and perhaps made again */
+    unsigned char *near;   /* [node_room] zeros between calls */
+    int seen_count, *seen; /* [face_room] keys at the last update */
+    int *moved;            /* [face_room] see sbi_contact_faces_update */
+    sbi_contact_order order;
+} sbi_contact_live;
+
 typedef struct sbi_contact_faces {
     sb_allocator allocator;
-    int face_end;   /* slots in use or free lie below */
-    int face_count; /* in use */
-    int flat_count; /* of these without area: they have no samples, and no query finds them */
-    int face_room, node_room;
-    int width;                                     /* nodes per slot: most of any face */
-    unsigned char *sizes;                          /* nodes of each face; 0: a free slot */
-    unsigned char *sides;                          /* its number among the faces of its element */
-    int *nodes;                                    /* [slot][width] counter-clockwise seen from outside */
-    int *elements;                                 /* the cell behind it */
-    int *regions;                                  /* index of its material in the body */
-    sb_real *areas;                                /* m^2 at rest */
-    sb_real *lengths;                              /* m at rest: what is cut into parts, see sbi_contact_face_parts */
-    int *blocks;                                   /* [slot][width * width] once they were asked for */
-    int *versions;                                 /* pattern that the blocks are of; -1: of none */
-    sb_real *node_areas;                           /* [node_room] (m^2), see sbi_contact_node_area */
+    int face_end;             /* faces are numbered below */
+    int flat_count;           /* without area: they have no samples, and no query finds them */
+    int face_room, node_room; /* that arrays by face and by node have */
+    int width;                /* nodes per face in `nodes`: most of any face */
+    unsigned char *sizes;     /* nodes of each face */
+    int *nodes;               /* [face][width] counter-clockwise seen from outside */
+    int *keys;                /* elements[face] * side_count + sides[face]: ascending */
+    int *elements;            /* the cell behind it */
+    unsigned char *sides;     /* its number among the faces of that cell */
+    int *regions;             /* index of its material in the body */
+    sb_real *areas;           /* m^2 at rest */
+    sb_real *lengths;         /* m at rest: what is cut into parts, see sbi_contact_face_parts */
+    int *blocks;              /* [face][width * width] once they were asked for */
+    int *versions;            /* pattern that the blocks are of; -1: of none */
+    sb_real *node_areas;      /* [node_room] (m^2), see sbi_contact_node_area */
+    int side_count;           /* of a cell */
+    sbi_contact_side element_sides[SB_MAX_ELEMENT_FACES];
     sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
     sbi_face_tree tree;
     uint64_t *marks; /* zeros between queries */
+    sbi_contact_live live;
     void *memory, *rule_memory;
 } sbi_contact_faces;
 
@@ -67516,6 +67562,20 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
                                            sbi_contact_faces **faces, sb_error *error);
 SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces); /* NULL is fine */
 
+/* ---- following a mesh that changes (def.slack > 0): to be called by a listener of the body (sb_body_listen) ---- */
+/* Takes the memory that following needs: a change that fails for it leaves the faces as they are. */
+SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change,
+                                            sb_error *error);
+/* The change happened; NULL: the whole mesh is another. Cannot fail. Faces are out of date until the next update. */
+SBI_API void sbi_contact_faces_follow(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change);
+/* Brings the faces up to date; a refit has to follow. *changed (may be NULL): 1 when numbers may be others now: face f
+ * of the last time is faces->live.moved[f], or -1 when its cell was removed (and perhaps another made in its place) or
+ * it is none of the surface any more. Those that stay keep their order. Takes memory only where the whole mesh was
+ * another: SB_ERROR_MEMORY, SB_ERROR_MESH (no face has an area) leave the faces without use until it succeeds. */
+SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_body *body, int *changed,
+                                           sb_error *error);
+
+/* ---- boxes, samples, blocks ---- */
 /* Boxes anew, for the way from x to x + dt v (m); v NULL: at x. */
 SBI_API void sbi_contact_faces_refit(sbi_contact_faces *faces, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
 /* Faces whose boxes meet [low, high] (m): returns how many, and writes the first `capacity` of them, ascending. One
@@ -67555,17 +67615,33 @@ SB_INLINE const sb_real *sbi_contact_sample_weights(const sbi_contact_faces *fac
  * times the area. Their sum is the area. */
 SB_INLINE sb_real sbi_contact_node_area(const sbi_contact_faces *faces, int node) { return faces->node_areas[node]; }
 
+/* ---- what the sources of this room share ---- */
+/* Kinds, sides and rules of an element's faces. 0: no memory. */
+SBI_API int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element);
+SBI_API const int *sbi_contact_cell_nodes(const sb_body *body, int cell);
+/* 1 when the corners of a cell's side run through it the way round in which the second least follows the least: of two
+ * sides that touch, one does. */
+SBI_API int sbi_contact_side_ascends(const sbi_contact_side *side, const int *nodes);
+/* Rooms, arrays, faces and tree of a body from nothing. */
+SBI_API sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error);
+/* Arrays and tree for the rooms there are. 0: no memory. */
+SBI_API int sbi_contact_take_arrays(sbi_contact_faces *faces);
+SBI_API int sbi_contact_take_tree(sbi_contact_faces *faces, int nodes);
+SBI_API void sbi_contact_release_arrays(sbi_contact_faces *faces);
+/* As many nodes as the faces that there is room for can have. */
+SBI_API int sbi_contact_most_nodes(const sbi_contact_faces *faces);
+/* Faces from what is outside, and the tree of those with area: along Morton's curve through their corners' centres. */
+SBI_API void sbi_contact_put_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer);
+SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order);
+
 #endif /* SB_CONTACT_FACES_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
-/* ==== src/softbody/contact/contact_faces.c ==== */
+/* ==== src/softbody/contact/contact_rules.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* contact_faces: what faces a body has, their samples, areas and places in the matrix. */
+/* contact_rules: the samples of each face type, and what of a quadratic face is each node's. */
 
 #include <string.h>
-
-
-/* ---- rules of samples ---- */
 
 /* Points of a part: of a triangle in the parts' triangle (0, 0), (1, 0), (0, 1), and of the one that fills its cell. */
 static const sb_real sbi_contact_centroids[2][1][2] = {{{(sb_real)1 / 3, (sb_real)1 / 3}},
@@ -67659,17 +67735,18 @@ static void sbi_contact_fill_shares(sbi_contact_kind *kind)
         kind->shares[a] /= sum;
 }
 
-/* Kinds and rules of an element's faces. 0: no memory. */
-static int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element)
+SBI_API int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element)
 {
     sbi_arena arena = {NULL, 0, 0};
-    for (int side = 0; side < sbi_element_face_count(element); side++) {
-        int local[SB_MAX_FACE_NODES];
+    faces->side_count = sbi_element_face_count(element);
+    for (int s = 0; s < faces->side_count; s++) {
+        sbi_contact_side *side = &faces->element_sides[s];
         sb_element_type type = SB_NO_ELEMENT;
-        int size = sbi_element_face(element, side, local, &type);
-        if (!faces->kinds[size].nodes)
-            faces->kinds[size] = sbi_contact_make_kind(type);
-        faces->width = sbi_max_int(faces->width, size);
+        side->nodes = sbi_element_face(element, s, side->local, &type);
+        side->corners = sb_element_corner_count(type);
+        if (!faces->kinds[side->nodes].nodes)
+            faces->kinds[side->nodes] = sbi_contact_make_kind(type);
+        faces->width = sbi_max_int(faces->width, side->nodes);
     }
     for (int pass = 0; pass < 2; pass++) {
         for (int size = 1; size <= SB_MAX_FACE_NODES; size++)
@@ -67692,56 +67769,66 @@ static int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element)
     }
     return 1;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_faces.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_faces: what faces a body has, their areas, boxes and places in the matrix. */
+
+#include <string.h>
+
 
 /* ---- faces that have nothing on their other side ---- */
 
-/* 1 when the corners run through the face the way round in which the second least follows the least: of two faces that
- * touch, one does. */
-static int sbi_contact_ascends(const int *corners, int count)
+SBI_API const int *sbi_contact_cell_nodes(const sb_body *body, int cell)
 {
-    int least = 0;
-    for (int a = 1; a < count; a++)
-        if (corners[a] < corners[least])
-            least = a;
-    return corners[(least + 1) % count] < corners[(least + count - 1) % count];
+    return body->domain.cells + (size_t)cell * (size_t)body->domain.nodes_per_cell;
 }
 
-static int sbi_contact_side_ascends(const sb_body *body, int cell, int side)
+SBI_API int sbi_contact_side_ascends(const sbi_contact_side *side, const int *nodes)
 {
-    const sb_domain *domain = &body->domain;
-    const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
-    int local[SB_MAX_FACE_NODES], corners[SB_MAX_FACE_NODES], count;
-    sb_element_type type = SB_NO_ELEMENT;
-    sbi_element_face(sbi_element_make(domain->element_type, domain->table), side, local, &type);
-    count = sb_element_corner_count(type);
-    for (int a = 0; a < count; a++)
-        corners[a] = nodes[local[a]];
-    return sbi_contact_ascends(corners, count);
+    int least = 0, count = side->corners;
+    for (int a = 1; a < count; a++)
+        if (nodes[side->local[a]] < nodes[side->local[least]])
+            least = a;
+    return nodes[side->local[(least + 1) % count]] < nodes[side->local[(least + count - 1) % count]];
+}
+
+/* 1 when parts order[begin] .. order[end - 1] with the same corners lie on one side of them. */
+static int sbi_contact_is_outer(const sbi_contact_faces *faces, const sb_body *body, const sbi_mesh_keys *keys,
+                                int begin, int end)
+{
+    int ascends[2] = {0, 0};
+    for (int i = begin; i < end; i++) {
+        int part = keys->order[i];
+        ascends[sbi_contact_side_ascends(&faces->element_sides[part % keys->per_element],
+                                         sbi_contact_cell_nodes(body, part / keys->per_element))]++;
+    }
+    return !ascends[0] || !ascends[1];
 }
 
 /* outer[cell * sides + side] = 1 for the boundary: where all cells with these corners lie on one side, as those of an
- * immersed grid that share all their nodes do, the first of them. Returns how many, -1: no memory. */
-static int sbi_contact_find_outer(const sb_body *body, const sb_allocator *allocator, unsigned char *outer,
+ * immersed grid that share all their nodes do, the first of them. Returns how many, -1: no memory. skip: [cells]
+ * scratch. */
+static int sbi_contact_find_outer(const sbi_contact_faces *faces, const sb_body *body, unsigned char *outer,
                                   unsigned char *skip)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sbi_mesh_keys keys;
     int count = 0;
     for (int e = 0; e < mesh.element_count; e++)
-        skip[e] = !sb_body_cell_in_use(body, e);
-    if (!sbi_mesh_keys_make(&mesh, SBI_MESH_SIDES, skip, allocator, &keys))
+        skip[e] = !sbi_live_has_cell(body, e);
+    if (!sbi_mesh_keys_make(&mesh, SBI_MESH_SIDES, skip, &faces->allocator, &keys))
         return -1;
     memset(outer, 0, (size_t)keys.count);
     for (int begin = 0, end; begin < keys.sorted; begin = end) {
-        int first = keys.order[begin], lone = 1, per = keys.per_element;
+        int lone;
         end = sbi_mesh_run_end(&keys, begin);
-        for (int i = begin + 1; i < end && lone; i++)
-            lone = sbi_contact_side_ascends(body, keys.order[i] / per, keys.order[i] % per) ==
-                   sbi_contact_side_ascends(body, first / per, first % per);
-        outer[first] = (unsigned char)lone;
+        lone = sbi_contact_is_outer(faces, body, &keys, begin, end);
+        outer[keys.order[begin]] = (unsigned char)lone;
         count += lone;
     }
-    sbi_mesh_keys_free(allocator, &keys);
+    sbi_mesh_keys_free(&faces->allocator, &keys);
     return count;
 }
 
@@ -67771,8 +67858,12 @@ static sb_real sbi_contact_length(const sbi_contact_kind *kind, const sb_vec3 *x
     sb_real longest = 0;
     for (int a = 0; a < kind->corners; a++) {
         sb_vec3 from = x[a], to = x[(a + 1) % kind->corners];
-        sb_vec3 middle = kind->nodes > kind->corners ? x[kind->corners + a] : to;
-        longest = sb_max(longest, sb_v3_norm(sb_v3_sub(middle, from)) + sb_v3_norm(sb_v3_sub(to, middle)));
+        sb_real edge;
+        if (kind->nodes == kind->corners)
+            edge = sb_v3_norm(sb_v3_sub(to, from));
+        else
+            edge = sb_v3_norm(sb_v3_sub(x[kind->corners + a], from)) + sb_v3_norm(sb_v3_sub(to, x[kind->corners + a]));
+        longest = sb_max(longest, edge);
     }
     for (int a = 0; a < 2 && kind->corners == 4; a++)
         longest = sb_max(longest, square * sb_v3_norm(sb_v3_sub(x[a + 2], x[a])));
@@ -67782,16 +67873,18 @@ static sb_real sbi_contact_length(const sbi_contact_kind *kind, const sb_vec3 *x
 /* Two parts a side: enough for the areas of faces and nodes of straight faces to be exact. */
 enum { SBI_CONTACT_AREA_PARTS = 2 };
 
-/* Area of a face and, added to them, those of its nodes; all 0 where it is so flat that its normal is rounding. */
-static void sbi_contact_measure(sbi_contact_faces *faces, const sb_body *body, int face)
+/* Area of a face, and what of it is each node's. */
+static sb_real sbi_contact_face_area(const sbi_contact_kind *kind, const sb_vec3 *x, sb_real *of_nodes)
 {
-    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
     const sbi_contact_rule *rule = &kind->rules[SBI_CONTACT_AREA_PARTS];
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    sb_vec3 x[SB_MAX_FACE_NODES];
-    sb_real area = 0, of_nodes[SB_MAX_FACE_NODES] = {0}, length;
-    sbi_contact_gather(faces, body, face, x);
-    faces->lengths[face] = length = sbi_contact_length(kind, x);
+    sb_real area = 0;
+    for (int a = 0; a < kind->nodes; a++)
+        of_nodes[a] = 0;
+    if (kind->nodes == 3) {
+        area = sb_v3_norm(sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]))) / 2;
+        of_nodes[0] = of_nodes[1] = of_nodes[2] = area / 3;
+        return area;
+    }
     for (int i = 0; i < rule->count; i++) {
         const sb_real *weights = rule->weights + i * kind->nodes;
         sb_real part = rule->measure * sbi_contact_stretch(rule->slopes + 2 * i * kind->nodes, x, kind->nodes);
@@ -67799,48 +67892,82 @@ static void sbi_contact_measure(sbi_contact_faces *faces, const sb_body *body, i
         for (int a = 0; a < kind->nodes; a++)
             of_nodes[a] += part * weights[a];
     }
+    for (int a = 0; a < kind->nodes && kind->nodes > 4; a++)
+        of_nodes[a] = area * kind->shares[a];
+    return area;
+}
+
+/* Measures a face and adds to the areas of its nodes, unless it is so flat that its normal is rounding. */
+static void sbi_contact_measure(sbi_contact_faces *faces, const sb_body *body, int face)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    sb_real of_nodes[SB_MAX_FACE_NODES], length, area;
+    sbi_contact_gather(faces, body, face, x);
+    length = sbi_contact_length(kind, x);
+    area = sbi_contact_face_area(kind, x, of_nodes);
+    faces->lengths[face] = length;
     faces->areas[face] = area > 16 * SB_EPSILON * length * length ? area : 0;
     faces->flat_count += faces->areas[face] == 0;
     for (int a = 0; a < kind->nodes && faces->areas[face] > 0; a++)
-        faces->node_areas[nodes[a]] += kind->nodes > 4 ? area * kind->shares[a] : of_nodes[a];
+        faces->node_areas[nodes[a]] += of_nodes[a];
 }
 
-static void sbi_contact_put_face(sbi_contact_faces *faces, const sb_body *body, int face, int cell, int side)
+static void sbi_contact_put_face(sbi_contact_faces *faces, const sb_body *body, int cell, int side)
 {
-    const sb_domain *domain = &body->domain;
-    const int *corners = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
-    int local[SB_MAX_FACE_NODES], *nodes = faces->nodes + (size_t)face * (size_t)faces->width;
-    int size = sbi_element_face(sbi_element_make(domain->element_type, domain->table), side, local, NULL);
-    for (int a = 0; a < size; a++)
-        nodes[a] = corners[local[a]];
-    faces->sizes[face] = (unsigned char)size;
+    const int *corners = sbi_contact_cell_nodes(body, cell), face = faces->face_end++;
+    int *nodes = faces->nodes + (size_t)face * (size_t)faces->width;
+    for (int a = 0; a < faces->element_sides[side].nodes; a++)
+        nodes[a] = corners[faces->element_sides[side].local[a]];
+    faces->sizes[face] = (unsigned char)faces->element_sides[side].nodes;
     faces->sides[face] = (unsigned char)side;
+    faces->keys[face] = cell * faces->side_count + side;
     faces->elements[face] = cell;
     faces->regions[face] = body->cell_material[cell];
     faces->versions[face] = -1;
-    faces->face_count++;
+    sbi_contact_measure(faces, body, face);
 }
 
-/* ---- creation ---- */
+/* ---- memory ---- */
 
-/* Takes the arrays by face and by node (measuring or for real). */
+/* Scratch for the tree's order. */
+static void sbi_contact_layout_order(int count, sbi_contact_order *order, sbi_arena *arena)
+{
+    order->centres = (sb_vec3 *)sbi_arena_take(arena, (size_t)count, sizeof(sb_vec3));
+    order->scratch = (uint32_t *)sbi_arena_take(arena, (size_t)count, 3 * sizeof(uint32_t));
+    order->faces = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+    order->order = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+}
+
+/* Takes the arrays (measuring or for real). */
 static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
 {
-    size_t room = (size_t)faces->face_room, width = (size_t)faces->width;
+    size_t room = (size_t)faces->face_room, width = (size_t)faces->width, nodes = (size_t)faces->node_room;
+    sbi_contact_live *live = &faces->live;
     faces->areas = (sb_real *)sbi_arena_take(arena, room, sizeof(sb_real));
     faces->lengths = (sb_real *)sbi_arena_take(arena, room, sizeof(sb_real));
-    faces->node_areas = (sb_real *)sbi_arena_take(arena, (size_t)faces->node_room, sizeof(sb_real));
+    faces->node_areas = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    faces->marks = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(faces->face_room), sizeof(uint64_t));
     faces->nodes = (int *)sbi_arena_take(arena, room, width * sizeof(int));
     faces->blocks = (int *)sbi_arena_take(arena, room, width * width * sizeof(int));
+    faces->keys = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->elements = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->regions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
     faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
-    faces->marks = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(faces->face_room), sizeof(uint64_t));
+    if (!live->cell_room)
+        return;
+    sbi_contact_layout_order(faces->face_room, &live->order, arena);
+    live->seen = (int *)sbi_arena_take(arena, room, sizeof(int));
+    live->moved = (int *)sbi_arena_take(arena, room, sizeof(int));
+    live->outer = (unsigned char *)sbi_arena_take(arena, (size_t)live->cell_room, (size_t)faces->side_count);
+    live->gone = (unsigned char *)sbi_arena_take(arena, (size_t)live->cell_room, 1);
+    live->near = (unsigned char *)sbi_arena_take(arena, nodes, 1);
 }
 
-static int sbi_contact_take_arrays(sbi_contact_faces *faces)
+SBI_API int sbi_contact_take_arrays(sbi_contact_faces *faces)
 {
     sbi_arena arena = {NULL, 0, 0};
     sbi_contact_layout(faces, &arena);
@@ -67853,28 +67980,29 @@ static int sbi_contact_take_arrays(sbi_contact_faces *faces)
     return 1;
 }
 
-static sb_result sbi_contact_no_memory(int faces, sb_error *error)
+SBI_API int sbi_contact_take_tree(sbi_contact_faces *faces, int nodes)
 {
-    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", faces);
+    sbi_face_tree_room room;
+    room.faces = faces->face_room;
+    room.nodes = nodes;
+    room.node_end = faces->node_room;
+    room.width = faces->width;
+    return sbi_face_tree_create(&room, &faces->allocator, &faces->tree);
 }
 
-/* Scratch for the tree's order. */
-typedef struct sbi_contact_order {
-    sb_vec3 *centres;  /* [faces] */
-    uint32_t *scratch; /* [faces][3] */
-    int *faces, *order;
-} sbi_contact_order;
+/* ---- all faces ---- */
 
-static void sbi_contact_layout_order(int count, sbi_contact_order *order, sbi_arena *arena)
+SBI_API void sbi_contact_put_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer)
 {
-    order->centres = (sb_vec3 *)sbi_arena_take(arena, (size_t)count, sizeof(sb_vec3));
-    order->scratch = (uint32_t *)sbi_arena_take(arena, (size_t)count, 3 * sizeof(uint32_t));
-    order->faces = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
-    order->order = (int *)sbi_arena_take(arena, (size_t)count, sizeof(int));
+    memset(faces->node_areas, 0, (size_t)faces->node_room * sizeof(sb_real));
+    faces->face_end = faces->flat_count = 0;
+    for (int e = 0, p = 0; e < body->domain.cell_count; e++)
+        for (int side = 0; side < faces->side_count; side++, p++)
+            if (outer[p])
+                sbi_contact_put_face(faces, body, e, side);
 }
 
-/* Puts the faces with area into the tree, along Morton's curve through their corners' centres at rest. */
-static void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order)
+SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order)
 {
     sbi_face_tree_source source;
     int count = 0;
@@ -67899,80 +68027,118 @@ static void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body
     sbi_face_tree_build(&faces->tree, &source);
 }
 
-/* How many nodes have faces; uses `scratch` [node_count]. */
-static int sbi_contact_count_nodes(const sbi_contact_faces *faces, unsigned char *scratch)
+/* How many nodes have faces; seen: [node_room] scratch. */
+static int sbi_contact_count_nodes(const sbi_contact_faces *faces, unsigned char *seen)
 {
     int count = 0;
-    memset(scratch, 0, (size_t)faces->node_room);
+    memset(seen, 0, (size_t)faces->node_room);
     for (int f = 0; f < faces->face_end; f++)
         for (int a = 0; a < faces->sizes[f]; a++) {
-            unsigned char *seen = scratch + sbi_contact_face_nodes(faces, f)[a];
-            count += !*seen;
-            *seen = 1;
+            int node = sbi_contact_face_nodes(faces, f)[a];
+            count += !seen[node];
+            seen[node] = 1;
         }
     return count;
 }
 
-static sb_result sbi_contact_make_tree(sbi_contact_faces *faces, const sb_body *body, unsigned char *scratch,
-                                       sb_error *error)
+SBI_API int sbi_contact_most_nodes(const sbi_contact_faces *faces)
+{
+    int most = faces->node_room / faces->width;
+    return faces->face_room <= most ? faces->face_room * faces->width : faces->node_room;
+}
+
+/* ---- creation ---- */
+
+/* The tree of a body whose mesh stays as it is: no larger than it needs to be. 0: no memory. */
+static int sbi_contact_make_fixed_tree(sbi_contact_faces *faces, const sb_body *body, unsigned char *scratch)
 {
     sbi_arena arena = {NULL, 0, 0};
     sbi_contact_order order;
-    sbi_face_tree_room room;
-    room.faces = faces->face_count;
-    room.nodes = sbi_contact_count_nodes(faces, scratch);
-    room.node_end = faces->node_room;
-    room.width = faces->width;
-    sbi_contact_layout_order(faces->face_count, &order, &arena);
+    int ok;
+    sbi_contact_layout_order(faces->face_end, &order, &arena);
     arena.base = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&faces->allocator, arena.used, 1);
-    if (!arena.base || !sbi_face_tree_create(&room, &faces->allocator, &faces->tree)) {
-        sbi_free(&faces->allocator, arena.base);
-        return sbi_contact_no_memory(faces->face_count, error);
-    }
     arena.used = 0;
-    sbi_contact_layout_order(faces->face_count, &order, &arena);
-    sbi_contact_build_tree(faces, body, &order);
+    ok = arena.base && sbi_contact_take_tree(faces, sbi_contact_count_nodes(faces, scratch));
+    if (ok) {
+        sbi_contact_layout_order(faces->face_end, &order, &arena);
+        sbi_contact_build_tree(faces, body, &order);
+    }
     sbi_free(&faces->allocator, arena.base);
-    return SB_OK;
+    return ok;
 }
 
-/* Arrays, faces in the order of cells and sides, and the tree; outer: what sbi_contact_find_outer found. */
+/* The same of one that may change. */
+static int sbi_contact_make_live_tree(sbi_contact_faces *faces, const sb_body *body)
+{
+    if (!sbi_contact_take_tree(faces, sbi_contact_most_nodes(faces)))
+        return 0;
+    sbi_contact_build_tree(faces, body, &faces->live.order);
+    return 1;
+}
+
+static sb_result sbi_contact_no_memory(const sb_body *body, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body of %d elements",
+                    body->domain.cell_count);
+}
+
+/* Arrays, faces and tree from what is outside; scratch: [nodes]. */
 static sb_result sbi_contact_take_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer,
                                         unsigned char *scratch, sb_error *error)
 {
-    int sides = sbi_element_face_count(sbi_element_make(body->domain.element_type, body->domain.table));
-    if (!sbi_contact_take_arrays(faces))
-        return sbi_contact_no_memory(faces->face_room, error);
-    for (int p = 0; p < body->domain.cell_count * sides; p++)
-        if (outer[p])
-            sbi_contact_put_face(faces, body, faces->face_end++, p / sides, p % sides);
-    for (int f = 0; f < faces->face_end; f++)
-        sbi_contact_measure(faces, body, f);
-    if (faces->flat_count == faces->face_count)
-        return sbi_fail(error, SB_ERROR_MESH,
-                        "no face of the body's surface has an area: contact has nothing to act on");
-    return sbi_contact_make_tree(faces, body, scratch, error);
+    sbi_contact_live *live = &faces->live;
+    int ok = sbi_contact_take_arrays(faces);
+    if (ok)
+        sbi_contact_put_faces(faces, body, outer);
+    if (ok && faces->flat_count == faces->face_end)
+        return sbi_fail(error, SB_ERROR_MESH, "no face of the body's surface has an area: contact has none to act on");
+    if (ok && live->cell_room) {
+        memcpy(live->outer, outer, (size_t)body->domain.cell_count * (size_t)faces->side_count);
+        memcpy(live->seen, faces->keys, (size_t)faces->face_end * sizeof(int));
+        live->outer_count = live->seen_count = faces->face_end;
+    }
+    ok = ok && (live->cell_room ? sbi_contact_make_live_tree(faces, body)
+                                : sbi_contact_make_fixed_tree(faces, body, scratch));
+    return ok ? SB_OK : sbi_contact_no_memory(body, error);
 }
 
-static sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error)
+/* Rooms for a body with so many faces. */
+static void sbi_contact_set_rooms(sbi_contact_faces *faces, const sb_body *body, int count)
 {
-    const sb_domain *domain = &body->domain;
-    sbi_element element = sbi_element_make(domain->element_type, domain->table);
-    size_t sides = (size_t)domain->cell_count * (size_t)sbi_element_face_count(element);
-    unsigned char *outer = (unsigned char *)sbi_alloc(&faces->allocator, sides, 1);
+    faces->face_room = count;
+    faces->node_room = body->domain.node_count;
+    if (!body->live)
+        return;
+    faces->face_room = count < INT32_MAX / 2 ? count + count / 2 + 1 : count;
+    faces->node_room = body->node_capacity;
+    faces->live.cell_room = sbi_live_cell_room(body);
+}
+
+SBI_API sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error)
+{
+    int cells = body->domain.cell_count, count = -1;
+    unsigned char *outer = (unsigned char *)sbi_alloc(&faces->allocator, (size_t)cells, (size_t)faces->side_count);
     unsigned char *scratch =
-        (unsigned char *)sbi_alloc(&faces->allocator, (size_t)sbi_max_int(domain->cell_count, domain->node_count), 1);
-    sb_result result = SB_ERROR_MEMORY;
-    faces->node_room = domain->node_count;
-    faces->face_room = outer && scratch ? sbi_contact_find_outer(body, &faces->allocator, outer, scratch) : -1;
-    if (faces->face_room < 0 || !sbi_contact_make_rules(faces, element))
-        result =
-            sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body of %d elements", domain->cell_count);
-    else
+        (unsigned char *)sbi_alloc(&faces->allocator, (size_t)sbi_max_int(cells, body->node_capacity), 1);
+    sb_result result;
+    if (outer && scratch)
+        count = sbi_contact_find_outer(faces, body, outer, scratch);
+    if (count >= 0) {
+        sbi_contact_set_rooms(faces, body, count);
         result = sbi_contact_take_faces(faces, body, outer, scratch, error);
+    } else {
+        result = sbi_contact_no_memory(body, error);
+    }
     sbi_free(&faces->allocator, outer);
     sbi_free(&faces->allocator, scratch);
     return result;
+}
+
+SBI_API void sbi_contact_release_arrays(sbi_contact_faces *faces)
+{
+    sbi_face_tree_free(&faces->tree, &faces->allocator);
+    sbi_free(&faces->allocator, faces->memory);
+    faces->memory = NULL;
 }
 
 SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocator *allocator,
@@ -67981,10 +68147,13 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
     sbi_contact_faces *made = (sbi_contact_faces *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
     sb_result result;
     if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the faces of a body");
+        return sbi_contact_no_memory(body, error);
     if (allocator)
         made->allocator = *allocator;
-    result = sbi_contact_fill(made, body, error);
+    if (sbi_contact_make_rules(made, sbi_element_make(body->domain.element_type, body->domain.table)))
+        result = sbi_contact_fill(made, body, error);
+    else
+        result = sbi_contact_no_memory(body, error);
     if (result != SB_OK) {
         sbi_contact_faces_destroy(made);
         return result;
@@ -68000,9 +68169,8 @@ SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces)
     if (!faces)
         return;
     allocator = faces->allocator;
-    sbi_face_tree_free(&faces->tree, &allocator);
+    sbi_contact_release_arrays(faces);
     sbi_free(&allocator, faces->rule_memory);
-    sbi_free(&allocator, faces->memory);
     sbi_free(&allocator, faces);
 }
 
@@ -68068,6 +68236,231 @@ SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_bo
             blocks[a * size + b] = sb_matrix_find(&body->matrix, nodes[a], nodes[b]);
     faces->versions[face] = body->pattern_version;
     return blocks;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_follow.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_follow: faces of a body whose mesh changes.
+ *
+ * A change says at once which sides of cells came to the surface or left it, in time proportional to what changed. The
+ * faces themselves are made anew once a step, from these marks: that costs less than a microsecond for ten faces, and
+ * leaves no trace of how the mesh came about. */
+
+#include <string.h>
+
+
+/* ---- memory ---- */
+
+/* Larger rooms; the faces are then those that `outer` says. 0: no memory, and nothing changed. */
+static int sbi_contact_grow(sbi_contact_faces *faces, const sb_body *body, int face_room, int node_room, int cell_room)
+{
+    sbi_contact_faces next = *faces;
+    const sbi_contact_live *old = &faces->live;
+    next.face_room = face_room;
+    next.node_room = node_room;
+    next.live.cell_room = cell_room;
+    if (!sbi_contact_take_arrays(&next))
+        return 0;
+    if (!sbi_contact_take_tree(&next, sbi_contact_most_nodes(&next))) {
+        sbi_free(&next.allocator, next.memory);
+        return 0;
+    }
+    memcpy(next.live.outer, old->outer, (size_t)old->cell_room * (size_t)faces->side_count);
+    memcpy(next.live.gone, old->gone, (size_t)old->cell_room);
+    memcpy(next.live.seen, old->seen, (size_t)old->seen_count * sizeof(int));
+    sbi_contact_release_arrays(faces);
+    *faces = next;
+    sbi_contact_put_faces(faces, body, faces->live.outer);
+    sbi_contact_build_tree(faces, body, &faces->live.order);
+    sbi_contact_faces_refit(faces, body->position, NULL, 0);
+    return 1;
+}
+
+/* Room for `needed`, and half of it in reserve where it has to grow. */
+static int sbi_contact_room(int room, int64_t needed)
+{
+    int64_t grown = needed + needed / 2;
+    return needed <= room ? room : (int)(grown < INT32_MAX ? grown : INT32_MAX);
+}
+
+SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change,
+                                            sb_error *error)
+{
+    const sbi_contact_live *live = &faces->live;
+    int64_t cells = (int64_t)change->made_cell_count + change->removed_cell_count;
+    int64_t needed = live->outer_count + cells * faces->side_count; /* each side of each cell lays open one */
+    int face_room = sbi_contact_room(faces->face_room, needed);
+    int node_room = sbi_contact_room(faces->node_room, change->node_end);
+    int cell_room = sbi_contact_room(live->cell_room, change->cell_end);
+    if (live->news == SBI_CONTACT_STALE ||
+        (face_room == faces->face_room && node_room == faces->node_room && cell_room == live->cell_room))
+        return SB_OK;
+    if (needed > INT32_MAX || cell_room > INT32_MAX / faces->side_count ||
+        !sbi_contact_grow(faces, body, face_room, node_room, cell_room))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact to follow a mesh of %d cells", change->cell_end);
+    return SB_OK;
+}
+
+/* ---- what is outside ---- */
+
+/* 1 when no cell lies on the other side of a cell's side, and none before it on this. */
+static int sbi_contact_is_outside(const sbi_contact_faces *faces, const sb_body *body, int cell, int number)
+{
+    const sbi_contact_side *side = &faces->element_sides[number];
+    const int *nodes = sbi_contact_cell_nodes(body, cell);
+    int corners[SB_MAX_FACE_NODES], ascends = sbi_contact_side_ascends(side, nodes), key;
+    for (int a = 0; a < side->corners; a++)
+        corners[a] = nodes[side->local[a]];
+    key = cell * faces->side_count + number;
+    for (int at = sbi_live_first_cell(body, corners[0]); at >= 0; at = sbi_live_next_cell(body, corners[0], at)) {
+        int other = sbi_live_cell_of(body, at);
+        const int *others = sbi_contact_cell_nodes(body, other);
+        for (int k = 0; k < faces->side_count; k++) {
+            const sbi_contact_side *same = &faces->element_sides[k];
+            int place = other * faces->side_count + k;
+            if (place != key && same->corners == side->corners &&
+                sbi_body_has_corners(corners, others, same->local, side->corners) &&
+                (place < key || sbi_contact_side_ascends(same, others) != ascends))
+                return 0;
+        }
+    }
+    return 1;
+}
+
+/* 1 when all corners of a side are marked. */
+static int sbi_contact_is_near(const unsigned char *near, const sbi_contact_side *side, const int *nodes)
+{
+    int all = 1;
+    for (int a = 0; a < side->corners; a++)
+        all &= near[nodes[side->local[a]]] != 0;
+    return all;
+}
+
+static void sbi_contact_set_outer(sbi_contact_live *live, int key, int outer)
+{
+    live->outer_count += outer - live->outer[key];
+    live->outer[key] = (unsigned char)outer;
+}
+
+/* Sides that begin at a node and have marked corners only. */
+static void sbi_contact_look_around(sbi_contact_faces *faces, const sb_body *body, int node)
+{
+    sbi_contact_live *live = &faces->live;
+    if (node >= body->domain.node_count) /* a slot at the end that is no more */
+        return;
+    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+        int cell = sbi_live_cell_of(body, at);
+        const int *nodes = sbi_contact_cell_nodes(body, cell);
+        for (int k = 0; k < faces->side_count; k++)
+            if (nodes[faces->element_sides[k].local[0]] == node &&
+                sbi_contact_is_near(live->near, &faces->element_sides[k], nodes))
+                sbi_contact_set_outer(live, cell * faces->side_count + k, sbi_contact_is_outside(faces, body, cell, k));
+    }
+}
+
+/* near[node] of the nodes becomes `mark`. */
+static void sbi_contact_mark_nodes(unsigned char *near, const int *nodes, size_t count, int mark)
+{
+    for (size_t i = 0; i < count; i++)
+        near[nodes[i]] = (unsigned char)mark;
+}
+
+/* Looks around nodes of a list that are marked with 1, each once. */
+static void sbi_contact_look_around_nodes(sbi_contact_faces *faces, const sb_body *body, const int *nodes, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (faces->live.near[nodes[i]] == 1) {
+            faces->live.near[nodes[i]] = 2;
+            sbi_contact_look_around(faces, body, nodes[i]);
+        }
+}
+
+SBI_API void sbi_contact_faces_follow(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change)
+{
+    sbi_contact_live *live = &faces->live;
+    size_t removed, made;
+    if (!change)
+        live->news = SBI_CONTACT_STALE;
+    if (live->news == SBI_CONTACT_STALE)
+        return;
+    live->news = SBI_CONTACT_CHANGED;
+    removed = (size_t)change->removed_cell_count * (size_t)change->nodes_per_cell;
+    made = (size_t)change->made_cell_count * (size_t)change->nodes_per_cell;
+    for (int i = 0; i < change->removed_cell_count; i++) {
+        live->gone[change->removed_cells[i]] = 1;
+        for (int k = 0; k < faces->side_count; k++)
+            sbi_contact_set_outer(live, change->removed_cells[i] * faces->side_count + k, 0);
+    }
+    sbi_contact_mark_nodes(live->near, change->removed_cell_nodes, removed, 1);
+    sbi_contact_mark_nodes(live->near, change->made_cell_nodes, made, 1);
+    sbi_contact_look_around_nodes(faces, body, change->removed_cell_nodes, removed);
+    sbi_contact_look_around_nodes(faces, body, change->made_cell_nodes, made);
+    sbi_contact_mark_nodes(live->near, change->removed_cell_nodes, removed, 0);
+    sbi_contact_mark_nodes(live->near, change->made_cell_nodes, made, 0);
+}
+
+/* ---- the faces anew ---- */
+
+/* Faces of a mesh that is another as a whole: none is what it was. */
+static sb_result sbi_contact_reload(sbi_contact_faces *faces, const sb_body *body, sb_error *error)
+{
+    sbi_contact_faces next = *faces;
+    sb_result result;
+    int before = faces->live.seen_count;
+    memset(&next.live, 0, sizeof next.live);
+    memset(&next.tree, 0, sizeof next.tree);
+    next.memory = NULL;
+    result = sbi_contact_fill(&next, body, error);
+    if (result == SB_OK && next.face_room < before) { /* `moved` has an entry for each face before */
+        next.live.seen_count = 0;
+        if (!sbi_contact_grow(&next, body, before, next.node_room, next.live.cell_room))
+            result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", before);
+    }
+    if (result != SB_OK) {
+        sbi_contact_release_arrays(&next);
+        return result;
+    }
+    next.live.seen_count = before;
+    sbi_contact_release_arrays(faces);
+    *faces = next;
+    memset(faces->live.gone, 1, (size_t)faces->live.cell_room);
+    return SB_OK;
+}
+
+/* live.moved from the keys of the last time and those of now, which both ascend. */
+static void sbi_contact_match(sbi_contact_faces *faces)
+{
+    sbi_contact_live *live = &faces->live;
+    int f = 0;
+    for (int i = 0; i < live->seen_count; i++) {
+        int key = live->seen[i];
+        while (f < faces->face_end && faces->keys[f] < key)
+            f++;
+        live->moved[i] = f < faces->face_end && faces->keys[f] == key && !live->gone[key / faces->side_count] ? f : -1;
+    }
+    memcpy(live->seen, faces->keys, (size_t)faces->face_end * sizeof(int));
+    live->seen_count = faces->face_end;
+    memset(live->gone, 0, (size_t)live->cell_room);
+}
+
+SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_body *body, int *changed, sb_error *error)
+{
+    sbi_contact_live *live = &faces->live;
+    if (changed)
+        *changed = live->news != SBI_CONTACT_CURRENT;
+    if (live->news == SBI_CONTACT_STALE) {
+        sb_result result = sbi_contact_reload(faces, body, error);
+        if (result != SB_OK)
+            return result;
+    } else if (live->news == SBI_CONTACT_CHANGED) {
+        sbi_contact_put_faces(faces, body, live->outer);
+        sbi_contact_build_tree(faces, body, &live->order);
+    }
+    if (live->news != SBI_CONTACT_CURRENT)
+        sbi_contact_match(faces);
+    live->news = SBI_CONTACT_CURRENT;
+    return SB_OK;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -68177,7 +68570,7 @@ SB_INLINE void sbi_contact_stiffness(const sbi_contact_answer *a, sb_vec3 n, sb_
 
 /* The sample nearest to a tool that nothing presses on. */
 typedef struct sbi_contact_nearest {
-    int known;             /* 0: none is near */
+    int known; /* 0: none is near */
     int face, parts, sample;
     sb_real gap;           /* m */
     sb_vec3 point, normal; /* m; out of the tool */
@@ -68191,21 +68584,35 @@ typedef struct sbi_contact_tool {
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
-    int face_count;        /* of its faces in sb_contact.near */
-    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
-    sb_real lag;           /* m */
+    int face_count;              /* of its faces in sb_contact.near */
+    sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
 } sbi_contact_tool;
 
-/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
+/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
 typedef struct sbi_contact_entry {
     int tool, face, parts, sample, sticks;
-    sb_real memory;               /* l (Pa) */
     sb_real gap, area;            /* m, m^2 at rest */
     sb_vec3 traction;             /* t (Pa) on the body */
     sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
     sbi_contact_answer answer;    /* of the law, for its stiffness; not saved: 0 where it was loaded */
 } sbi_contact_entry;
+
+enum { SBI_CONTACT_MOST_CORNERS = 4 }; /* of any face */
+
+/* What a corner of faces remembers of a tool's pressure. */
+typedef struct sbi_contact_pressure {
+    int tool, node;
+    sb_real value; /* l_a (Pa), > 0 */
+} sbi_contact_pressure;
+
+/* Sums at a corner over the samples in touch, see contact_memory.c. */
+typedef struct sbi_contact_sum {
+    sb_real old;               /* l_a before (Pa) */
+    sb_real force, rise, kept; /* sum w p, sum w p (p - l), sum w p f */
+    int refuses;               /* 1: the matrix is too stiff here for a memory to be stable */
+} sbi_contact_sum;
 
 /* A face near a tool. */
 typedef struct sbi_contact_patch {
@@ -68255,6 +68662,7 @@ struct sb_contact {
     int sample_count;
     int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
     int *nodes;          /* [node_room] */
+    sb_vec3 *moved;      /* [node_room] how far nodes go in the step (m), for a look at its end */
     sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
     sb_real *region_sum; /* [max_tools][regions] of k while it is summed, then k (Pa/m) */
     int *region_count;
@@ -68262,6 +68670,7 @@ struct sb_contact {
     sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
     sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
     int blocks_current;
+    sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
 
@@ -68269,6 +68678,8 @@ struct sb_contact {
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
     int is_solved; /* 1: entries are of the system that the body has solved last */
+    sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
+    int pressure_count;
     void *memory;
 };
 
@@ -68285,6 +68696,12 @@ SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
 /* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
                                   int *element);
+
+/* ---- contact_memory.c ---- */
+/* memory of all samples, by what corners remember. */
+SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
+/* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
+SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 
 /* ---- contact_step.c ---- */
 /* What the body calls in its steps. */
@@ -68325,9 +68742,10 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 /* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
  *
  * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
- * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
- * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was
- * at least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+ * from there on. After the solve no sample may be deeper than 0.6 of it, nor any have come into the tool on a way
+ * against it longer than 0.8 of it: a face has a sample within 0.36 radii of any of its points, so that a skeleton that
+ * was at least 0.4 inner radii off a face's one side cannot have come as far off its other side. Faces are looked for
+ * anew then: tissue may go where its velocity did not point to. */
 #include <math.h>
 #include <string.h>
 
@@ -68335,7 +68753,7 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 #define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
 #define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
 #define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
-#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample near the tool against it */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample that comes into the tool, against it */
 enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
 
 /* ---- faces near a tool ---- */
@@ -68454,21 +68872,33 @@ SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
 
 /* ---- afterwards ---- */
 
+/* 1 when a sample on the straight way from x0 to x1, both in the tool's frame at the end, comes into the tool. */
+static int sbi_sweep_way_meets(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
+{
+    const sb_vec3 up = {0, 0, 1};
+    sb_vec3 way = sb_v3_sub(x1, x0), normal;
+    sb_real length = sb_v3_norm(way), share = 0;
+    for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
+        sb_real gap = sbi_tool_distance(tool->shape, tool->chain_balance, sb_v3_madd(x0, share, way), up, &normal);
+        if (!(gap > 0))
+            return 1;
+        share += sb_max(gap, SBI_SWEEP_CLEAR * sbi_tool_inner_radius(tool->shape)) / length;
+    }
+    return share < 1;
+}
+
 /* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
 static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
 {
     const sb_vec3 up = {0, 0, 1};
-    sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
-    sb_real inner = sbi_tool_inner_radius(tool->shape), before;
-    sb_real gap =
-        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
-    if (!(gap < SBI_SWEEP_DEEPEST * inner))
-        return 0;
-    if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
+    sb_vec3 normal, start = sbi_pose_to_tool(&tool->reached, x0), end = sbi_pose_to_tool(&tool->balance, x1);
+    sb_real inner = sbi_tool_inner_radius(tool->shape), before, gap;
+    if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) && sbi_sweep_way_meets(tool, start, end))
         return 1;
+    gap = sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &normal);
     if (gap > -SBI_SWEEP_DEEPEST * inner)
         return 0;
-    before = sbi_tool_distance(tool->shape, tool->chain_reached, sbi_pose_to_tool(&tool->reached, x0), up, &normal);
+    before = sbi_tool_distance(tool->shape, tool->chain_reached, start, up, &normal);
     return !(gap > before); /* a body that was put deep into a tool may come out */
 }
 
@@ -68498,9 +68928,18 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
 
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
 {
-    for (int i = 0; i < contact->max_tools; i++)
-        if (contact->tools[i].shape && !sbi_sweep_tool_is_safe(contact, i, u))
+    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    for (int i = 0; i < contact->faces->node_room; i++)
+        contact->moved[i] = sb_v3_sub(sb_v3_add(rest[i], u[i]), x[i]);
+    sbi_contact_faces_refit(contact->faces, x, contact->moved, 1);
+    for (int i = 0; i < contact->max_tools; i++) {
+        const sbi_contact_tool *tool = contact->tools + i;
+        if (!tool->shape)
+            continue;
+        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next);
+        if (!sbi_sweep_tool_is_safe(contact, i, u))
             return 0;
+    }
     return 1;
 }
 
@@ -68519,6 +68958,118 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_memory.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_memory: pressures that contact remembers from step to step, so that overlap vanishes where the surface rests.
+ *
+ * What is remembered is a field over the faces near a tool, linear (of quads bilinear) between their corners: l = sum
+ * L_a l_a. After a step each corner takes what its surroundings are pressed in,
+ *     l_a <- (l_a + sum w p (p - l) / sum w p) sum w p f / sum w p,    w = L_a dA, f = max(0, 1 - slip / spacing),
+ * over the samples in touch: by their force, so that samples may come and go without a jump. One number for each corner
+ * is as much as the surface can follow. Of each sample by itself it would never settle: a face cannot meet the tool at
+ * all of its samples, ever fewer would bear ever more, and what friction holds would creep all the while. */
+#include <string.h>
+
+
+/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
+ * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+#define SBI_CONTACT_REMEMBERS ((sb_real)3)
+
+/* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
+static sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner)
+{
+    int n = kind->corners;
+    sb_real share = weights[corner];
+    if (kind->nodes >= 2 * n)
+        share += (sb_real)0.5 * (weights[n + corner] + weights[n + (corner + n - 1) % n]);
+    return kind->nodes > 2 * n ? share + (sb_real)0.25 * weights[2 * n] : share;
+}
+
+/* ---- from the list to samples ---- */
+
+/* sums[place].old = what the nodes of a tool's patches remember. */
+static void sbi_contact_spread(sb_contact *contact, int tool)
+{
+    memset(contact->sums, 0, (size_t)contact->touch.node_count * sizeof *contact->sums);
+    for (int i = 0; i < contact->pressure_count; i++) {
+        const sbi_contact_pressure *pressure = contact->pressures + i;
+        int place = contact->node_place[pressure->node];
+        if (pressure->tool == tool && place >= 0)
+            contact->sums[place].old = pressure->value;
+    }
+}
+
+SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
+{
+    for (int p = 0, tool = -1; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+        if (patch->tool != tool)
+            sbi_contact_spread(contact, patch->tool);
+        tool = patch->tool;
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            sbi_contact_sample *s = contact->samples + i;
+            s->memory = 0;
+            for (int a = 0; a < kind->corners; a++)
+                s->memory += sbi_contact_corner_share(kind, s->weights, a) * contact->sums[patch->nodes[a]].old;
+        }
+    }
+}
+
+/* ---- from samples to the list ---- */
+
+static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *patch)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real fade = sb_max((sb_real)0, 1 - s->slip / sb_sqrt(s->area));
+        for (int a = 0; a < kind->corners && s->answer.pressure > 0; a++) {
+            sbi_contact_sum *sum = contact->sums + patch->nodes[a];
+            sb_real force = sbi_contact_corner_share(kind, s->weights, a) * s->area * s->answer.pressure;
+            sum->force += force;
+            sum->rise += force * (s->answer.pressure - s->memory);
+            sum->kept += force * fade;
+        }
+    }
+    for (int a = 0; a < kind->corners; a++)
+        if (!(contact->samples[patch->first].k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
+            contact->sums[patch->nodes[a]].refuses = 1;
+}
+
+/* Appends what a tool's corners remember now, in the order of places, which is that of its faces. */
+static int sbi_contact_append_pressures(sb_contact *contact, int tool, int fades, int count)
+{
+    for (int k = 0; k < contact->touch.node_count; k++) {
+        const sbi_contact_sum *sum = contact->sums + k;
+        sbi_contact_pressure *fresh = contact->spare_pressures + count;
+        if (!(sum->force > 0) || sum->refuses)
+            continue;
+        fresh->tool = tool;
+        fresh->node = contact->nodes[k];
+        fresh->value = (sum->old + sum->rise / sum->force) * (fades ? sum->kept / sum->force : 1);
+        count += fresh->value > 0;
+    }
+    return count;
+}
+
+SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
+{
+    sbi_contact_pressure *fresh = contact->spare_pressures;
+    int count = 0;
+    for (int p = 0; p < contact->patch_count;) {
+        int tool = contact->patches[p].tool;
+        sbi_contact_spread(contact, tool);
+        for (; p < contact->patch_count && contact->patches[p].tool == tool; p++)
+            sbi_contact_add_sums(contact, contact->patches + p);
+        count = sbi_contact_append_pressures(contact, tool, fades, count);
+    }
+    contact->spare_pressures = contact->pressures;
+    contact->pressures = fresh;
+    contact->pressure_count = count;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_step.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_step: contact within a step: samples near tools, their stiffness and memory, forces and blocks. */
@@ -68527,10 +69078,6 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
 
 
 enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
-
-/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
- * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
-#define SBI_CONTACT_REMEMBERS ((sb_real)3)
 
 /* ---- nodes and patches ---- */
 
@@ -68714,6 +69261,19 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
     }
 }
 
+/* Forces that rounding of places makes (N): the norm of those of all samples. */
+static double sbi_contact_noise(const sb_contact *contact)
+{
+    double sum = 0, place = 0;
+    for (int k = 0; k < contact->touch.node_count; k++)
+        place = fmax(place, (double)sb_v3_norm(contact->positions[k]));
+    for (int i = 0; i < contact->sample_count; i++) {
+        double force = (double)(contact->samples[i].area * contact->samples[i].k) * (double)SB_EPSILON * place;
+        sum += force * force;
+    }
+    return sqrt(sum);
+}
+
 /* ---- memory ---- */
 
 /* Order of samples: by tool, face, number. */
@@ -68727,7 +69287,7 @@ static int sbi_contact_compare(const sbi_contact_patch *patch, const sbi_contact
     return sample->sample < entry->sample ? -1 : sample->sample > entry->sample;
 }
 
-/* Hands what the last step left over to the samples: both lists are in the same order. */
+/* Hands tractions that the last step left over to the samples: both lists are in the same order. */
 static void sbi_contact_remember(sb_contact *contact)
 {
     int e = 0;
@@ -68738,7 +69298,6 @@ static void sbi_contact_remember(sb_contact *contact)
             e++;
         if (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) == 0 &&
             contact->entries[e].parts == patch->parts) {
-            sample->memory = contact->entries[e].memory;
             sample->remembered = contact->entries[e].traction;
             sample->normal = contact->entries[e].normal;
         }
@@ -68762,7 +69321,9 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     }
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
+    sbi_contact_remember_pressures(contact);
     contact->touch.nodes = contact->nodes;
+    contact->touch.noise = sbi_contact_noise(contact);
     contact->step_info.candidates = contact->sample_count;
     contact->step_info.retries = step->tries;
     contact->step_info.thinned = thin > 0;
@@ -68978,29 +69539,16 @@ static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 
 static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
 
-/* 1: pressures may be remembered here, see SBI_CONTACT_REMEMBERS. */
-static int sbi_contact_remembers(const sb_contact *contact, const sbi_contact_patch *patch, sb_real k)
-{
-    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
-        if (!(k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
-            return 0;
-    return 1;
-}
-
-/* A sample in touch becomes an entry. What it remembers fades where it slips, within the distance of its neighbour. */
-static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const sbi_contact_patch *patch,
-                                                const sbi_contact_sample *s)
+/* A sample in touch becomes an entry. */
+static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
 {
     sbi_contact_entry entry;
-    sb_real fade = 1 - s->slip / sb_sqrt(s->area);
     memset(&entry, 0, sizeof entry);
     entry.tool = patch->tool;
     entry.face = patch->face;
     entry.parts = patch->parts;
     entry.sample = s->sample;
     entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
-    if (fade > 0 && sbi_contact_remembers(contact, patch, s->k))
-        entry.memory = fade * s->answer.pressure;
     entry.traction = s->answer.traction;
     entry.gap = s->gap;
     entry.area = s->area;
@@ -69054,7 +69602,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
             sbi_contact_keep_nearest(contact, s);
             continue;
         }
-        fresh[count] = sbi_contact_make_entry(contact, contact->patches + s->patch, s);
+        fresh[count] = sbi_contact_make_entry(contact->patches + s->patch, s);
         contact->step_info.touching++;
         contact->step_info.sticking += fresh[count++].sticks;
         contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
@@ -69084,6 +69632,7 @@ static void sbi_contact_arrive(sb_contact *contact)
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_pressures(contact, 1);
     sbi_contact_keep_entries(contact);
     sbi_contact_sum_wrenches(contact);
     sbi_contact_arrive(contact);
@@ -69230,6 +69779,11 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
         if (contact->entries[e].tool != tool)
             contact->entries[count++] = contact->entries[e];
     contact->entry_count = count;
+    count = 0;
+    for (int i = 0; i < contact->pressure_count; i++)
+        if (contact->pressures[i].tool != tool)
+            contact->pressures[count++] = contact->pressures[i];
+    contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
     contact->tools[tool].nearest.known = 0;
     contact->is_solved = 0;
@@ -69360,7 +69914,7 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 
 
 static const char sbi_contact_name[] = "contact";
-enum { SBI_CONTACT_VERSION = 1 };
+enum { SBI_CONTACT_VERSION = 2 };
 
 /* ---- words ---- */
 
@@ -69412,7 +69966,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
+enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
 
@@ -69453,17 +70007,17 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
 
 static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_entry *entry, sbi_state_out *out)
 {
-    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->memory, entry->gap, entry->area};
+    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_contact_put_int(out, entry->tool);
     sbi_contact_put_int(out, contact->faces->elements[entry->face]);
     sbi_contact_put_int(out, contact->faces->sides[entry->face]);
     sbi_contact_put_int(out, entry->parts);
     sbi_contact_put_int(out, entry->sample);
     sbi_contact_put_int(out, entry->sticks);
-    sbi_contact_pack_vector(entry->traction, reals + 3);
-    sbi_contact_pack_vector(entry->point, reals + 6);
-    sbi_contact_pack_vector(entry->normal, reals + 9);
-    sbi_contact_pack_vector(entry->force, reals + 12);
+    sbi_contact_pack_vector(entry->traction, reals + 2);
+    sbi_contact_pack_vector(entry->point, reals + 5);
+    sbi_contact_pack_vector(entry->normal, reals + 8);
+    sbi_contact_pack_vector(entry->force, reals + 11);
     sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
 }
 
@@ -69476,6 +70030,12 @@ static void sbi_contact_save(const void *user, sbi_state_out *out)
     sbi_contact_put_int(out, contact->entry_count);
     for (int e = 0; e < contact->entry_count; e++)
         sbi_contact_put_entry(contact, contact->entries + e, out);
+    sbi_contact_put_int(out, contact->pressure_count);
+    for (int i = 0; i < contact->pressure_count; i++) {
+        sbi_contact_put_int(out, contact->pressures[i].tool);
+        sbi_contact_put_int(out, contact->pressures[i].node);
+        sbi_contact_put_reals(out, &contact->pressures[i].value, 1);
+    }
 }
 
 /* ---- loading: a check without effect, then the same walk with it ---- */
@@ -69536,17 +70096,36 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in,
     entry->sample = sbi_contact_get_int(in);
     entry->sticks = sbi_contact_get_int(in);
     sbi_contact_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
-    entry->memory = reals[0], entry->gap = reals[1], entry->area = reals[2];
-    entry->traction = sb_v3(reals[3], reals[4], reals[5]);
-    entry->point = sb_v3(reals[6], reals[7], reals[8]);
-    entry->normal = sb_v3(reals[9], reals[10], reals[11]);
-    entry->force = sb_v3(reals[12], reals[13], reals[14]);
+    entry->gap = reals[0], entry->area = reals[1];
+    entry->traction = sb_v3(reals[2], reals[3], reals[4]);
+    entry->point = sb_v3(reals[5], reals[6], reals[7]);
+    entry->normal = sb_v3(reals[8], reals[9], reals[10]);
+    entry->force = sb_v3(reals[11], reals[12], reals[13]);
     in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
                element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
-               entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
+               entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
     entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
     if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
+}
+
+static sbi_contact_pressure sbi_contact_get_pressure(const sb_contact *contact, sbi_contact_in *in)
+{
+    sbi_contact_pressure pressure;
+    pressure.tool = sbi_contact_get_int(in);
+    pressure.node = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, &pressure.value, 1);
+    in->bad |= pressure.tool < 0 || pressure.tool >= contact->max_tools || !contact->tools[pressure.tool].shape ||
+               pressure.node < 0 || !(pressure.value > 0);
+    return pressure;
+}
+
+/* Pressures of at most four corners of each contact. */
+static int sbi_contact_get_pressure_count(sbi_contact_in *in, int contacts)
+{
+    int count = sbi_contact_get_int(in);
+    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
+    return in->bad ? 0 : count;
 }
 
 static sb_result sbi_contact_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
@@ -69555,7 +70134,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
     sb_result result = SB_OK;
-    int count;
+    int count, pressures;
     (void)body;
     if (sbi_contact_get_int(&in) != contact->max_tools)
         return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
@@ -69572,6 +70151,9 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 0, &entry);
     }
+    pressures = sbi_contact_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures && !in.bad; i++)
+        (void)sbi_contact_get_pressure(contact, &in);
     if (in.bad || count < 0 || in.left != 0)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
     return SB_OK;
@@ -69597,7 +70179,7 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
-    int count;
+    int count, pressures;
     (void)sbi_contact_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
         (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
@@ -69609,6 +70191,13 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         sbi_contact_get_entry(contact, &in, 1, &entry);
         if (entry.face >= 0)
             sbi_contact_insert(contact, &entry);
+    }
+    contact->pressure_count = 0;
+    pressures = sbi_contact_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures; i++) {
+        sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);
+        if (pressure.node < contact->faces->node_room)
+            contact->pressures[contact->pressure_count++] = pressure;
     }
 }
 
@@ -69784,9 +70373,10 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
     size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions};
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->moved};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
@@ -69803,6 +70393,9 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
+    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
+    c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
+    c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -70980,7 +71573,7 @@ SBI_API void sbi_haptic_make_frame(sb_haptic *haptic, sbi_haptic_frame *frame);
 #include <string.h>
 
 
-#define SBI_CLUSTER_NEAR 0.866             /* cosine of the angle between normals of a cluster */
+#define SBI_CLUSTER_NEAR 0.866               /* cosine of the angle between normals of a cluster */
 #define SBI_COLUMN_TOLERANCE ((sb_real)0.01) /* of the solution of a column */
 /* Stiffness across the normal over that along it where it was never found: that of a sticking round contact, 2 (1 -
  * nu)/(2 - nu), of what keeps its volume. Mindlin 1949. */
@@ -71050,8 +71643,8 @@ static int sbi_cluster_share_out(sb_haptic *haptic, const sbi_cluster_list *list
             break;
         seeds[count] = seed;
         for (int i = 0; i < list->count; i++)
-            if (haptic->cluster_of[i] < 0 && (double)sb_v3_dot(list->entries[i].normal, list->entries[seed].normal) >=
-                                                 SBI_CLUSTER_NEAR)
+            if (haptic->cluster_of[i] < 0 &&
+                (double)sb_v3_dot(list->entries[i].normal, list->entries[seed].normal) >= SBI_CLUSTER_NEAR)
                 haptic->cluster_of[i] = count;
         haptic->cluster_of[seed] = count;
     }
@@ -71180,8 +71773,8 @@ static void sbi_column_load(sb_haptic *haptic, int face, int parts, int sample, 
 static sb_vec3 sbi_column_motion(const sb_haptic *haptic, int face, int parts, int sample)
 {
     const sbi_contact_faces *faces = haptic->contact->faces;
-    return sbi_contact_mean(sbi_contact_sample_weights(faces, face, parts, sample),
-                            sbi_contact_face_nodes(faces, face), faces->sizes[face], haptic->column);
+    return sbi_contact_mean(sbi_contact_sample_weights(faces, face, parts, sample), sbi_contact_face_nodes(faces, face),
+                            faces->sizes[face], haptic->column);
 }
 
 static void sbi_column_clear(sb_haptic *haptic)

@@ -17,7 +17,7 @@ static void faces_at_rest(const sbi_contact_faces *faces, const sb_body *body, i
         x[a] = body->reference[sbi_contact_face_nodes(faces, face)[a]];
 }
 
-/* ---- meshes -------------------------------------------------------------------------------------------------- */
+/* ---- meshes ------------------------------------------------------------------------------------------------------ */
 
 /* Graded boxes whose nodes were shaken, those on a side within it, so that faces are flat and their edges straight. */
 static sb_mesh faces_straight_mesh(sb_element_type type, const int cells[3], sb_vec3 size, unsigned long long *seed)
@@ -88,7 +88,7 @@ static sb_mesh faces_random_mesh(int type, double bend, double unit, unsigned lo
     return mesh;
 }
 
-/* ---- samples --------------------------------------------------------------------------------------------------- */
+/* ---- samples ----------------------------------------------------------------------------------------------------- */
 
 /* |x_r cross x_s| and the place of a point of a face. */
 static double faces_at(const sbi_contact_faces *faces, const sb_body *body, int face, const sb_real xi[3],
@@ -230,8 +230,7 @@ static void test_faces_functions(void)
     }
 }
 
-/* ---- spacing ------------------------------------------------------------------------------------------------------
- */
+/* ---- spacing ----------------------------------------------------------------------------------------------------- */
 
 static sb_vec3 faces_point(const sb_vec3 *x, const sb_real *shape, int nodes)
 {
@@ -312,8 +311,7 @@ static void test_faces_spacing(void)
     CHECK(farthest[0] < 0.3 && farthest[1] < 0.34);
 }
 
-/* ---- which faces ---------------------------------------------------------------------------------------------------
- */
+/* ---- which faces ------------------------------------------------------------------------------------------------- */
 
 /* The faces are those of the boundary that meshes have; numbers of nodes and cells go through these tables. */
 static void faces_check_boundary(const sbi_contact_faces *faces, const sb_body *body)
@@ -326,10 +324,8 @@ static void faces_check_boundary(const sbi_contact_faces *faces, const sb_body *
     if (!CHECK_OK(sb_body_get_mesh(body, NULL, &mesh, nodes, cells, NULL)) ||
         !CHECK_OK(sb_mesh_boundary(&mesh, 0, NULL, &boundary, NULL)))
         return;
-    if (CHECK_INT(faces->face_count, boundary.surface.element_count))
+    if (CHECK_INT(faces->face_end, boundary.surface.element_count))
         for (int f = 0, row = 0; f < faces->face_end; f++) {
-            if (!faces->sizes[f])
-                continue;
             wrong += cells[faces->elements[f]] != boundary.elements[row] || faces->sides[f] != boundary.faces[row];
             wrong += faces->regions[f] != body->cell_material[faces->elements[f]];
             wrong += sbi_contact_face_type(faces, f) != boundary.surface.element_type;
@@ -455,7 +451,7 @@ static void test_faces_of_cells_in_one_place(void)
     mesh.element_type = SB_TET4, mesh.element_count = 2, mesh.elements = cells;
     body = faces_body(&mesh, 0);
     if (body && CHECK_OK(sbi_contact_faces_create(body, NULL, &faces, NULL))) {
-        CHECK_INT(faces->face_count, 4);
+        CHECK_INT(faces->face_end, 4);
         for (int f = 0; f < 4; f++)
             CHECK_INT(faces->elements[f], 0);
         sbi_contact_faces_destroy(faces);
@@ -463,8 +459,7 @@ static void test_faces_of_cells_in_one_place(void)
     sb_body_destroy(body);
 }
 
-/* ---- boxes
- * ----------------------------------------------------------------------------------------------------------- */
+/* ---- boxes ------------------------------------------------------------------------------------------------------- */
 
 static int faces_has(const int *found, int count, int face)
 {
@@ -520,8 +515,7 @@ static void test_faces_boxes(void)
     }
 }
 
-/* ---- blocks
- * ------------------------------------------------------------------------------------------------------------ */
+/* ---- blocks ------------------------------------------------------------------------------------------------------ */
 
 static int faces_wrong_blocks(sbi_contact_faces *faces, const sb_body *body)
 {
@@ -569,8 +563,7 @@ static void test_faces_blocks(void)
     }
 }
 
-/* ---- degenerate, memory
- * -------------------------------------------------------------------------------------------------- */
+/* ---- degenerate, memory ------------------------------------------------------------------------------------------ */
 
 /* Faces that have lost their area have no samples, and are not found. No body is made so; material may come to it. */
 static void test_faces_without_area(void)
@@ -585,9 +578,9 @@ static void test_faces_without_area(void)
             if (body->reference[i].x > REAL(0.9))
                 body->reference[i].y = 0;
         if (CHECK_OK(sbi_contact_faces_create(body, NULL, &faces, NULL))) {
-            CHECK(faces->flat_count > 0 && faces->flat_count < faces->face_count);
+            CHECK(faces->flat_count > 0 && faces->flat_count < faces->face_end);
             count = sbi_contact_faces_query(faces, sb_v3(-9, -9, -9), sb_v3(9, 9, 9), found, 300);
-            CHECK_INT(count, faces->face_count - faces->flat_count);
+            CHECK_INT(count, faces->face_end - faces->flat_count);
             for (int i = 0; i < count; i++)
                 CHECK(faces->areas[found[i]] > 0);
             sbi_contact_faces_destroy(faces);

@@ -9,7 +9,7 @@
 #include "check.h"
 #include "scene.h"
 
-/* ---- faces at random ------------------------------------------------------------------------------------------ */
+/* ---- faces at random --------------------------------------------------------------------------------------------- */
 
 enum { CLOUD_WIDTH = 9 };
 
@@ -116,7 +116,7 @@ static void cloud_box(const cloud *c, unsigned long long *seed, sb_vec3 *low, sb
         high->y = SB_REAL_MAX;
 }
 
-/* ---- queries ---------------------------------------------------------------------------------------------------- */
+/* ---- queries ----------------------------------------------------------------------------------------------------- */
 
 static int cloud_meets(sb_vec3 a_low, sb_vec3 a_high, sb_vec3 low, sb_vec3 high, double widen)
 {
@@ -294,8 +294,7 @@ static void test_tree_finds_a_bulge(void)
     sbi_face_tree_free(&tree, NULL);
 }
 
-/* ---- memory and emptiness ------------------------------------------------------------------------------------------
- */
+/* ---- memory and emptiness ---------------------------------------------------------------------------------------- */
 
 static void test_tree_without_faces(void)
 {

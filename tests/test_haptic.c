@@ -383,7 +383,7 @@ static void test_press(void)
                result.peak, 1e6 * result.swing, 100 * result.jump / result.peak, 1e3 * result.beyond);
         CHECK(result.peak > 0.3);
         CHECK(result.swing < 50e-6);
-        CHECK(result.jump < 0.05 * result.peak);
+        CHECK(result.jump < 0.1 * result.peak); /* a force held over the 10 ms of a step would change by a quarter */
         CHECK(result.beyond < 1e-3);
         CHECK(result.frames > 1.5 * rates[i] - 5);
         slab_free(&s);

@@ -1,7 +1,8 @@
-/* bench_contact: what contact costs beside a step: boxes over the faces of a body fitted anew, and boxes asked for.
- * Prints for each kind of face: faces, microseconds of a refit with velocities (least and median) and nanoseconds a
- * face, then of queries with boxes of a tenth and of a third of the body: nanoseconds, and faces found. Asserts
- * nothing. */
+/* bench_contact: what contact costs beside a step: boxes over the faces of a body fitted anew, boxes asked for, and
+ * faces that follow a mesh that changes. Prints for each kind of face: faces, microseconds of a refit with velocities
+ * (least and median) and nanoseconds a face, then of queries with boxes of a tenth and of a third of the body:
+ * nanoseconds, and faces found. Then of splits of edges among 13,608 tet4: microseconds that the faces take of each,
+ * and of the update after it. Asserts nothing. */
 #define SB_STATIC
 #define SB_IMPLEMENTATION
 #include "../../softbody.h"
@@ -11,6 +12,7 @@
 #include <stdio.h>
 
 #include "../check.h"
+#include "../follow_change.h"
 #include "../scene.h"
 
 check_state check;
@@ -44,8 +46,8 @@ static void time_refit(sbi_contact_faces *faces, const sb_body *body, const sb_v
         times[i] = now() - times[i];
     }
     median(times, RUNS);
-    printf("%-22s %6d faces %8.1f us least %8.1f us median %6.2f ns a face at least\n", name, faces->face_count,
-           1e6 * times[0], 1e6 * times[RUNS / 2], 1e9 * times[0] / faces->face_count);
+    printf("%-22s %6d faces %8.1f us least %8.1f us median %6.2f ns a face at least\n", name, faces->face_end,
+           1e6 * times[0], 1e6 * times[RUNS / 2], 1e9 * times[0] / faces->face_end);
 }
 
 /* Boxes with sides of `share` of the body's, at random. */
@@ -53,7 +55,7 @@ static void time_queries(sbi_contact_faces *faces, double share)
 {
     enum { ROUNDS = 11 };
     unsigned long long seed = 5;
-    int *found = (int *)malloc((size_t)faces->face_count * sizeof(int));
+    int *found = (int *)malloc((size_t)faces->face_end * sizeof(int));
     double times[ROUNDS], count = 0;
     sb_vec3 lows[QUERIES];
     for (int i = 0; i < QUERIES; i++) {
@@ -65,13 +67,78 @@ static void time_queries(sbi_contact_faces *faces, double share)
         for (int i = 0; i < QUERIES; i++)
             count += sbi_contact_faces_query(faces, lows[i],
                                              sb_v3_add(lows[i], sb_v3(REAL(share), REAL(share), REAL(share))), found,
-                                             faces->face_count);
+                                             faces->face_end);
         times[r] = now() - times[r];
     }
     median(times, ROUNDS);
     printf("    boxes of %.2f of a side: %8.0f ns a query at least, %6.1f faces found\n", share,
            1e9 * times[0] / QUERIES, count / (ROUNDS * QUERIES));
     free(found);
+}
+
+/* ---- changes ---- */
+
+typedef struct follower {
+    sbi_contact_faces *faces;
+    double seconds; /* in the last change */
+} follower;
+
+static sb_result follower_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    follower *f = (follower *)user;
+    double start = now();
+    sb_result result = sbi_contact_faces_reserve(f->faces, body, change, error);
+    f->seconds = now() - start;
+    return result;
+}
+
+static void follower_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    follower *f = (follower *)user;
+    double start = now();
+    sbi_contact_faces_follow(f->faces, body, change);
+    f->seconds += now() - start;
+}
+
+static void time_changes(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 18, 18, 7, sb_v3(1, 1, REAL(0.4)), 0.1);
+    sb_body_def def = sb_default_body_def();
+    double changes[RUNS], updates[RUNS];
+    unsigned long long seed = 7;
+    sb_body_listener listener;
+    follower f;
+    sb_body *body;
+    def.mesh = &mesh;
+    def.material = sb_material_corotated(5000, REAL(0.45), 1000);
+    def.slack = REAL(0.5);
+    body = scene_body(&def);
+    f.faces = make_faces(body);
+    memset(&listener, 0, sizeof listener);
+    listener.user = &f;
+    listener.reserve = follower_reserve;
+    listener.follow = follower_follow;
+    if (sb_body_listen(body, &listener, NULL, NULL) != SB_OK)
+        exit(1);
+    for (int i = 0; i < RUNS;) {
+        follow_op op;
+        if (follow_change(body, &op, 0, 4, &seed) != SB_OK)
+            continue;
+        changes[i] = f.seconds;
+        updates[i] = now();
+        if (sbi_contact_faces_update(f.faces, body, NULL, NULL) != SB_OK)
+            exit(1);
+        updates[i] = now() - updates[i];
+        i++;
+    }
+    median(changes, RUNS);
+    median(updates, RUNS);
+    printf("%-22s %6d faces %8.1f us least %8.1f us median; update %8.1f us least %8.1f us median\n",
+           "contact_follow_13k", f.faces->face_end, 1e6 * changes[0], 1e6 * changes[RUNS / 2], 1e6 * updates[0],
+           1e6 * updates[RUNS / 2]);
+    sbi_contact_faces_destroy(f.faces);
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
 }
 
 int main(void)
@@ -98,5 +165,6 @@ int main(void)
         sb_mesh_free(&mesh);
         free(velocities);
     }
+    time_changes();
     return 0;
 }

@@ -128,6 +128,27 @@ static void sbi_step_renew_touch(sbi_step *step)
 
 /* ---- how much of a new increment is taken ---- */
 
+/* The force (N) that what is left over is compared with. */
+static double sbi_step_touch_scale(const sbi_step *step)
+{
+    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+}
+
+/* What contact's forces differ by from those that the solve had, of the largest force; 0 where it is rounding. */
+static double sbi_step_touch_residual(const sbi_step *step)
+{
+    const sbi_touch *touch = step->touch;
+    double sum = 0, size, scale = sbi_step_touch_scale(step);
+    for (int k = 0; k < touch->node_count; k++) {
+        unsigned char fixed = step->body->fixed[touch->nodes[k]];
+        sb_vec3 v = sb_v3_sub(touch->left[k], touch->force[k]);
+        v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), v);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    size = sqrt(sum);
+    return size > touch->noise ? size / scale : 0;
+}
+
 /* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
  * end, and rises evenly by `rise` to there. */
 static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
@@ -195,8 +216,9 @@ static void sbi_step_measure_way(sbi_step *step)
 }
 
 /* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
- * increment overshoot, and a free block is thrown away by it. Returns the share. */
-static double sbi_step_search_touch(sbi_step *step)
+ * increment overshoot, and a free block is thrown away by it. An end whose forces are those that were solved for needs
+ * no search: slopes are rounding there. Returns the share. */
+static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
 {
     sb_body *b = step->body;
     sbi_touch *touch = step->touch;
@@ -206,7 +228,7 @@ static double sbi_step_search_touch(sbi_step *step)
     own = sbi_touch_dot(touch, touch->way, touch->du);
     end = sbi_touch_dot(touch, touch->way, touch->left);
     at1 = sbi_step_touch_slope(step, end, 0, 1);
-    if (!(at1 > 0.1 * own))
+    if (!(at1 > 0.1 * own) || sbi_step_touch_residual(step) <= (double)tolerance)
         return 1;
     whole = sbi_step_touch_rise(step);
     if (!(at1 > 0.1 * whole))
@@ -221,12 +243,6 @@ static double sbi_step_search_touch(sbi_step *step)
 }
 
 /* ---- the iteration ---- */
-
-/* The force (N) that what is left over is compared with. */
-static double sbi_step_touch_scale(const sbi_step *step)
-{
-    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
-}
 
 /* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
  * tolerance admits. */
@@ -244,17 +260,11 @@ static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
     return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
 }
 
-/* Forces at the new increment, with friction's bounds of there; touch->residual is what they differ by from those that
- * the solve had. */
+/* Forces at the new increment, with friction's bounds of there. */
 static void sbi_step_end_way(sbi_step *step)
 {
-    sbi_touch *touch = step->touch;
-    double scale;
     sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
-    for (int k = 0; k < touch->node_count; k++)
-        touch->left[k] = sb_v3_sub(touch->left[k], touch->force[k]);
-    scale = sbi_step_touch_scale(step);
-    touch->residual = scale > 0 ? (sb_real)(sbi_touch_norm(step->body, touch->left) / scale) : 0;
+    step->touch->residual = (sb_real)sbi_step_touch_residual(step);
 }
 
 SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
@@ -269,7 +279,7 @@ SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
         result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
         if (result != SB_OK)
             return result;
-        share = sbi_step_search_touch(step);
+        share = sbi_step_search_touch(step, tolerance);
         sbi_step_end_way(step);
         touch->capped = !(share == 1 && touch->residual <= tolerance);
         if (!touch->capped || touch->iterations >= touch->max_iterations)

@@ -38,6 +38,7 @@ typedef struct sbi_touch {
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
     sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
+    double noise;     /* N: norm of what rounding of places makes in them; from begin on */
     /* room for the step: */
     sb_vec3 *du;     /* (m) what it asks forces at */
     sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */

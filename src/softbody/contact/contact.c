@@ -50,9 +50,10 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
     size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions};
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->moved};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
@@ -69,6 +70,9 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
+    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
+    c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
+    c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)

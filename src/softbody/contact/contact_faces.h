@@ -1,7 +1,8 @@
 /* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
  *
- * A face is a slot: a number that it keeps while it exists. Samples are not stored: a face cut into n parts a side has
- * those of its type's rule for n, which is made once.
+ * Faces are numbered in the order of their cells and of the cells' sides, whatever happened before, so that sums over
+ * faces have the bits of a body made with its mesh. Where the mesh changes, numbers do: see sbi_contact_faces_update.
+ * Samples are not stored: a face cut into n parts a side has those of its type's rule for n, which is made once.
  *
  *     type           samples of n parts a side                     parts no longer than   n
  *     tri3           n^2: centroids of equal triangles             r / 2                  2 .. 16
@@ -17,6 +18,7 @@
 #define SB_CONTACT_FACES_H
 
 #include "../body/body.h"
+#include "../mesh/mesh_change.h"
 #include "face_tree.h"
 
 enum { SBI_CONTACT_MOST_PARTS = 16 };
@@ -39,27 +41,61 @@ typedef struct sbi_contact_kind {
     sbi_contact_rule rules[SBI_CONTACT_MOST_PARTS + 1];
 } sbi_contact_kind;
 
-/* All arrays by face have face_room entries; those of free slots are 0. */
+/* A side of an element. */
+typedef struct sbi_contact_side {
+    int nodes, corners;
+    int local[SB_MAX_FACE_NODES];
+} sbi_contact_side;
+
+/* Scratch for the order of faces in the tree. */
+typedef struct sbi_contact_order {
+    sb_vec3 *centres;   /* [faces] */
+    uint32_t *scratch;  /* [faces][3] */
+    int *faces, *order; /* [faces] */
+} sbi_contact_order;
+
+typedef enum sbi_contact_news {
+    SBI_CONTACT_CURRENT = 0,
+    SBI_CONTACT_CHANGED = 1, /* `outer` is right, the faces are those before */
+    SBI_CONTACT_STALE = 2    /* the whole mesh is another */
+} sbi_contact_news;
+
+/* What is kept of a mesh that may change; zeros of one that may not. */
+typedef struct sbi_contact_live {
+    int cell_room;
+    sbi_contact_news news;
+    int outer_count;
+    unsigned char *outer;  /* [cell_room][sides of a cell] 1: a face of the surface */
+    unsigned char *gone;   /* [cell_room] 1: removed since the last update, and perhaps made again */
+    unsigned char *near;   /* [node_room] zeros between calls */
+    int seen_count, *seen; /* [face_room] keys at the last update */
+    int *moved;            /* [face_room] see sbi_contact_faces_update */
+    sbi_contact_order order;
+} sbi_contact_live;
+
 typedef struct sbi_contact_faces {
     sb_allocator allocator;
-    int face_end;   /* slots in use or free lie below */
-    int face_count; /* in use */
-    int flat_count; /* of these without area: they have no samples, and no query finds them */
-    int face_room, node_room;
-    int width;                                     /* nodes per slot: most of any face */
-    unsigned char *sizes;                          /* nodes of each face; 0: a free slot */
-    unsigned char *sides;                          /* its number among the faces of its element */
-    int *nodes;                                    /* [slot][width] counter-clockwise seen from outside */
-    int *elements;                                 /* the cell behind it */
-    int *regions;                                  /* index of its material in the body */
-    sb_real *areas;                                /* m^2 at rest */
-    sb_real *lengths;                              /* m at rest: what is cut into parts, see sbi_contact_face_parts */
-    int *blocks;                                   /* [slot][width * width] once they were asked for */
-    int *versions;                                 /* pattern that the blocks are of; -1: of none */
-    sb_real *node_areas;                           /* [node_room] (m^2), see sbi_contact_node_area */
+    int face_end;             /* faces are numbered below */
+    int flat_count;           /* without area: they have no samples, and no query finds them */
+    int face_room, node_room; /* that arrays by face and by node have */
+    int width;                /* nodes per face in `nodes`: most of any face */
+    unsigned char *sizes;     /* nodes of each face */
+    int *nodes;               /* [face][width] counter-clockwise seen from outside */
+    int *keys;                /* elements[face] * side_count + sides[face]: ascending */
+    int *elements;            /* the cell behind it */
+    unsigned char *sides;     /* its number among the faces of that cell */
+    int *regions;             /* index of its material in the body */
+    sb_real *areas;           /* m^2 at rest */
+    sb_real *lengths;         /* m at rest: what is cut into parts, see sbi_contact_face_parts */
+    int *blocks;              /* [face][width * width] once they were asked for */
+    int *versions;            /* pattern that the blocks are of; -1: of none */
+    sb_real *node_areas;      /* [node_room] (m^2), see sbi_contact_node_area */
+    int side_count;           /* of a cell */
+    sbi_contact_side element_sides[SB_MAX_ELEMENT_FACES];
     sbi_contact_kind kinds[SB_MAX_FACE_NODES + 1]; /* by the nodes of a face */
     sbi_face_tree tree;
     uint64_t *marks; /* zeros between queries */
+    sbi_contact_live live;
     void *memory, *rule_memory;
 } sbi_contact_faces;
 
@@ -70,6 +106,20 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
                                            sbi_contact_faces **faces, sb_error *error);
 SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces); /* NULL is fine */
 
+/* ---- following a mesh that changes (def.slack > 0): to be called by a listener of the body (sb_body_listen) ---- */
+/* Takes the memory that following needs: a change that fails for it leaves the faces as they are. */
+SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change,
+                                            sb_error *error);
+/* The change happened; NULL: the whole mesh is another. Cannot fail. Faces are out of date until the next update. */
+SBI_API void sbi_contact_faces_follow(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change);
+/* Brings the faces up to date; a refit has to follow. *changed (may be NULL): 1 when numbers may be others now: face f
+ * of the last time is faces->live.moved[f], or -1 when its cell was removed (and perhaps another made in its place) or
+ * it is none of the surface any more. Those that stay keep their order. Takes memory only where the whole mesh was
+ * another: SB_ERROR_MEMORY, SB_ERROR_MESH (no face has an area) leave the faces without use until it succeeds. */
+SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_body *body, int *changed,
+                                           sb_error *error);
+
+/* ---- boxes, samples, blocks ---- */
 /* Boxes anew, for the way from x to x + dt v (m); v NULL: at x. */
 SBI_API void sbi_contact_faces_refit(sbi_contact_faces *faces, const sb_vec3 *x, const sb_vec3 *v, sb_real dt);
 /* Faces whose boxes meet [low, high] (m): returns how many, and writes the first `capacity` of them, ascending. One
@@ -108,5 +158,24 @@ SB_INLINE const sb_real *sbi_contact_sample_weights(const sbi_contact_faces *fac
  * quadratic faces, where that is zero (tri6) or negative (quad8) at corners, its share of the integrals of all |N|,
  * times the area. Their sum is the area. */
 SB_INLINE sb_real sbi_contact_node_area(const sbi_contact_faces *faces, int node) { return faces->node_areas[node]; }
+
+/* ---- what the sources of this room share ---- */
+/* Kinds, sides and rules of an element's faces. 0: no memory. */
+SBI_API int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element);
+SBI_API const int *sbi_contact_cell_nodes(const sb_body *body, int cell);
+/* 1 when the corners of a cell's side run through it the way round in which the second least follows the least: of two
+ * sides that touch, one does. */
+SBI_API int sbi_contact_side_ascends(const sbi_contact_side *side, const int *nodes);
+/* Rooms, arrays, faces and tree of a body from nothing. */
+SBI_API sb_result sbi_contact_fill(sbi_contact_faces *faces, const sb_body *body, sb_error *error);
+/* Arrays and tree for the rooms there are. 0: no memory. */
+SBI_API int sbi_contact_take_arrays(sbi_contact_faces *faces);
+SBI_API int sbi_contact_take_tree(sbi_contact_faces *faces, int nodes);
+SBI_API void sbi_contact_release_arrays(sbi_contact_faces *faces);
+/* As many nodes as the faces that there is room for can have. */
+SBI_API int sbi_contact_most_nodes(const sbi_contact_faces *faces);
+/* Faces from what is outside, and the tree of those with area: along Morton's curve through their corners' centres. */
+SBI_API void sbi_contact_put_faces(sbi_contact_faces *faces, const sb_body *body, const unsigned char *outer);
+SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order);
 
 #endif /* SB_CONTACT_FACES_H */

@@ -35,15 +35,29 @@ typedef struct sbi_contact_tool {
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
 } sbi_contact_tool;
 
-/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers. */
+/* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
 typedef struct sbi_contact_entry {
     int tool, face, parts, sample, sticks;
-    sb_real memory;               /* l (Pa) */
     sb_real gap, area;            /* m, m^2 at rest */
     sb_vec3 traction;             /* t (Pa) on the body */
     sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
     sbi_contact_answer answer;    /* of the law, for its stiffness; not saved: 0 where it was loaded */
 } sbi_contact_entry;
+
+enum { SBI_CONTACT_MOST_CORNERS = 4 }; /* of any face */
+
+/* What a corner of faces remembers of a tool's pressure. */
+typedef struct sbi_contact_pressure {
+    int tool, node;
+    sb_real value; /* l_a (Pa), > 0 */
+} sbi_contact_pressure;
+
+/* Sums at a corner over the samples in touch, see contact_memory.c. */
+typedef struct sbi_contact_sum {
+    sb_real old;               /* l_a before (Pa) */
+    sb_real force, rise, kept; /* sum w p, sum w p (p - l), sum w p f */
+    int refuses;               /* 1: the matrix is too stiff here for a memory to be stable */
+} sbi_contact_sum;
 
 /* A face near a tool. */
 typedef struct sbi_contact_patch {
@@ -93,6 +107,7 @@ struct sb_contact {
     int sample_count;
     int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
     int *nodes;          /* [node_room] */
+    sb_vec3 *moved;      /* [node_room] how far nodes go in the step (m), for a look at its end */
     sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
     sb_real *region_sum; /* [max_tools][regions] of k while it is summed, then k (Pa/m) */
     int *region_count;
@@ -100,13 +115,16 @@ struct sb_contact {
     sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
     sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
     int blocks_current;
+    sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
-    int is_solved; /* 1: entries are of the system that the body has solved last */
+    int is_solved;                                     /* 1: entries are of the system that the body has solved last */
+    sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
+    int pressure_count;
     void *memory;
 };
 
@@ -123,6 +141,12 @@ SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
 /* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
                                   int *element);
+
+/* ---- contact_memory.c ---- */
+/* memory of all samples, by what corners remember. */
+SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
+/* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
+SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 
 /* ---- contact_step.c ---- */
 /* What the body calls in its steps. */

@@ -6,7 +6,7 @@
 #include "contact_private.h"
 
 static const char sbi_contact_name[] = "contact";
-enum { SBI_CONTACT_VERSION = 1 };
+enum { SBI_CONTACT_VERSION = 2 };
 
 /* ---- words ---- */
 
@@ -58,7 +58,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 15 };
+enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
 
@@ -99,17 +99,17 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
 
 static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_entry *entry, sbi_state_out *out)
 {
-    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->memory, entry->gap, entry->area};
+    sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_contact_put_int(out, entry->tool);
     sbi_contact_put_int(out, contact->faces->elements[entry->face]);
     sbi_contact_put_int(out, contact->faces->sides[entry->face]);
     sbi_contact_put_int(out, entry->parts);
     sbi_contact_put_int(out, entry->sample);
     sbi_contact_put_int(out, entry->sticks);
-    sbi_contact_pack_vector(entry->traction, reals + 3);
-    sbi_contact_pack_vector(entry->point, reals + 6);
-    sbi_contact_pack_vector(entry->normal, reals + 9);
-    sbi_contact_pack_vector(entry->force, reals + 12);
+    sbi_contact_pack_vector(entry->traction, reals + 2);
+    sbi_contact_pack_vector(entry->point, reals + 5);
+    sbi_contact_pack_vector(entry->normal, reals + 8);
+    sbi_contact_pack_vector(entry->force, reals + 11);
     sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
 }
 
@@ -122,6 +122,12 @@ static void sbi_contact_save(const void *user, sbi_state_out *out)
     sbi_contact_put_int(out, contact->entry_count);
     for (int e = 0; e < contact->entry_count; e++)
         sbi_contact_put_entry(contact, contact->entries + e, out);
+    sbi_contact_put_int(out, contact->pressure_count);
+    for (int i = 0; i < contact->pressure_count; i++) {
+        sbi_contact_put_int(out, contact->pressures[i].tool);
+        sbi_contact_put_int(out, contact->pressures[i].node);
+        sbi_contact_put_reals(out, &contact->pressures[i].value, 1);
+    }
 }
 
 /* ---- loading: a check without effect, then the same walk with it ---- */
@@ -182,17 +188,36 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in,
     entry->sample = sbi_contact_get_int(in);
     entry->sticks = sbi_contact_get_int(in);
     sbi_contact_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
-    entry->memory = reals[0], entry->gap = reals[1], entry->area = reals[2];
-    entry->traction = sb_v3(reals[3], reals[4], reals[5]);
-    entry->point = sb_v3(reals[6], reals[7], reals[8]);
-    entry->normal = sb_v3(reals[9], reals[10], reals[11]);
-    entry->force = sb_v3(reals[12], reals[13], reals[14]);
+    entry->gap = reals[0], entry->area = reals[1];
+    entry->traction = sb_v3(reals[2], reals[3], reals[4]);
+    entry->point = sb_v3(reals[5], reals[6], reals[7]);
+    entry->normal = sb_v3(reals[8], reals[9], reals[10]);
+    entry->force = sb_v3(reals[11], reals[12], reals[13]);
     in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
                element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
-               entry->sample < 0 || !(entry->memory >= 0) || !(entry->area > 0) || (entry->sticks & ~1);
+               entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
     entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
     if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
+}
+
+static sbi_contact_pressure sbi_contact_get_pressure(const sb_contact *contact, sbi_contact_in *in)
+{
+    sbi_contact_pressure pressure;
+    pressure.tool = sbi_contact_get_int(in);
+    pressure.node = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, &pressure.value, 1);
+    in->bad |= pressure.tool < 0 || pressure.tool >= contact->max_tools || !contact->tools[pressure.tool].shape ||
+               pressure.node < 0 || !(pressure.value > 0);
+    return pressure;
+}
+
+/* Pressures of at most four corners of each contact. */
+static int sbi_contact_get_pressure_count(sbi_contact_in *in, int contacts)
+{
+    int count = sbi_contact_get_int(in);
+    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
+    return in->bad ? 0 : count;
 }
 
 static sb_result sbi_contact_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
@@ -201,7 +226,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
     sb_result result = SB_OK;
-    int count;
+    int count, pressures;
     (void)body;
     if (sbi_contact_get_int(&in) != contact->max_tools)
         return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
@@ -218,6 +243,9 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 0, &entry);
     }
+    pressures = sbi_contact_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures && !in.bad; i++)
+        (void)sbi_contact_get_pressure(contact, &in);
     if (in.bad || count < 0 || in.left != 0)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
     return SB_OK;
@@ -243,7 +271,7 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
-    int count;
+    int count, pressures;
     (void)sbi_contact_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
         (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
@@ -255,6 +283,13 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         sbi_contact_get_entry(contact, &in, 1, &entry);
         if (entry.face >= 0)
             sbi_contact_insert(contact, &entry);
+    }
+    contact->pressure_count = 0;
+    pressures = sbi_contact_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures; i++) {
+        sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);
+        if (pressure.node < contact->faces->node_room)
+            contact->pressures[contact->pressure_count++] = pressure;
     }
 }
 

@@ -6,10 +6,6 @@
 
 enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
 
-/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
- * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
-#define SBI_CONTACT_REMEMBERS ((sb_real)3)
-
 /* ---- nodes and patches ---- */
 
 static int sbi_contact_place_node(sb_contact *contact, int node)
@@ -192,6 +188,19 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
     }
 }
 
+/* Forces that rounding of places makes (N): the norm of those of all samples. */
+static double sbi_contact_noise(const sb_contact *contact)
+{
+    double sum = 0, place = 0;
+    for (int k = 0; k < contact->touch.node_count; k++)
+        place = fmax(place, (double)sb_v3_norm(contact->positions[k]));
+    for (int i = 0; i < contact->sample_count; i++) {
+        double force = (double)(contact->samples[i].area * contact->samples[i].k) * (double)SB_EPSILON * place;
+        sum += force * force;
+    }
+    return sqrt(sum);
+}
+
 /* ---- memory ---- */
 
 /* Order of samples: by tool, face, number. */
@@ -205,7 +214,7 @@ static int sbi_contact_compare(const sbi_contact_patch *patch, const sbi_contact
     return sample->sample < entry->sample ? -1 : sample->sample > entry->sample;
 }
 
-/* Hands what the last step left over to the samples: both lists are in the same order. */
+/* Hands tractions that the last step left over to the samples: both lists are in the same order. */
 static void sbi_contact_remember(sb_contact *contact)
 {
     int e = 0;
@@ -216,7 +225,6 @@ static void sbi_contact_remember(sb_contact *contact)
             e++;
         if (e < contact->entry_count && sbi_contact_compare(patch, sample, contact->entries + e) == 0 &&
             contact->entries[e].parts == patch->parts) {
-            sample->memory = contact->entries[e].memory;
             sample->remembered = contact->entries[e].traction;
             sample->normal = contact->entries[e].normal;
         }
@@ -240,7 +248,9 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     }
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
+    sbi_contact_remember_pressures(contact);
     contact->touch.nodes = contact->nodes;
+    contact->touch.noise = sbi_contact_noise(contact);
     contact->step_info.candidates = contact->sample_count;
     contact->step_info.retries = step->tries;
     contact->step_info.thinned = thin > 0;
@@ -456,29 +466,16 @@ static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 
 static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
 
-/* 1: pressures may be remembered here, see SBI_CONTACT_REMEMBERS. */
-static int sbi_contact_remembers(const sb_contact *contact, const sbi_contact_patch *patch, sb_real k)
-{
-    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
-        if (!(k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
-            return 0;
-    return 1;
-}
-
-/* A sample in touch becomes an entry. What it remembers fades where it slips, within the distance of its neighbour. */
-static sbi_contact_entry sbi_contact_make_entry(const sb_contact *contact, const sbi_contact_patch *patch,
-                                                const sbi_contact_sample *s)
+/* A sample in touch becomes an entry. */
+static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
 {
     sbi_contact_entry entry;
-    sb_real fade = 1 - s->slip / sb_sqrt(s->area);
     memset(&entry, 0, sizeof entry);
     entry.tool = patch->tool;
     entry.face = patch->face;
     entry.parts = patch->parts;
     entry.sample = s->sample;
     entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
-    if (fade > 0 && sbi_contact_remembers(contact, patch, s->k))
-        entry.memory = fade * s->answer.pressure;
     entry.traction = s->answer.traction;
     entry.gap = s->gap;
     entry.area = s->area;
@@ -532,7 +529,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
             sbi_contact_keep_nearest(contact, s);
             continue;
         }
-        fresh[count] = sbi_contact_make_entry(contact, contact->patches + s->patch, s);
+        fresh[count] = sbi_contact_make_entry(contact->patches + s->patch, s);
         contact->step_info.touching++;
         contact->step_info.sticking += fresh[count++].sticks;
         contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
@@ -562,6 +559,7 @@ static void sbi_contact_arrive(sb_contact *contact)
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_pressures(contact, 1);
     sbi_contact_keep_entries(contact);
     sbi_contact_sum_wrenches(contact);
     sbi_contact_arrive(contact);

@@ -1,9 +1,10 @@
 /* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
  *
  * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
- * from there on. After the solve no sample may be deeper than 0.6 of it, nor any near the tool have moved by more than
- * 0.8 of it against the tool: a face has a sample within 0.36 radii of any of its points, so that a skeleton that was
- * at least 0.4 inner radii off a face's one side cannot have come as far off its other side. */
+ * from there on. After the solve no sample may be deeper than 0.6 of it, nor any have come into the tool on a way
+ * against it longer than 0.8 of it: a face has a sample within 0.36 radii of any of its points, so that a skeleton that
+ * was at least 0.4 inner radii off a face's one side cannot have come as far off its other side. Faces are looked for
+ * anew then: tissue may go where its velocity did not point to. */
 #include <math.h>
 #include <string.h>
 
@@ -12,7 +13,7 @@
 #define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
 #define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
 #define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
-#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample near the tool against it */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample that comes into the tool, against it */
 enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
 
 /* ---- faces near a tool ---- */
@@ -131,21 +132,33 @@ SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
 
 /* ---- afterwards ---- */
 
+/* 1 when a sample on the straight way from x0 to x1, both in the tool's frame at the end, comes into the tool. */
+static int sbi_sweep_way_meets(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
+{
+    const sb_vec3 up = {0, 0, 1};
+    sb_vec3 way = sb_v3_sub(x1, x0), normal;
+    sb_real length = sb_v3_norm(way), share = 0;
+    for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
+        sb_real gap = sbi_tool_distance(tool->shape, tool->chain_balance, sb_v3_madd(x0, share, way), up, &normal);
+        if (!(gap > 0))
+            return 1;
+        share += sb_max(gap, SBI_SWEEP_CLEAR * sbi_tool_inner_radius(tool->shape)) / length;
+    }
+    return share < 1;
+}
+
 /* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
 static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
 {
     const sb_vec3 up = {0, 0, 1};
-    sb_vec3 normal, own = sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->reached, x0));
-    sb_real inner = sbi_tool_inner_radius(tool->shape), before;
-    sb_real gap =
-        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, x1), up, &normal);
-    if (!(gap < SBI_SWEEP_DEEPEST * inner))
-        return 0;
-    if (!(sb_v3_norm(sb_v3_sub(x1, own)) < SBI_SWEEP_FARTHEST * inner))
+    sb_vec3 normal, start = sbi_pose_to_tool(&tool->reached, x0), end = sbi_pose_to_tool(&tool->balance, x1);
+    sb_real inner = sbi_tool_inner_radius(tool->shape), before, gap;
+    if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) && sbi_sweep_way_meets(tool, start, end))
         return 1;
+    gap = sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &normal);
     if (gap > -SBI_SWEEP_DEEPEST * inner)
         return 0;
-    before = sbi_tool_distance(tool->shape, tool->chain_reached, sbi_pose_to_tool(&tool->reached, x0), up, &normal);
+    before = sbi_tool_distance(tool->shape, tool->chain_reached, start, up, &normal);
     return !(gap > before); /* a body that was put deep into a tool may come out */
 }
 
@@ -175,9 +188,18 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
 
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
 {
-    for (int i = 0; i < contact->max_tools; i++)
-        if (contact->tools[i].shape && !sbi_sweep_tool_is_safe(contact, i, u))
+    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    for (int i = 0; i < contact->faces->node_room; i++)
+        contact->moved[i] = sb_v3_sub(sb_v3_add(rest[i], u[i]), x[i]);
+    sbi_contact_faces_refit(contact->faces, x, contact->moved, 1);
+    for (int i = 0; i < contact->max_tools; i++) {
+        const sbi_contact_tool *tool = contact->tools + i;
+        if (!tool->shape)
+            continue;
+        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next);
+        if (!sbi_sweep_tool_is_safe(contact, i, u))
             return 0;
+    }
     return 1;
 }
 

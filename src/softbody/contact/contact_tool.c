@@ -113,6 +113,11 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
         if (contact->entries[e].tool != tool)
             contact->entries[count++] = contact->entries[e];
     contact->entry_count = count;
+    count = 0;
+    for (int i = 0; i < contact->pressure_count; i++)
+        if (contact->pressures[i].tool != tool)
+            contact->pressures[count++] = contact->pressures[i];
+    contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
     contact->tools[tool].nearest.known = 0;
     contact->is_solved = 0;

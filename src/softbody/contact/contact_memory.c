@@ -1,0 +1,109 @@
+/* contact_memory: pressures that contact remembers from step to step, so that overlap vanishes where the surface rests.
+ *
+ * What is remembered is a field over the faces near a tool, linear (of quads bilinear) between their corners: l = sum
+ * L_a l_a. After a step each corner takes what its surroundings are pressed in,
+ *     l_a <- (l_a + sum w p (p - l) / sum w p) sum w p f / sum w p,    w = L_a dA, f = max(0, 1 - slip / spacing),
+ * over the samples in touch: by their force, so that samples may come and go without a jump. One number for each corner
+ * is as much as the surface can follow. Of each sample by itself it would never settle: a face cannot meet the tool at
+ * all of its samples, ever fewer would bear ever more, and what friction holds would creep all the while. */
+#include <string.h>
+
+#include "contact_private.h"
+
+/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
+ * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+#define SBI_CONTACT_REMEMBERS ((sb_real)3)
+
+/* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
+static sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner)
+{
+    int n = kind->corners;
+    sb_real share = weights[corner];
+    if (kind->nodes >= 2 * n)
+        share += (sb_real)0.5 * (weights[n + corner] + weights[n + (corner + n - 1) % n]);
+    return kind->nodes > 2 * n ? share + (sb_real)0.25 * weights[2 * n] : share;
+}
+
+/* ---- from the list to samples ---- */
+
+/* sums[place].old = what the nodes of a tool's patches remember. */
+static void sbi_contact_spread(sb_contact *contact, int tool)
+{
+    memset(contact->sums, 0, (size_t)contact->touch.node_count * sizeof *contact->sums);
+    for (int i = 0; i < contact->pressure_count; i++) {
+        const sbi_contact_pressure *pressure = contact->pressures + i;
+        int place = contact->node_place[pressure->node];
+        if (pressure->tool == tool && place >= 0)
+            contact->sums[place].old = pressure->value;
+    }
+}
+
+SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
+{
+    for (int p = 0, tool = -1; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+        if (patch->tool != tool)
+            sbi_contact_spread(contact, patch->tool);
+        tool = patch->tool;
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            sbi_contact_sample *s = contact->samples + i;
+            s->memory = 0;
+            for (int a = 0; a < kind->corners; a++)
+                s->memory += sbi_contact_corner_share(kind, s->weights, a) * contact->sums[patch->nodes[a]].old;
+        }
+    }
+}
+
+/* ---- from samples to the list ---- */
+
+static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *patch)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real fade = sb_max((sb_real)0, 1 - s->slip / sb_sqrt(s->area));
+        for (int a = 0; a < kind->corners && s->answer.pressure > 0; a++) {
+            sbi_contact_sum *sum = contact->sums + patch->nodes[a];
+            sb_real force = sbi_contact_corner_share(kind, s->weights, a) * s->area * s->answer.pressure;
+            sum->force += force;
+            sum->rise += force * (s->answer.pressure - s->memory);
+            sum->kept += force * fade;
+        }
+    }
+    for (int a = 0; a < kind->corners; a++)
+        if (!(contact->samples[patch->first].k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
+            contact->sums[patch->nodes[a]].refuses = 1;
+}
+
+/* Appends what a tool's corners remember now, in the order of places, which is that of its faces. */
+static int sbi_contact_append_pressures(sb_contact *contact, int tool, int fades, int count)
+{
+    for (int k = 0; k < contact->touch.node_count; k++) {
+        const sbi_contact_sum *sum = contact->sums + k;
+        sbi_contact_pressure *fresh = contact->spare_pressures + count;
+        if (!(sum->force > 0) || sum->refuses)
+            continue;
+        fresh->tool = tool;
+        fresh->node = contact->nodes[k];
+        fresh->value = (sum->old + sum->rise / sum->force) * (fades ? sum->kept / sum->force : 1);
+        count += fresh->value > 0;
+    }
+    return count;
+}
+
+SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
+{
+    sbi_contact_pressure *fresh = contact->spare_pressures;
+    int count = 0;
+    for (int p = 0; p < contact->patch_count;) {
+        int tool = contact->patches[p].tool;
+        sbi_contact_spread(contact, tool);
+        for (; p < contact->patch_count && contact->patches[p].tool == tool; p++)
+            sbi_contact_add_sums(contact, contact->patches + p);
+        count = sbi_contact_append_pressures(contact, tool, fades, count);
+    }
+    contact->spare_pressures = contact->pressures;
+    contact->pressures = fresh;
+    contact->pressure_count = count;
+}

@@ -1,0 +1,221 @@
+/* test_contact_sweep: tools of all shapes and speeds on random ways into bodies: no skeleton ever crosses a deformed
+ * face, and steps succeed or leave everything as it was. CHECK_SLOW=n: n sweeps of each kind. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/contact/contact_private.h"
+
+#include "contact_scene.h"
+#include "skeleton.h"
+
+/* What sweeps have found. */
+typedef struct tally {
+    int steps, touching, crossings, refused, retries, not_finite, not_undone;
+} tally;
+
+typedef struct sweep {
+    press p;
+    int tools[2], tool_count;
+    sb_vec3 from[2], to[2];
+    sb_quat turn[2];
+    double dt, speed;
+    sb_boundary boundary;
+    sb_vec3 *before; /* [node_count] places before the step */
+} sweep;
+
+static double random_in(unsigned long long *seed, double low, double high) { return check_random_in(seed, low, high); }
+
+static sb_vec3 random_vector(unsigned long long *seed, double size)
+{
+    double x = random_in(seed, -size, size), y = random_in(seed, -size, size), z = random_in(seed, -size, size);
+    return sb_v3(REAL(x), REAL(y), REAL(z));
+}
+
+static sb_vec3 random_direction(unsigned long long *seed)
+{
+    for (;;) {
+        sb_vec3 v = random_vector(seed, 1);
+        sb_real length = sb_v3_norm(v);
+        if (length > REAL(0.1) && length < 1)
+            return sb_v3_scale(1 / length, v);
+    }
+}
+
+/* ---- scenes ---- */
+
+static sb_tool_def random_tool(unsigned long long *seed, sb_tool_shape shape, sb_vec3 *chain)
+{
+    sb_tool_def def = sb_default_tool_def();
+    def.shape = shape;
+    def.friction = REAL(random_in(seed, 0, 0.6));
+    def.radius = REAL(random_in(seed, 0.0025, 0.006));
+    if (shape == SB_TOOL_CAPSULES) {
+        def.points = chain;
+        def.point_count = 3;
+        chain[0] = sb_v3(REAL(-0.03), 0, 0);
+        chain[1] = sb_v3(0, REAL(random_in(seed, -0.005, 0.005)), 0);
+        chain[2] = sb_v3(REAL(0.03), 0, REAL(random_in(seed, -0.005, 0.005)));
+    }
+    if (shape == SB_TOOL_BOX) {
+        double x = random_in(seed, 0.006, 0.02), y = random_in(seed, 0.006, 0.02), z = random_in(seed, 0.006, 0.02);
+        def.half = sb_v3(REAL(x), REAL(y), REAL(z));
+        def.radius = REAL(random_in(seed, 0.0025, 0.006));
+    }
+    return def;
+}
+
+/* A block of 40 x 40 x 20 mm on the floor, or half as large and free. */
+static press random_body(unsigned long long *seed, int is_free)
+{
+    double size = is_free ? 0.02 : 0.04;
+    sb_body_def def = sb_default_body_def();
+    sb_mesh mesh =
+        scene_box(SB_TET4, is_free ? 2 : 4, is_free ? 2 : 4, 2, sb_v3(REAL(size), REAL(size), REAL(0.5 * size)), 0.2);
+    press p;
+    def.material = sb_material_corotated(REAL(random_in(seed, 2e3, 2e4)), REAL(random_in(seed, 0, 0.45)), 1000);
+    def.damping_stiffness = REAL(random_in(seed, 0, 0.02));
+    p = press_make(mesh, def, sb_default_contact_def());
+    if (!is_free)
+        scene_fix_plane(p.body, &p.mesh, 2, 0, SB_XYZ);
+    return p;
+}
+
+/* One tool, or two from both sides, through a point of the body. */
+static sweep make_sweep(unsigned long long *seed, sb_tool_shape shape, int tool_count, int is_free)
+{
+    sweep s;
+    sb_vec3 way = random_direction(seed), low, high, size, off, target, chain[3];
+    memset(&s, 0, sizeof s);
+    s.p = random_body(seed, is_free);
+    s.tool_count = tool_count;
+    s.speed = 0.1 * pow(100, check_random(seed));
+    s.dt = random_in(seed, 0.005, 0.017);
+    CHECK_OK(sb_mesh_boundary(&s.p.mesh, 0, NULL, &s.boundary, NULL));
+    s.before = (sb_vec3 *)malloc((size_t)s.p.mesh.node_count * sizeof *s.before);
+    sb_mesh_bounds(&s.p.mesh, &low, &high);
+    size = sb_v3_sub(high, low);
+    off = random_vector(seed, 0.4);
+    target = sb_v3_madd(low, REAL(0.5), size);
+    target = sb_v3_add(target, sb_v3(off.x * size.x, off.y * size.y, off.z * size.z));
+    if (!is_free && way.z < 0)
+        way.z = -way.z;
+    for (int t = 0; t < tool_count; t++) {
+        sb_tool_def def = random_tool(seed, shape, chain);
+        double start = 0.09, end = tool_count > 1 ? 0.01 : -0.05;
+        s.turn[t] = sb_quat_from_rotation_vector(random_vector(seed, 2));
+        s.from[t] = sb_v3_madd(target, REAL(t == 0 ? start : -start), way);
+        s.to[t] = sb_v3_madd(target, REAL(t == 0 ? end : -end), way);
+        def.pose = press_pose(s.from[t], s.turn[t]);
+        s.tools[t] = press_add(&s.p, &def);
+    }
+    return s;
+}
+
+static void free_sweep(sweep *s)
+{
+    sb_boundary_free(&s->boundary);
+    free(s->before);
+    press_free(&s->p);
+}
+
+/* ---- looking ---- */
+
+static void triangle_at(const sweep *s, int face, const sb_vec3 *x, sb_vec3 triangle[3])
+{
+    for (int a = 0; a < 3; a++)
+        triangle[a] = x[s->boundary.surface.elements[3 * face + a]];
+}
+
+/* Does a skeleton cross a face, as they stand or on their way? */
+static int crosses(const sweep *s, int tool, const sb_pose *from)
+{
+    const sbi_contact_tool *t = s->p.contact->tools + s->tools[tool];
+    const sb_vec3 *now = sb_body_positions(s->p.body);
+    for (int f = 0; f < s->boundary.surface.element_count; f++) {
+        sb_vec3 start[3], end[3];
+        triangle_at(s, f, s->before, start);
+        triangle_at(s, f, now, end);
+        if (sbi_tool_get_shape(t->shape) != SB_TOOL_SPHERE &&
+            skeleton_meets(t->shape, t->chain_reached, &t->reached, end))
+            return 1;
+        if (skeleton_passes(t->shape, t->chain_reached, from, start, t->chain_reached, &t->reached, end))
+            return 1;
+    }
+    return 0;
+}
+
+static void take_step(const sweep *s, double share, tally *sum)
+{
+    sb_pose from[2];
+    sb_step_info info;
+    sb_contact_info contact;
+    uint64_t hash;
+    int nodes = s->p.mesh.node_count;
+    for (int t = 0; t < s->tool_count; t++) {
+        press_move(&s->p, s->tools[t],
+                   sb_v3_madd(s->from[t], REAL(share < 1 ? share : 1), sb_v3_sub(s->to[t], s->from[t])), s->turn[t]);
+        CHECK_OK(sb_contact_reached(s->p.contact, s->tools[t], &from[t], NULL));
+    }
+    memcpy(s->before, sb_body_positions(s->p.body), (size_t)nodes * sizeof *s->before);
+    hash = sb_body_state_hash(s->p.body);
+    sum->steps++;
+    if (sb_body_step(s->p.body, REAL(s->dt), &info) != SB_OK) {
+        sum->refused++;
+        sum->not_undone += sb_body_state_hash(s->p.body) != hash || !info.error.message[0];
+        return;
+    }
+    contact = sb_contact_get_info(s->p.contact);
+    sum->touching += contact.touching > 0;
+    sum->retries += contact.retries;
+    sum->not_finite += !scene_all_finite(sb_body_positions(s->p.body), nodes) ||
+                       !scene_all_finite(sb_body_velocities(s->p.body), nodes);
+    for (int t = 0; t < s->tool_count; t++)
+        sum->crossings += crosses(s, t, &from[t]);
+}
+
+static void run_sweeps(sb_tool_shape shape, int tool_count, int is_free, unsigned long long seed)
+{
+    int rounds = getenv("CHECK_SLOW") ? atoi(getenv("CHECK_SLOW")) : check_rounds(38);
+    tally sum = {0, 0, 0, 0, 0, 0, 0};
+    for (int i = 0; i < rounds; i++) {
+        sweep s = make_sweep(&seed, shape, tool_count, is_free);
+        double way = (double)sb_v3_norm(sb_v3_sub(s.to[0], s.from[0])), done = 0.04;
+        for (int k = 0; k < 16; k++) {
+            done += s.speed * s.dt;
+            take_step(&s, done / way, &sum);
+        }
+        free_sweep(&s);
+    }
+    CHECK_INT(sum.crossings, 0);
+    CHECK_INT(sum.not_finite, 0);
+    CHECK_INT(sum.not_undone, 0);
+    CHECK(sum.touching > sum.steps / 10);
+    if (getenv("CHECK_SLOW"))
+        printf("shape %d, %d tools, free %d: %d steps, %d touch, %d refused, %d retries\n", (int)shape, tool_count,
+               is_free, sum.steps, sum.touching, sum.refused, sum.retries);
+}
+
+static void test_sphere(void)
+{
+    run_sweeps(SB_TOOL_SPHERE, 1, 0, 1);
+    run_sweeps(SB_TOOL_SPHERE, 1, 1, 2);
+}
+
+static void test_capsules(void)
+{
+    run_sweeps(SB_TOOL_CAPSULES, 1, 0, 3);
+    run_sweeps(SB_TOOL_CAPSULES, 1, 1, 4);
+}
+
+static void test_box(void)
+{
+    run_sweeps(SB_TOOL_BOX, 1, 0, 5);
+    run_sweeps(SB_TOOL_BOX, 1, 1, 6);
+}
+
+static void test_jaws(void)
+{
+    run_sweeps(SB_TOOL_BOX, 2, 1, 7);
+    run_sweeps(SB_TOOL_CAPSULES, 2, 1, 8);
+}
+
+CHECK_SUITE(contact_sweep, {"sphere", test_sphere}, {"capsules", test_capsules}, {"box", test_box},
+            {"jaws", test_jaws});
