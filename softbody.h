@@ -60962,7 +60962,10 @@ static void sbi_step_add_loads(sbi_step *step)
 static void sbi_step_add_touch_residual(sbi_step *step)
 {
     sb_body *b = step->body;
+    sb_real before = step->energy_known ? sbi_step_touch_energy(step, b->displacement) : 0;
     sbi_step_evaluate_touch(step, NULL, 1, 1);
+    if (step->energy_known) /* of the bounds of friction that follow, or the line search sees them as a rise */
+        step->energy += (sb_real)step->touch->energy(step->touch->user) - before;
     memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
     sbi_step_add_touch_force(step, 1, b->work);
     sbi_step_add_touch_force(step, -1, b->residual);
@@ -68677,7 +68680,7 @@ struct sb_contact {
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
-    int is_solved; /* 1: entries are of the system that the body has solved last */
+    int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
     void *memory;
