@@ -32,6 +32,23 @@ static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
     line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
 }
 
+/* The energy of contact is looked at as it is, so that its forces count in the slope only; the residual has them
+ * already but in a linearised step, where they are those at its start with the last bounds of friction. */
+static void sbi_step_add_touch_line(sbi_step *step, sbi_step_line *line)
+{
+    const sb_body *b = step->body;
+    const sbi_touch *touch = step->touch;
+    sb_real work = 0;
+    if (step->linearised)
+        sbi_step_evaluate_touch(step, NULL, 1, 0);
+    for (int k = 0; k < touch->node_count; k++)
+        work += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
+    if (step->linearised)
+        line->slope -= work;
+    else
+        line->linear += work;
+}
+
 static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -55,11 +72,8 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
-    if (step->touch && !step->linearised) { /* the residual has its forces, whose energy is looked at as it is */
-        sbi_touch *touch = step->touch;
-        for (int k = 0; k < touch->node_count; k++)
-            line.linear += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
-    }
+    if (step->touch)
+        sbi_step_add_touch_line(step, &line);
     return line;
 }
 
@@ -83,7 +97,7 @@ static void sbi_step_trial(const sbi_step *step, sb_real t)
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
     *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
-    if (*bad < 0 && step->touch && !step->linearised)
+    if (*bad < 0 && step->touch)
         *energy += sbi_step_touch_energy(step, trial);
     return *bad < 0 && sb_is_finite(*energy);
 }
