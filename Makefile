@@ -149,7 +149,7 @@ PORTABLE = core dense element material mesh meshio sparse pcg body step state re
 	couple kdtree cloud cpd field picture
 THREADED = core step golden couple precond multigrid
 # Suites with tests on several threads, and those tests.
-TSAN_SUITES = anything assembly bbar cloud constraint couple cpd custom embed grid integrators load mailbox mailbox_given match \
+TSAN_SUITES = anything assembly bbar cloud constraint couple cpd custom embed grid haptic integrators load mailbox mailbox_given match \
 	multigrid nicp parts precond record schemes step stuffing surface viscoelastic
 TSAN_FILTER = /threads /same multigrid/the cloud/normals grid/surfaces surface/batches record/plays
 LONG = $(wildcard tests/test_verification_*.c tests/test_reference.c)

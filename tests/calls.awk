@@ -110,7 +110,7 @@ function kind_of(type) {
     if (type == "double") return "HOSTILE_DOUBLE"
     if (type == "int") return "HOSTILE_INT"
     if (type in is_enum) return "HOSTILE_ENUM"
-    if (type == "unsigned" || type == "size_t" || type == "uint64_t" || type == "unsigned char" || type == "char" || type == "sb_clock") return "HOSTILE_OTHER"
+    if (type == "unsigned" || type == "size_t" || type == "uint64_t" || type == "uint32_t" || type == "unsigned char" || type == "char" || type == "sb_clock") return "HOSTILE_OTHER"
     if (type in is_callback) return "HOSTILE_POINTER"
     return ""
 }

@@ -39,7 +39,7 @@ typedef struct hand_scene {
     hand_case is;
     unsigned long long seed;
     sbi_servo servo;
-    double time;                  /* s */
+    double time, last_dt;         /* s; s of the last call */
     sbi_d3 x, v, goal, aim;       /* the hand, in the device's space; where it goes, and will go */
     double next_goal;             /* s */
     sb_wrench_d force;            /* on the hand since the last call */
@@ -186,28 +186,39 @@ static inline double hand_encode(const hand_scene *s, double x)
     return s->is.encoder > 0 ? s->is.encoder * floor(x / s->is.encoder + 0.5) : x;
 }
 
-/* From one call to the next. Returns what the call did. */
-static inline int hand_call(hand_scene *s)
+/* The hand moves to the time of the next call; returns what the device says of it then. */
+static inline sb_tool_state hand_sense(hand_scene *s)
 {
-    double dt = hand_random(s, s->is.tick_low, s->is.tick_high), change, spare;
-    sb_wrench_d before = s->force;
-    sbi_d3 measured;
-    sbi_haptic_frame arrives;
-    sb_tool_state state;
-    int follows;
+    double dt = hand_random(s, s->is.tick_low, s->is.tick_high);
+    sbi_d3 before = s->measured;
     hand_move(s, dt);
     s->time += dt;
-    measured = sbi_d(hand_encode(s, s->x.x), hand_encode(s, s->x.y), hand_encode(s, s->x.z));
-    state = hand_state(s, measured, s->measured, dt);
-    s->measured = measured;
-    follows = sbi_servo_call(&s->servo, &state, hand_simulate(s, &arrives), &s->force);
-    s->posted = sbi_servo_wanted(&s->servo, &state);
-    spare = 0.05 * s->servo.def.max_force * s->servo.def.max_force / s->servo.def.max_stiffness;
-    s->bank = fmin(s->bank, s->servo.stored + spare) + s->servo.def.energy_rate * dt;
-    change = sbi_d_norm(sbi_d_sub(sbi_d_from(s->force.force), sbi_d_from(before.force)));
+    s->last_dt = dt;
+    s->measured = sbi_d(hand_encode(s, s->x.x), hand_encode(s, s->x.y), hand_encode(s, s->x.z));
+    return hand_state(s, s->measured, before, dt);
+}
+
+/* After a call: the bank and the largest forces. `before`: the wrench until then. */
+static inline void hand_account(hand_scene *s, const sb_wrench_d *before)
+{
+    const sb_haptic_def *def = &s->servo.def;
+    double change = sbi_d_norm(sbi_d_sub(sbi_d_from(s->force.force), sbi_d_from(before->force)));
+    double spare = 0.05 * def->max_force * def->max_force / def->max_stiffness;
+    s->bank = fmin(s->bank, s->servo.stored + spare) + def->energy_rate * s->last_dt;
     s->jump = fmax(s->jump, change);
     s->peak = fmax(s->peak, sbi_d_norm(sbi_d_from(s->force.force)));
     s->calls++;
+}
+
+/* From one call to the next. Returns what the call did. */
+static inline int hand_call(hand_scene *s)
+{
+    sb_wrench_d before = s->force;
+    sb_tool_state state = hand_sense(s);
+    sbi_haptic_frame arrives;
+    int follows = sbi_servo_call(&s->servo, &state, hand_simulate(s, &arrives), &s->force);
+    s->posted = sbi_servo_wanted(&s->servo, &state);
+    hand_account(s, &before);
     return follows;
 }
 

@@ -24,6 +24,8 @@ typedef struct world {
     sb_body *touched;       /* with a contact of two tools: a sphere, and capsules that may be bent */
     sb_contact *contact;
     sb_contact_def contact_def;
+    sb_haptic *haptic; /* a hand at the sphere */
+    sb_haptic_def haptic_def;
     sb_tool_def tool_def;
     sb_pose tool_pose;
     sb_change_cell change_cell;
@@ -400,6 +402,23 @@ static sb_contact *world_contact(world *w)
     tool.point_count = 2;
     CHECK_OK(sb_contact_add_tool(w->contact, &tool, &number, NULL));
     return w->contact;
+}
+
+static const sb_tool_state world_hand;
+static sb_haptic_def *world_haptic_def(world *w)
+{
+    w->haptic_def = sb_default_haptic_def();
+    w->haptic_def.contact = world_contact(w);
+    w->haptic_def.max_force = 3;
+    w->haptic_def.max_stiffness = 1000;
+    return &w->haptic_def;
+}
+
+static sb_haptic *world_haptic(world *w)
+{
+    if (!w->haptic)
+        CHECK_OK(sb_haptic_create(world_haptic_def(w), &w->haptic, NULL));
+    return w->haptic;
 }
 
 static sb_recording *world_recording(world *w)
@@ -1100,6 +1119,7 @@ static void world_free(world *w)
     sb_matrix_free(&w->matrix);
     sb_domain_free(&w->domain);
     sb_recording_destroy(w->recording);
+    sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
     sb_body_destroy(w->touched);
     sb_body_destroy(w->plain);

@@ -317,6 +317,12 @@
 #define sb_contact_pressures sb_contact_pressures_f32
 #define sb_contact_get_info sb_contact_get_info_f32
 #define sb_default_haptic_def sb_default_haptic_def_f32
+#define sb_haptic_create sb_haptic_create_f32
+#define sb_haptic_destroy sb_haptic_destroy_f32
+#define sb_haptic_take sb_haptic_take_f32
+#define sb_haptic_publish sb_haptic_publish_f32
+#define sb_haptic_force sb_haptic_force_f32
+#define sb_haptic_get_info sb_haptic_get_info_f32
 #define sb_haptic_from_hd sb_haptic_from_hd_f32
 #endif
 #endif

@@ -324,3 +324,26 @@ SBI_API void sbi_step_undo_touch(sbi_step *step)
         step->touch->undo(step->touch->user);
     step->touch_begun = 0;
 }
+
+/* ---- between steps ---- */
+
+SBI_API sb_result sbi_body_solve_column(sb_body *b, sb_vec3 *rhs, sb_vec3 *x, sb_real tolerance)
+{
+    sbi_elimination *e = b->elimination;
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_result result;
+    options.tolerance = (double)tolerance;
+    options.max_iterations = b->max_iterations;
+    options.jobs = &b->jobs;
+    if (e)
+        sbi_elimination_reduce(e, rhs, rhs, NULL);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        x[i] = sb_v3(0, 0, 0);
+        rhs[i] = sbi_body_pick_axes(sbi_body_held(b, i), x[i], rhs[i]);
+    }
+    result = sb_pcg_solve(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &rhs[0].x, &x[0].x, &options,
+                          &b->pcg, NULL);
+    if (e)
+        sbi_elimination_expand(e, x, 0);
+    return result == SB_ERROR_NOT_CONVERGED ? SB_OK : result;
+}

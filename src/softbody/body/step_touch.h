@@ -70,6 +70,11 @@ typedef struct sbi_touch {
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+/* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,
+ * answers to forces rhs [rows] (N), which are changed, to a relative tolerance. With that step's matrix and
+ * preconditioner: nothing that makes others may have been asked of the body since. Without guests. Allocates nothing.
+ * What sb_pcg_solve says, but for SB_ERROR_NOT_CONVERGED: x is then as near as it got. */
+SBI_API sb_result sbi_body_solve_column(sb_body *body, sb_vec3 *rhs, sb_vec3 *x, sb_real tolerance);
 #endif
 
 #endif /* SB_STEP_TOUCH_H */

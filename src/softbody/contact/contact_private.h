@@ -13,6 +13,14 @@
 #include "contact_faces.h"
 #include "contact_law.h"
 
+/* The sample nearest to a tool that nothing presses on. */
+typedef struct sbi_contact_nearest {
+    int known; /* 0: none is near */
+    int face, parts, sample;
+    sb_real gap;           /* m */
+    sb_vec3 point, normal; /* m; out of the tool */
+} sbi_contact_nearest;
+
 /* A tool's place in the list. Chains are of capsules, [point count]. */
 typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
@@ -21,9 +29,10 @@ typedef struct sbi_contact_tool {
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
-    int face_count;        /* of its faces in sb_contact.near */
-    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
-    sb_real lag;           /* m */
+    int face_count;              /* of its faces in sb_contact.near */
+    sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;                 /* m */
+    sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
@@ -32,6 +41,7 @@ typedef struct sbi_contact_entry {
     sb_real gap, area;            /* m, m^2 at rest */
     sb_vec3 traction;             /* t (Pa) on the body */
     sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
+    sbi_contact_answer answer;    /* of the law, for its stiffness; not saved: 0 where it was loaded */
 } sbi_contact_entry;
 
 enum { SBI_CONTACT_MOST_CORNERS = 4 }; /* of any face */
@@ -112,6 +122,7 @@ struct sb_contact {
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
+    int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
     void *memory;

@@ -151,6 +151,7 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     read.force = sb_v3(reals[15], reals[16], reals[17]);
     read.torque = sb_v3(reals[18], reals[19], reals[20]);
     read.next = read.balance = read.reached;
+    read.nearest.known = 0;
     in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
                sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
     for (int i = 0; i < points; i++) {

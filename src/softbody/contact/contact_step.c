@@ -237,6 +237,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 {
     sb_contact *contact = (sb_contact *)user;
     int thin = 0;
+    contact->is_solved = 0;
     sbi_contact_sweep(contact, step);
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
@@ -481,6 +482,7 @@ static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, 
     entry.point = s->point;
     entry.normal = s->normal;
     entry.force = sb_v3_scale(s->area, sbi_contact_stress(s));
+    entry.answer = s->answer;
     return entry;
 }
 
@@ -497,17 +499,36 @@ static void sbi_contact_sum_wrenches(sb_contact *contact)
     }
 }
 
+static void sbi_contact_keep_nearest(sb_contact *contact, const sbi_contact_sample *s)
+{
+    const sbi_contact_patch *patch = contact->patches + s->patch;
+    sbi_contact_nearest *nearest = &contact->tools[patch->tool].nearest;
+    if (nearest->known && !(s->gap < nearest->gap))
+        return;
+    nearest->known = 1;
+    nearest->face = patch->face;
+    nearest->parts = patch->parts;
+    nearest->sample = s->sample;
+    nearest->gap = s->gap;
+    nearest->point = s->point;
+    nearest->normal = s->normal;
+}
+
 /* Entries of the samples that touch. */
 static void sbi_contact_keep_entries(sb_contact *contact)
 {
     sbi_contact_entry *fresh = contact->spare;
     int count = 0;
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].nearest.known = 0;
     contact->step_info.touching = contact->step_info.sticking = 0;
     contact->step_info.deepest = 0;
     for (int i = 0; i < contact->sample_count; i++) {
         const sbi_contact_sample *s = contact->samples + i;
-        if (!(s->answer.pressure > 0))
+        if (!(s->answer.pressure > 0)) {
+            sbi_contact_keep_nearest(contact, s);
             continue;
+        }
         fresh[count] = sbi_contact_make_entry(contact->patches + s->patch, s);
         contact->step_info.touching++;
         contact->step_info.sticking += fresh[count++].sticks;
@@ -546,6 +567,7 @@ static void sbi_contact_commit(void *user)
     contact->step_info.capped = contact->touch.capped;
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
+    contact->is_solved = 1;
     sbi_contact_forget_nodes(contact);
 }
 

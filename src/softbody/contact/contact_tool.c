@@ -119,6 +119,8 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
             contact->pressures[count++] = contact->pressures[i];
     contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+    contact->tools[tool].nearest.known = 0;
+    contact->is_solved = 0;
 }
 
 SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool)

@@ -2,9 +2,7 @@
 #ifndef SB_HAPTIC_H
 #define SB_HAPTIC_H
 
-#include "../base/core.h"
-
-struct sb_contact;
+#include "contact.h"
 
 /* What is said here to a device is in double, whatever sb_real is. */
 
@@ -28,24 +26,24 @@ typedef struct sb_wrench_d {
  * The hand's motion times scale_motion is the tool's; the tool's force times scale_force is the hand's. Torques are
  * scaled by scale_force/scale_motion, so that power has one scale. */
 typedef struct sb_haptic_def {
-    struct sb_contact *contact; /* borrowed, destroyed after it */
-    int tool;                   /* of the contact */
-    double max_force;           /* N that the device gives for long, > 0; required */
-    double max_torque;          /* N m, >= 0; default 0: the device gives forces only */
-    double max_stiffness;       /* N/m and N s/m that it renders at 1 kHz, > 0 and >= 0; required: the device's own */
-    double max_damping;         /* figures. With a larger stiffness it hums in a light hand */
-    double max_slew;            /* N/s that the force changes by at most; default -1: max_force in 2 ms */
-    double coupling;            /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
-                                 * softer than the device can render; default -1: 0.5 max_stiffness */
-    double coupling_turning;    /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
-                                 * square of max_torque/max_force */
-    double resolution;   /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
-                          * figure gives energy away, 0 makes a hand that rests for minutes lose force at times */
-    double scale_motion; /* > 0; default 1 */
-    double scale_force;  /* > 0; default 1 */
-    double timeout;      /* s without a new frame before the force fades, >= 0.01; default 0.1 */
-    double energy_rate;  /* W that organs which move by themselves may give to the hand, >= 0; default 0 */
-    unsigned cookie;     /* set by sb_default_haptic_def; a def made without it is refused */
+    sb_contact *contact;     /* borrowed, destroyed after it */
+    int tool;                /* of the contact */
+    double max_force;        /* N that the device gives for long, > 0; required */
+    double max_torque;       /* N m, >= 0; default 0: the device gives forces only */
+    double max_stiffness;    /* N/m and N s/m that it renders at 1 kHz, > 0 and >= 0; required: the device's own */
+    double max_damping;      /* figures. With a larger stiffness it hums in a light hand */
+    double max_slew;         /* N/s that the force changes by at most; default -1: max_force in 2 ms */
+    double coupling;         /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
+                              * softer than the device can render; default -1: 0.5 max_stiffness */
+    double coupling_turning; /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
+                              * square of max_torque/max_force */
+    double resolution;       /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
+                              * figure gives energy away, 0 makes a hand that rests for minutes lose force at times */
+    double scale_motion;     /* > 0; default 1 */
+    double scale_force;      /* > 0; default 1 */
+    double timeout;          /* s without a new frame before the force fades, >= 0.01; default 0.1 */
+    double energy_rate;      /* W that organs which move by themselves may give to the hand, >= 0; default 0 */
+    unsigned cookie;         /* set by sb_default_haptic_def; a def made without it is refused */
 } sb_haptic_def;
 
 SB_API sb_haptic_def sb_default_haptic_def(void);
@@ -62,6 +60,40 @@ typedef struct sb_haptic_info {
     double position[3]; /* m: the tool's pose, which stays on the tissue where the hand goes in: for pictures */
     double rotation[9]; /* row-major */
 } sb_haptic_info;
+
+/* ---- a hand at a tool ----
+ *
+ *     device's thread, at 1 kHz                      simulation's thread, at 60 or 100 Hz
+ *         read `in` from the device                      sb_haptic_take(haptic, NULL);
+ *         sb_haptic_force(haptic, &in, &out);            sb_body_step(body, dt, NULL);
+ *         give out.force to the device                   sb_haptic_publish(haptic);
+ *
+ * Neither waits for the other: what is new changes hands by one atomic exchange. Between steps the hand feels planes
+ * with the stiffness that the step's own system has at the tool, so that the delay of a step does not make it swing,
+ * and a bank of energy bounds what it can be given by mistake. */
+typedef struct sb_haptic sb_haptic;
+
+/* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the compiler has no atomics that are known here, so that
+ * SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY. *haptic is then
+ * untouched. */
+SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
+/* NULL is fine. Neither thread may be in a call. */
+SB_API void sb_haptic_destroy(sb_haptic *haptic);
+
+/* Simulation, before the step: the tool is to go where the hand drew it by its last call (sb_contact_move_tool).
+ * wanted (NULL: not asked for): that pose, and the hand's velocities, time and buttons; 0 before the first call. What
+ * sb_contact_move_tool returns; SB_ERROR_ARGUMENT: NULL. */
+SB_API sb_result sb_haptic_take(sb_haptic *haptic, sb_tool_state *wanted);
+/* Simulation, right after the step, before anything else is asked of the body: what the tool feels, and how that
+ * changes with its pose. Costs about a tenth of the step: one solution of the step's system, for one stiffness in turn.
+ * SB_ERROR_ARGUMENT: NULL; SB_ERROR_INDEX: the tool was removed. */
+SB_API sb_result sb_haptic_publish(sb_haptic *haptic);
+/* Device, about every 1 ms, one thread at a time: *out is finite and within the def's limits whatever `in` is. 1: it
+ * follows the hand; 0: it fades, or there is none. No lock, no allocation, no loop without a bound. */
+SB_API int sb_haptic_force(sb_haptic *haptic, const sb_tool_state *in, sb_wrench_d *out);
+/* Simulation: as of the last sb_haptic_take. */
+SB_API sb_haptic_info sb_haptic_get_info(const sb_haptic *haptic);
 
 /* A device's state from what OpenHaptics gives: HD_CURRENT_TRANSFORM (column-major, mm) and HD_CURRENT_VELOCITY (mm/s).
  * Time and buttons are the caller's to fill in; NULL: all 0. */

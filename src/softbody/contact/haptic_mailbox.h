@@ -17,14 +17,17 @@
  *     gcc, clang          __atomic_exchange_n, also in C99 and C++, for MinGW and wasm
  *     MSVC                _InterlockedExchange, a full barrier
  *     C11                 <stdatomic.h>; with SB_USE_STDATOMIC in place of the two above
- * Without any SBI_HAS_ATOMICS is 0, and what needs a mailbox is to refuse to start. */
+ * Without any, or with SB_NO_ATOMICS, SBI_HAS_ATOMICS is 0: all compiles, and what needs a mailbox refuses to start. */
 #ifndef SB_HAPTIC_MAILBOX_H
 #define SB_HAPTIC_MAILBOX_H
 
 #include "../base/core.h"
 
 #define SBI_HAS_ATOMICS 1
-#if defined(SB_ATOMIC_EXCHANGE) && defined(SB_ATOMIC_LOAD)
+#if defined(SB_NO_ATOMICS)
+#undef SBI_HAS_ATOMICS
+#define SBI_HAS_ATOMICS 0
+#elif defined(SB_ATOMIC_EXCHANGE) && defined(SB_ATOMIC_LOAD)
 #if !defined(SB_ATOMIC_TYPE)
 #define SB_ATOMIC_TYPE int
 #endif
@@ -51,7 +54,18 @@ typedef atomic_int sbi_atomic;
 #define SBI_HAS_ATOMICS 0
 #endif
 
-#if SBI_HAS_ATOMICS
+#if !SBI_HAS_ATOMICS
+typedef int sbi_atomic;
+SB_INLINE int sbi_atomic_exchange(sbi_atomic *p, int v)
+{
+    int was = *p;
+    *p = v;
+    return was;
+}
+#define SBI_ATOMIC_EXCHANGE(p, v) sbi_atomic_exchange(p, v)
+#define SBI_ATOMIC_LOAD(p) (*(p))
+#endif
+
 enum {
     SBI_MAILBOX_SLOTS = 3,
     SBI_MAILBOX_NEW = 4,   /* beside the index of the slot between: the reader has not seen it */
@@ -92,6 +106,5 @@ SB_INLINE int sbi_mailbox_take(sbi_mailbox *box)
 }
 /* The slot that the reader reads, as long as it likes; no record before the first successful sbi_mailbox_take. */
 SB_INLINE int sbi_mailbox_front(const sbi_mailbox *box) { return box->front; }
-#endif
 
 #endif /* SB_HAPTIC_MAILBOX_H */

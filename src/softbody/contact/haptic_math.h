@@ -30,6 +30,7 @@ SB_INLINE sbi_d3 sbi_d(double x, double y, double z)
     return v;
 }
 SB_INLINE sbi_d3 sbi_d_from(const double v[3]) { return sbi_d(v[0], v[1], v[2]); }
+SB_INLINE sbi_d3 sbi_d_of(sb_vec3 v) { return sbi_d((double)v.x, (double)v.y, (double)v.z); }
 SB_INLINE void sbi_d_put(double to[3], sbi_d3 v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
 SB_INLINE sbi_d3 sbi_d_add(sbi_d3 a, sbi_d3 b) { return sbi_d(a.x + b.x, a.y + b.y, a.z + b.z); }
 SB_INLINE sbi_d3 sbi_d_sub(sbi_d3 a, sbi_d3 b) { return sbi_d(a.x - b.x, a.y - b.y, a.z - b.z); }

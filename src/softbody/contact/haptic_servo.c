@@ -89,7 +89,7 @@ SBI_API sb_result sbi_servo_begin(sbi_servo *servo, const sb_haptic_def *def, sb
 
 /* ---- the hand ---- */
 
-static int sbi_servo_is_sound(const sb_tool_state *in)
+SBI_API int sbi_servo_is_sound(const sb_tool_state *in)
 {
     int sound = sbi_d3_within(sbi_d_from(in->position), SBI_SERVO_FAR) &&
                 sbi_d3_within(sbi_d_from(in->velocity), SBI_SERVO_FAR) &&

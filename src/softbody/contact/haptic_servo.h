@@ -56,6 +56,8 @@ typedef struct sbi_servo {
  * failure: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE name the field. */
 SBI_API sb_result sbi_servo_begin(sbi_servo *servo, const sb_haptic_def *def, sb_error *error);
 
+/* 1 when a state is finite and of a size that a hand's can have; others are refused. */
+SBI_API int sbi_servo_is_sound(const sb_tool_state *in);
 /* One call. frame: what came since the last one, or NULL. *out is finite and within the device's limits whatever comes
  * in. Returns 1 while the wrench follows the hand, 0 while it fades or there is none. */
 SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out);
