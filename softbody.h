@@ -708,6 +708,12 @@
 #define sb_contact_pressures sb_contact_pressures_f32
 #define sb_contact_get_info sb_contact_get_info_f32
 #define sb_default_haptic_def sb_default_haptic_def_f32
+#define sb_haptic_create sb_haptic_create_f32
+#define sb_haptic_destroy sb_haptic_destroy_f32
+#define sb_haptic_take sb_haptic_take_f32
+#define sb_haptic_publish sb_haptic_publish_f32
+#define sb_haptic_force sb_haptic_force_f32
+#define sb_haptic_get_info sb_haptic_get_info_f32
 #define sb_haptic_from_hd sb_haptic_from_hd_f32
 #endif
 #endif
@@ -5694,8 +5700,6 @@ SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact);
 #define SB_HAPTIC_H
 
 
-struct sb_contact;
-
 /* What is said here to a device is in double, whatever sb_real is. */
 
 /* State of the hand, as the device measures it. */
@@ -5718,24 +5722,24 @@ typedef struct sb_wrench_d {
  * The hand's motion times scale_motion is the tool's; the tool's force times scale_force is the hand's. Torques are
  * scaled by scale_force/scale_motion, so that power has one scale. */
 typedef struct sb_haptic_def {
-    struct sb_contact *contact; /* borrowed, destroyed after it */
-    int tool;                   /* of the contact */
-    double max_force;           /* N that the device gives for long, > 0; required */
-    double max_torque;          /* N m, >= 0; default 0: the device gives forces only */
-    double max_stiffness;       /* N/m and N s/m that it renders at 1 kHz, > 0 and >= 0; required: the device's own */
-    double max_damping;         /* figures. With a larger stiffness it hums in a light hand */
-    double max_slew;            /* N/s that the force changes by at most; default -1: max_force in 2 ms */
-    double coupling;            /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
-                                 * softer than the device can render; default -1: 0.5 max_stiffness */
-    double coupling_turning;    /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
-                                 * square of max_torque/max_force */
-    double resolution;   /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
-                          * figure gives energy away, 0 makes a hand that rests for minutes lose force at times */
-    double scale_motion; /* > 0; default 1 */
-    double scale_force;  /* > 0; default 1 */
-    double timeout;      /* s without a new frame before the force fades, >= 0.01; default 0.1 */
-    double energy_rate;  /* W that organs which move by themselves may give to the hand, >= 0; default 0 */
-    unsigned cookie;     /* set by sb_default_haptic_def; a def made without it is refused */
+    sb_contact *contact;     /* borrowed, destroyed after it */
+    int tool;                /* of the contact */
+    double max_force;        /* N that the device gives for long, > 0; required */
+    double max_torque;       /* N m, >= 0; default 0: the device gives forces only */
+    double max_stiffness;    /* N/m and N s/m that it renders at 1 kHz, > 0 and >= 0; required: the device's own */
+    double max_damping;      /* figures. With a larger stiffness it hums in a light hand */
+    double max_slew;         /* N/s that the force changes by at most; default -1: max_force in 2 ms */
+    double coupling;         /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
+                              * softer than the device can render; default -1: 0.5 max_stiffness */
+    double coupling_turning; /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
+                              * square of max_torque/max_force */
+    double resolution;       /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
+                              * figure gives energy away, 0 makes a hand that rests for minutes lose force at times */
+    double scale_motion;     /* > 0; default 1 */
+    double scale_force;      /* > 0; default 1 */
+    double timeout;          /* s without a new frame before the force fades, >= 0.01; default 0.1 */
+    double energy_rate;      /* W that organs which move by themselves may give to the hand, >= 0; default 0 */
+    unsigned cookie;         /* set by sb_default_haptic_def; a def made without it is refused */
 } sb_haptic_def;
 
 SB_API sb_haptic_def sb_default_haptic_def(void);
@@ -5752,6 +5756,40 @@ typedef struct sb_haptic_info {
     double position[3]; /* m: the tool's pose, which stays on the tissue where the hand goes in: for pictures */
     double rotation[9]; /* row-major */
 } sb_haptic_info;
+
+/* ---- a hand at a tool ----
+ *
+ *     device's thread, at 1 kHz                      simulation's thread, at 60 or 100 Hz
+ *         read `in` from the device                      sb_haptic_take(haptic, NULL);
+ *         sb_haptic_force(haptic, &in, &out);            sb_body_step(body, dt, NULL);
+ *         give out.force to the device                   sb_haptic_publish(haptic);
+ *
+ * Neither waits for the other: what is new changes hands by one atomic exchange. Between steps the hand feels planes
+ * with the stiffness that the step's own system has at the tool, so that the delay of a step does not make it swing,
+ * and a bank of energy bounds what it can be given by mistake. */
+typedef struct sb_haptic sb_haptic;
+
+/* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the compiler has no atomics that are known here, so that
+ * SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY. *haptic is then
+ * untouched. */
+SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
+/* NULL is fine. Neither thread may be in a call. */
+SB_API void sb_haptic_destroy(sb_haptic *haptic);
+
+/* Simulation, before the step: the tool is to go where the hand drew it by its last call (sb_contact_move_tool).
+ * wanted (NULL: not asked for): that pose, and the hand's velocities, time and buttons; 0 before the first call. What
+ * sb_contact_move_tool returns; SB_ERROR_ARGUMENT: NULL. */
+SB_API sb_result sb_haptic_take(sb_haptic *haptic, sb_tool_state *wanted);
+/* Simulation, right after the step, before anything else is asked of the body: what the tool feels, and how that
+ * changes with its pose. Costs about a tenth of the step: one solution of the step's system, for one stiffness in turn.
+ * SB_ERROR_ARGUMENT: NULL; SB_ERROR_INDEX: the tool was removed. */
+SB_API sb_result sb_haptic_publish(sb_haptic *haptic);
+/* Device, about every 1 ms, one thread at a time: *out is finite and within the def's limits whatever `in` is. 1: it
+ * follows the hand; 0: it fades, or there is none. No lock, no allocation, no loop without a bound. */
+SB_API int sb_haptic_force(sb_haptic *haptic, const sb_tool_state *in, sb_wrench_d *out);
+/* Simulation: as of the last sb_haptic_take. */
+SB_API sb_haptic_info sb_haptic_get_info(const sb_haptic *haptic);
 
 /* A device's state from what OpenHaptics gives: HD_CURRENT_TRANSFORM (column-major, mm) and HD_CURRENT_VELOCITY (mm/s).
  * Time and buttons are the caller's to fill in; NULL: all 0. */
@@ -46323,6 +46361,11 @@ typedef struct sbi_touch {
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+/* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,
+ * answers to forces rhs [rows] (N), which are changed, to a relative tolerance. With that step's matrix and
+ * preconditioner: nothing that makes others may have been asked of the body since. Without guests. Allocates nothing.
+ * What sb_pcg_solve says, but for SB_ERROR_NOT_CONVERGED: x is then as near as it got. */
+SBI_API sb_result sbi_body_solve_column(sb_body *body, sb_vec3 *rhs, sb_vec3 *x, sb_real tolerance);
 #endif
 
 #endif /* SB_STEP_TOUCH_H */
@@ -60695,6 +60738,29 @@ SBI_API void sbi_step_undo_touch(sbi_step *step)
     step->touch_begun = 0;
 }
 
+/* ---- between steps ---- */
+
+SBI_API sb_result sbi_body_solve_column(sb_body *b, sb_vec3 *rhs, sb_vec3 *x, sb_real tolerance)
+{
+    sbi_elimination *e = b->elimination;
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_result result;
+    options.tolerance = (double)tolerance;
+    options.max_iterations = b->max_iterations;
+    options.jobs = &b->jobs;
+    if (e)
+        sbi_elimination_reduce(e, rhs, rhs, NULL);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        x[i] = sb_v3(0, 0, 0);
+        rhs[i] = sbi_body_pick_axes(sbi_body_held(b, i), x[i], rhs[i]);
+    }
+    result = sb_pcg_solve(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &rhs[0].x, &x[0].x, &options,
+                          &b->pcg, NULL);
+    if (e)
+        sbi_elimination_expand(e, x, 0);
+    return result == SB_ERROR_NOT_CONVERGED ? SB_OK : result;
+}
+
 /* ==== src/softbody/body/step_residual.c ==== */
 /* step_residual: forces, tangent and residual of a step or a static solve.
  *
@@ -61289,8 +61355,8 @@ static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
     line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
 }
 
-/* The energy of contact is looked at as it is, so that its forces count in the slope only; the residual has them already
- * but in a linearised step, where they are those at its start with the last bounds of friction. */
+/* The energy of contact is looked at as it is, so that its forces count in the slope only; the residual has them
+ * already but in a linearised step, where they are those at its start with the last bounds of friction. */
 static void sbi_step_add_touch_line(sbi_step *step, sbi_step_line *line)
 {
     const sb_body *b = step->body;
@@ -68519,6 +68585,14 @@ SB_INLINE void sbi_contact_stiffness(const sbi_contact_answer *a, sb_vec3 n, sb_
 #define SB_CONTACT_PRIVATE_H
 
 
+/* The sample nearest to a tool that nothing presses on. */
+typedef struct sbi_contact_nearest {
+    int known; /* 0: none is near */
+    int face, parts, sample;
+    sb_real gap;           /* m */
+    sb_vec3 point, normal; /* m; out of the tool */
+} sbi_contact_nearest;
+
 /* A tool's place in the list. Chains are of capsules, [point count]. */
 typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
@@ -68527,9 +68601,10 @@ typedef struct sbi_contact_tool {
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
-    int face_count;        /* of its faces in sb_contact.near */
-    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
-    sb_real lag;           /* m */
+    int face_count;              /* of its faces in sb_contact.near */
+    sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
+    sb_real lag;                 /* m */
+    sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
@@ -68538,6 +68613,7 @@ typedef struct sbi_contact_entry {
     sb_real gap, area;            /* m, m^2 at rest */
     sb_vec3 traction;             /* t (Pa) on the body */
     sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
+    sbi_contact_answer answer;    /* of the law, for its stiffness; not saved: 0 where it was loaded */
 } sbi_contact_entry;
 
 enum { SBI_CONTACT_MOST_CORNERS = 4 }; /* of any face */
@@ -68618,6 +68694,7 @@ struct sb_contact {
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
+    int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
     void *memory;
@@ -69250,6 +69327,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 {
     sb_contact *contact = (sb_contact *)user;
     int thin = 0;
+    contact->is_solved = 0;
     sbi_contact_sweep(contact, step);
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
@@ -69494,6 +69572,7 @@ static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, 
     entry.point = s->point;
     entry.normal = s->normal;
     entry.force = sb_v3_scale(s->area, sbi_contact_stress(s));
+    entry.answer = s->answer;
     return entry;
 }
 
@@ -69510,17 +69589,36 @@ static void sbi_contact_sum_wrenches(sb_contact *contact)
     }
 }
 
+static void sbi_contact_keep_nearest(sb_contact *contact, const sbi_contact_sample *s)
+{
+    const sbi_contact_patch *patch = contact->patches + s->patch;
+    sbi_contact_nearest *nearest = &contact->tools[patch->tool].nearest;
+    if (nearest->known && !(s->gap < nearest->gap))
+        return;
+    nearest->known = 1;
+    nearest->face = patch->face;
+    nearest->parts = patch->parts;
+    nearest->sample = s->sample;
+    nearest->gap = s->gap;
+    nearest->point = s->point;
+    nearest->normal = s->normal;
+}
+
 /* Entries of the samples that touch. */
 static void sbi_contact_keep_entries(sb_contact *contact)
 {
     sbi_contact_entry *fresh = contact->spare;
     int count = 0;
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].nearest.known = 0;
     contact->step_info.touching = contact->step_info.sticking = 0;
     contact->step_info.deepest = 0;
     for (int i = 0; i < contact->sample_count; i++) {
         const sbi_contact_sample *s = contact->samples + i;
-        if (!(s->answer.pressure > 0))
+        if (!(s->answer.pressure > 0)) {
+            sbi_contact_keep_nearest(contact, s);
             continue;
+        }
         fresh[count] = sbi_contact_make_entry(contact->patches + s->patch, s);
         contact->step_info.touching++;
         contact->step_info.sticking += fresh[count++].sticks;
@@ -69559,6 +69657,7 @@ static void sbi_contact_commit(void *user)
     contact->step_info.capped = contact->touch.capped;
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
+    contact->is_solved = 1;
     sbi_contact_forget_nodes(contact);
 }
 
@@ -69703,6 +69802,8 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
             contact->pressures[count++] = contact->pressures[i];
     contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+    contact->tools[tool].nearest.known = 0;
+    contact->is_solved = 0;
 }
 
 SB_API sb_result sb_contact_remove_tool(sb_contact *contact, int tool)
@@ -69975,6 +70076,7 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     read.force = sb_v3(reals[15], reals[16], reals[17]);
     read.torque = sb_v3(reals[18], reals[19], reals[20]);
     read.next = read.balance = read.reached;
+    read.nearest.known = 0;
     in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
                sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
     for (int i = 0; i < points; i++) {
@@ -70417,13 +70519,16 @@ SB_API void sb_contact_destroy(sb_contact *contact)
  *     gcc, clang          __atomic_exchange_n, also in C99 and C++, for MinGW and wasm
  *     MSVC                _InterlockedExchange, a full barrier
  *     C11                 <stdatomic.h>; with SB_USE_STDATOMIC in place of the two above
- * Without any SBI_HAS_ATOMICS is 0, and what needs a mailbox is to refuse to start. */
+ * Without any, or with SB_NO_ATOMICS, SBI_HAS_ATOMICS is 0: all compiles, and what needs a mailbox refuses to start. */
 #ifndef SB_HAPTIC_MAILBOX_H
 #define SB_HAPTIC_MAILBOX_H
 
 
 #define SBI_HAS_ATOMICS 1
-#if defined(SB_ATOMIC_EXCHANGE) && defined(SB_ATOMIC_LOAD)
+#if defined(SB_NO_ATOMICS)
+#undef SBI_HAS_ATOMICS
+#define SBI_HAS_ATOMICS 0
+#elif defined(SB_ATOMIC_EXCHANGE) && defined(SB_ATOMIC_LOAD)
 #if !defined(SB_ATOMIC_TYPE)
 #define SB_ATOMIC_TYPE int
 #endif
@@ -70450,7 +70555,18 @@ typedef atomic_int sbi_atomic;
 #define SBI_HAS_ATOMICS 0
 #endif
 
-#if SBI_HAS_ATOMICS
+#if !SBI_HAS_ATOMICS
+typedef int sbi_atomic;
+SB_INLINE int sbi_atomic_exchange(sbi_atomic *p, int v)
+{
+    int was = *p;
+    *p = v;
+    return was;
+}
+#define SBI_ATOMIC_EXCHANGE(p, v) sbi_atomic_exchange(p, v)
+#define SBI_ATOMIC_LOAD(p) (*(p))
+#endif
+
 enum {
     SBI_MAILBOX_SLOTS = 3,
     SBI_MAILBOX_NEW = 4,   /* beside the index of the slot between: the reader has not seen it */
@@ -70491,7 +70607,6 @@ SB_INLINE int sbi_mailbox_take(sbi_mailbox *box)
 }
 /* The slot that the reader reads, as long as it likes; no record before the first successful sbi_mailbox_take. */
 SB_INLINE int sbi_mailbox_front(const sbi_mailbox *box) { return box->front; }
-#endif
 
 #endif /* SB_HAPTIC_MAILBOX_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
@@ -70529,6 +70644,7 @@ SB_INLINE sbi_d3 sbi_d(double x, double y, double z)
     return v;
 }
 SB_INLINE sbi_d3 sbi_d_from(const double v[3]) { return sbi_d(v[0], v[1], v[2]); }
+SB_INLINE sbi_d3 sbi_d_of(sb_vec3 v) { return sbi_d((double)v.x, (double)v.y, (double)v.z); }
 SB_INLINE void sbi_d_put(double to[3], sbi_d3 v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
 SB_INLINE sbi_d3 sbi_d_add(sbi_d3 a, sbi_d3 b) { return sbi_d(a.x + b.x, a.y + b.y, a.z + b.z); }
 SB_INLINE sbi_d3 sbi_d_sub(sbi_d3 a, sbi_d3 b) { return sbi_d(a.x - b.x, a.y - b.y, a.z - b.z); }
@@ -70747,6 +70863,8 @@ typedef struct sbi_servo {
  * failure: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE name the field. */
 SBI_API sb_result sbi_servo_begin(sbi_servo *servo, const sb_haptic_def *def, sb_error *error);
 
+/* 1 when a state is finite and of a size that a hand's can have; others are refused. */
+SBI_API int sbi_servo_is_sound(const sb_tool_state *in);
 /* One call. frame: what came since the last one, or NULL. *out is finite and within the device's limits whatever comes
  * in. Returns 1 while the wrench follows the hand, 0 while it fades or there is none. */
 SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out);
@@ -71143,7 +71261,7 @@ SBI_API sb_result sbi_servo_begin(sbi_servo *servo, const sb_haptic_def *def, sb
 
 /* ---- the hand ---- */
 
-static int sbi_servo_is_sound(const sb_tool_state *in)
+SBI_API int sbi_servo_is_sound(const sb_tool_state *in)
 {
     int sound = sbi_d3_within(sbi_d_from(in->position), SBI_SERVO_FAR) &&
                 sbi_d3_within(sbi_d_from(in->velocity), SBI_SERVO_FAR) &&
@@ -71408,9 +71526,420 @@ SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo)
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/haptic_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_private: what is inside an sb_haptic. Internal: the files haptic*.c of the simulation's side share it.
+ *
+ * Each thread has its own part; between them are two mailboxes: frames to the device's, reports to the simulation's. */
+#ifndef SB_HAPTIC_PRIVATE_H
+#define SB_HAPTIC_PRIVATE_H
+
+
+/* What a call of the device's thread leaves for the simulation. */
+typedef struct sbi_haptic_report {
+    sb_tool_state wanted;
+    sb_haptic_info info;
+} sbi_haptic_report;
+
+/* A cluster of the last frame, and what is known of its stiffness. */
+typedef struct sbi_haptic_known {
+    sbi_d3 normal;     /* as the cluster's */
+    double area;       /* m^2 that touched */
+    double stiffness;  /* N/m; 0: not known */
+    double tangential; /* over the stiffness */
+    int normal_age;    /* steps since each was found */
+    int tangent_age;
+} sbi_haptic_known;
+
+struct sb_haptic {
+    sb_allocator allocator;
+    sb_contact *contact;
+    int tool;
+
+    sbi_servo servo; /* of the device's thread */
+    sbi_mailbox frame_box, report_box;
+    sbi_haptic_frame frames[SBI_MAILBOX_SLOTS];
+    sbi_haptic_report reports[SBI_MAILBOX_SLOTS];
+
+    /* of the simulation's thread */
+    int has_report;
+    int known_count;
+    sbi_haptic_known known[SBI_HAPTIC_CLUSTERS];
+    int *cluster_of;       /* [max_contacts] by entry of the tool */
+    sb_vec3 *rhs, *column; /* [node_room] */
+    void *memory;
+};
+
+SBI_API sbi_d_pose sbi_haptic_pose(const sb_pose *from);
+/* What the tool feels of the last step, with one stiffness found anew. */
+SBI_API void sbi_haptic_make_frame(sb_haptic *haptic, sbi_haptic_frame *frame);
+
+#endif /* SB_HAPTIC_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/haptic_publish.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* haptic_publish: the contacts of a step as planes, and their stiffness.
+ *
+ * Stiffness comes from the system that the step has solved, (A + K) x = b with K of contact: the tool is moved by a
+ * unit e, the tissue follows by c, and what touches in a cluster then pushes by
+ *     (A + sum dA w w^T K) c = sum dA w K e,    kn = sum of the cluster's e.dA K (e - w.c).
+ * The whole tool moves, not the cluster's samples alone: clusters that share the tissue around them would otherwise
+ * each be held by the others, and their sum be too stiff. Of a single cluster the sum is the system's energy, in which
+ * the error of c counts squared, so that few iterations do. One such column is found in a step, in turn. */
+#include <string.h>
+
+
+#define SBI_CLUSTER_NEAR 0.866               /* cosine of the angle between normals of a cluster */
+#define SBI_COLUMN_TOLERANCE ((sb_real)0.01) /* of the solution of a column */
+/* Stiffness across the normal over that along it where it was never found: that of a sticking round contact, 2 (1 -
+ * nu)/(2 - nu), of what keeps its volume. Mindlin 1949. */
+#define SBI_CLUSTER_SHEAR (2 / 3.0)
+
+enum { SBI_COLUMN_NEVER = 1 << 20 }; /* steps since a column was found that never was */
+
+/* Sums over the entries of a cluster, on the tool. */
+typedef struct sbi_cluster_sum {
+    sbi_d3 push, force, torque; /* N, N, N m about the tool's position */
+    sbi_d3 point;               /* N m: of places times their push */
+    double weight, stuck, area; /* N: all pushes, those of what sticks; m^2 */
+} sbi_cluster_sum;
+
+/* Entries of a tool: they lie side by side. */
+typedef struct sbi_cluster_list {
+    const sbi_contact_entry *entries;
+    int count;
+} sbi_cluster_list;
+
+static sbi_cluster_list sbi_haptic_entries(const sb_haptic *haptic)
+{
+    const sb_contact *contact = haptic->contact;
+    sbi_cluster_list list = {contact->entries, 0};
+    const sbi_contact_entry *end = contact->entries + contact->entry_count;
+    while (list.entries < end && list.entries->tool < haptic->tool)
+        list.entries++;
+    while (list.entries + list.count < end && list.entries[list.count].tool == haptic->tool)
+        list.count++;
+    return list;
+}
+
+/* ---- clusters ---- */
+
+static double sbi_entry_push(const sbi_contact_entry *entry) { return (double)sb_v3_dot(entry->force, entry->normal); }
+
+/* The entry without a cluster that pushes most, or -1. */
+static int sbi_cluster_seed(const sb_haptic *haptic, const sbi_cluster_list *list)
+{
+    int best = -1;
+    for (int i = 0; i < list->count; i++)
+        if (haptic->cluster_of[i] < 0 &&
+            (best < 0 || sbi_entry_push(list->entries + i) > sbi_entry_push(list->entries + best)))
+            best = i;
+    return best;
+}
+
+/* The cluster whose first entry has the nearest normal. */
+static int sbi_cluster_nearest(const sbi_cluster_list *list, const int *seeds, int count, sb_vec3 normal)
+{
+    int best = 0;
+    for (int c = 1; c < count; c++)
+        if (sb_v3_dot(list->entries[seeds[c]].normal, normal) > sb_v3_dot(list->entries[seeds[best]].normal, normal))
+            best = c;
+    return best;
+}
+
+/* Shares the entries out, the strongest first. Returns the number of clusters. */
+static int sbi_cluster_share_out(sb_haptic *haptic, const sbi_cluster_list *list)
+{
+    int seeds[SBI_HAPTIC_CLUSTERS], count = 0;
+    for (int i = 0; i < list->count; i++)
+        haptic->cluster_of[i] = -1;
+    for (; count < SBI_HAPTIC_CLUSTERS; count++) {
+        int seed = sbi_cluster_seed(haptic, list);
+        if (seed < 0)
+            break;
+        seeds[count] = seed;
+        for (int i = 0; i < list->count; i++)
+            if (haptic->cluster_of[i] < 0 &&
+                (double)sb_v3_dot(list->entries[i].normal, list->entries[seed].normal) >= SBI_CLUSTER_NEAR)
+                haptic->cluster_of[i] = count;
+        haptic->cluster_of[seed] = count;
+    }
+    for (int i = 0; i < list->count; i++)
+        if (haptic->cluster_of[i] < 0)
+            haptic->cluster_of[i] = sbi_cluster_nearest(list, seeds, count, list->entries[i].normal);
+    return count;
+}
+
+static void sbi_cluster_add(sbi_cluster_sum *sum, const sbi_contact_entry *entry, sbi_d3 position)
+{
+    sbi_d3 force = sbi_d_scale(-1, sbi_d_of(entry->force)), place = sbi_d_of(entry->point);
+    double push = sbi_entry_push(entry);
+    sum->push = sbi_d_madd(sum->push, -push, sbi_d_of(entry->normal));
+    sum->force = sbi_d_add(sum->force, force);
+    sum->torque = sbi_d_add(sum->torque, sbi_d_cross(sbi_d_sub(place, position), force));
+    sum->point = sbi_d_madd(sum->point, push, sbi_d_sub(place, position));
+    sum->weight += push;
+    sum->stuck += entry->sticks ? push : 0;
+    sum->area += (double)entry->area;
+}
+
+/* Point, normal and forces of a cluster: they are exactly the sums. */
+static void sbi_cluster_fill(sbi_haptic_cluster *k, const sbi_cluster_sum *sum, const sbi_d_pose *pose, double friction)
+{
+    sbi_turn back = sbi_turn_make(pose->rotation.w, -pose->rotation.x, -pose->rotation.y, -pose->rotation.z);
+    double size = sbi_d_norm(sum->push), traction;
+    memset(k, 0, sizeof *k);
+    k->normal = sbi_d_scale(1 / size, sum->push);
+    k->point = sbi_turn_apply(back, sbi_d_scale(1 / sum->weight, sum->point));
+    k->push = sbi_d_dot(sum->force, k->normal);
+    k->traction = sbi_d_madd(sum->force, -k->push, k->normal);
+    k->torque = sbi_d_sub(sum->torque, sbi_d_cross(sbi_turn_apply(pose->rotation, k->point), sum->force));
+    traction = sbi_d_norm(k->traction);
+    k->friction = friction;
+    if (friction > 0 && traction > friction * k->push && k->push > 0)
+        k->friction = traction / k->push; /* of normals that part, which share less of their pushes than of their sum */
+}
+
+SBI_API sbi_d_pose sbi_haptic_pose(const sb_pose *from)
+{
+    const sb_quat *q = &from->rotation;
+    const sbi_turn none = {1, 0, 0, 0};
+    sbi_d_pose pose;
+    pose.position = sbi_d_of(from->position);
+    pose.rotation = sbi_turn_unit(sbi_turn_make((double)q->w, (double)q->x, (double)q->y, (double)q->z), none);
+    return pose;
+}
+
+/* Clusters without stiffness. sums [SBI_HAPTIC_CLUSTERS] */
+static void sbi_haptic_gather(sb_haptic *haptic, const sbi_cluster_list *list, sbi_haptic_frame *frame,
+                              sbi_cluster_sum *sums)
+{
+    const sbi_contact_tool *tool = haptic->contact->tools + haptic->tool;
+    memset(frame, 0, sizeof *frame);
+    memset(sums, 0, SBI_HAPTIC_CLUSTERS * sizeof *sums);
+    frame->pose = sbi_haptic_pose(&tool->balance);
+    frame->count = sbi_cluster_share_out(haptic, list);
+    for (int i = 0; i < list->count; i++)
+        sbi_cluster_add(sums + haptic->cluster_of[i], list->entries + i, frame->pose.position);
+    for (int c = 0; c < frame->count; c++)
+        sbi_cluster_fill(frame->clusters + c, sums + c, &frame->pose, (double)tool->friction);
+}
+
+/* ---- what is known of them ---- */
+
+/* The cluster of the last frame that this one goes on from, or -1. */
+static int sbi_haptic_find_known(const sb_haptic *haptic, unsigned taken, sbi_d3 normal)
+{
+    double nearest = SBI_CLUSTER_NEAR;
+    int found = -1;
+    for (int o = 0; o < haptic->known_count; o++) {
+        double cosine = sbi_d_dot(haptic->known[o].normal, normal);
+        if (!(taken >> o & 1u) && cosine >= nearest) {
+            nearest = cosine;
+            found = o;
+        }
+    }
+    return found;
+}
+
+/* What is known of a cluster that was not there: guessed from the strongest of the last frame, as contacts of another
+ * size go. */
+static sbi_haptic_known sbi_haptic_guess_known(const sb_haptic *haptic, double area)
+{
+    const sbi_haptic_known *like = haptic->known;
+    sbi_haptic_known guess;
+    memset(&guess, 0, sizeof guess);
+    if (haptic->known_count > 0 && like->area > 0)
+        guess.stiffness = like->stiffness * sqrt(area / like->area);
+    guess.tangential = SBI_CLUSTER_SHEAR;
+    guess.normal_age = guess.tangent_age = SBI_COLUMN_NEVER;
+    return guess;
+}
+
+static void sbi_haptic_recognise(sb_haptic *haptic, const sbi_haptic_frame *frame, const sbi_cluster_sum *sums)
+{
+    sbi_haptic_known fresh[SBI_HAPTIC_CLUSTERS];
+    unsigned taken = 0;
+    for (int c = 0; c < frame->count; c++) {
+        int old = sbi_haptic_find_known(haptic, taken, frame->clusters[c].normal);
+        fresh[c] = old < 0 ? sbi_haptic_guess_known(haptic, sums[c].area) : haptic->known[old];
+        taken |= old < 0 ? 0u : 1u << old;
+        fresh[c].normal = frame->clusters[c].normal;
+        fresh[c].area = sums[c].area;
+        fresh[c].normal_age = sbi_min_int(fresh[c].normal_age + 1, SBI_COLUMN_NEVER);
+        fresh[c].tangent_age = sbi_min_int(fresh[c].tangent_age + 1, SBI_COLUMN_NEVER);
+    }
+    memcpy(haptic->known, fresh, (size_t)frame->count * sizeof *fresh);
+    haptic->known_count = frame->count;
+}
+
+/* ---- a column ---- */
+
+/* rhs += a force on a sample of a face */
+static void sbi_column_load(sb_haptic *haptic, int face, int parts, int sample, sb_vec3 force)
+{
+    const sbi_contact_faces *faces = haptic->contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    const sb_real *weights = sbi_contact_sample_weights(faces, face, parts, sample);
+    for (int a = 0; a < faces->sizes[face]; a++)
+        haptic->rhs[nodes[a]] = sb_v3_madd(haptic->rhs[nodes[a]], weights[a], force);
+}
+
+/* Where the tissue there goes by the column. */
+static sb_vec3 sbi_column_motion(const sb_haptic *haptic, int face, int parts, int sample)
+{
+    const sbi_contact_faces *faces = haptic->contact->faces;
+    return sbi_contact_mean(sbi_contact_sample_weights(faces, face, parts, sample), sbi_contact_face_nodes(faces, face),
+                            faces->sizes[face], haptic->column);
+}
+
+static void sbi_column_clear(sb_haptic *haptic)
+{
+    memset(haptic->rhs, 0, (size_t)sb_body_node_count(haptic->contact->body) * sizeof *haptic->rhs);
+}
+
+/* 0: it has no sensible answer */
+static int sbi_column_solve(sb_haptic *haptic)
+{
+    return sbi_body_solve_column(haptic->contact->body, haptic->rhs, haptic->column, SBI_COLUMN_TOLERANCE) == SB_OK;
+}
+
+/* Force from an entry on a tool that has moved by `way` against the tissue. */
+static sb_vec3 sbi_column_force(const sbi_contact_entry *entry, sb_vec3 way)
+{
+    sb_real k[9];
+    sbi_contact_stiffness(&entry->answer, entry->normal, entry->area, k);
+    return sb_v3(k[0] * way.x + k[1] * way.y + k[2] * way.z, k[3] * way.x + k[4] * way.y + k[5] * way.z,
+                 k[6] * way.x + k[7] * way.y + k[8] * way.z);
+}
+
+/* Stiffness (N/m) of a cluster against the tool's motion along the unit vector e; not positive: it is not known. */
+static double sbi_column_stiffness(sb_haptic *haptic, const sbi_cluster_list *list, int cluster, sbi_d3 along)
+{
+    sb_vec3 e = sb_v3((sb_real)along.x, (sb_real)along.y, (sb_real)along.z);
+    double sum = 0;
+    sbi_column_clear(haptic);
+    for (int i = 0; i < list->count; i++) {
+        const sbi_contact_entry *entry = list->entries + i;
+        sbi_column_load(haptic, entry->face, entry->parts, entry->sample, sbi_column_force(entry, e));
+    }
+    if (!sbi_column_solve(haptic))
+        return 0;
+    for (int i = 0; i < list->count; i++) {
+        const sbi_contact_entry *entry = list->entries + i;
+        sb_vec3 follows = sbi_column_motion(haptic, entry->face, entry->parts, entry->sample);
+        if (haptic->cluster_of[i] == cluster)
+            sum += (double)sb_v3_dot(e, sbi_column_force(entry, sb_v3_sub(e, follows)));
+    }
+    return sum;
+}
+
+/* A direction across the normal: the traction's, if there is one. */
+static sbi_d3 sbi_cluster_across(const sbi_haptic_cluster *k)
+{
+    sbi_d3 n = k->normal, across = k->traction;
+    if (!(sbi_d_norm(across) > 1e-6 * fabs(k->push)))
+        across = sbi_d_across(fabs(n.x) < 0.6 ? sbi_d(1, 0, 0) : sbi_d(0, 1, 0), n);
+    return sbi_d_scale(1 / sbi_d_norm(across), across);
+}
+
+/* Finds the stiffness that was found longest ago, normals first. Across the normal only where most of it sticks: what
+ * slides is the law's matter, not the stiffness'. */
+static void sbi_haptic_find_column(sb_haptic *haptic, const sbi_cluster_list *list, const sbi_haptic_frame *frame,
+                                   const sbi_cluster_sum *sums)
+{
+    int cluster = 0, tangent = 0, oldest = 0;
+    sbi_haptic_known *known;
+    double found;
+    for (int c = 0; c < frame->count; c++) {
+        int sticks = sums[c].stuck > 0.5 * sums[c].weight, age = haptic->known[c].tangent_age;
+        if (haptic->known[c].normal_age > oldest)
+            cluster = c, tangent = 0, oldest = haptic->known[c].normal_age;
+        if (sticks && age - 1 > oldest)
+            cluster = c, tangent = 1, oldest = age - 1;
+    }
+    known = haptic->known + cluster;
+    found = sbi_column_stiffness(haptic, list, cluster,
+                                 tangent ? sbi_cluster_across(frame->clusters + cluster) : known->normal);
+    if (!(found > 0))
+        return;
+    if (tangent && known->stiffness > 0)
+        known->tangential = found / known->stiffness;
+    else if (!tangent)
+        known->stiffness = found;
+    *(tangent ? &known->tangent_age : &known->normal_age) = 0;
+}
+
+/* ---- frames ---- */
+
+/* Nothing has touched yet: what is nearest is as stiff as against a newton on it alone. */
+static void sbi_haptic_foresee(sb_haptic *haptic, const sbi_contact_nearest *nearest)
+{
+    double way;
+    sbi_column_clear(haptic);
+    sbi_column_load(haptic, nearest->face, nearest->parts, nearest->sample, nearest->normal);
+    if (!sbi_column_solve(haptic))
+        return;
+    way = (double)sb_v3_dot(nearest->normal, sbi_column_motion(haptic, nearest->face, nearest->parts, nearest->sample));
+    if (!(way > 0))
+        return;
+    haptic->known[0] = sbi_haptic_guess_known(haptic, 0);
+    haptic->known[0].normal = sbi_d_scale(-1, sbi_d_of(nearest->normal));
+    haptic->known[0].stiffness = 1 / way;
+    haptic->known_count = 1;
+}
+
+/* Nothing touches: the plane of what is nearest, so that the first touch need not wait for a step. Stiffness is that of
+ * the last contact, and to be found anew in the next. */
+static void sbi_haptic_approach(sb_haptic *haptic, sbi_haptic_frame *frame)
+{
+    const sbi_contact_tool *tool = haptic->contact->tools + haptic->tool;
+    const sbi_contact_nearest *nearest = &tool->nearest;
+    sbi_cluster_sum one;
+    if (!nearest->known)
+        return;
+    if (haptic->known_count == 0 && haptic->contact->is_solved)
+        sbi_haptic_foresee(haptic, nearest);
+    haptic->known_count = sbi_min_int(haptic->known_count, 1);
+    haptic->known[0].normal_age = haptic->known[0].tangent_age = SBI_COLUMN_NEVER;
+    if (haptic->known_count == 0)
+        return;
+    memset(&one, 0, sizeof one);
+    one.push = sbi_d_scale(-1, sbi_d_of(nearest->normal));
+    one.point = sbi_d_sub(sbi_d_of(nearest->point), frame->pose.position);
+    one.weight = 1;
+    frame->count = 1;
+    sbi_cluster_fill(frame->clusters, &one, &frame->pose, (double)tool->friction);
+    frame->clusters[0].push = -haptic->known[0].stiffness * (double)nearest->gap;
+}
+
+SBI_API void sbi_haptic_make_frame(sb_haptic *haptic, sbi_haptic_frame *frame)
+{
+    sbi_cluster_list list = sbi_haptic_entries(haptic);
+    sbi_cluster_sum sums[SBI_HAPTIC_CLUSTERS];
+    sbi_haptic_gather(haptic, &list, frame, sums);
+    if (frame->count > 0) {
+        sbi_haptic_recognise(haptic, frame, sums);
+        if (haptic->contact->is_solved)
+            sbi_haptic_find_column(haptic, &list, frame, sums);
+    } else {
+        sbi_haptic_approach(haptic, frame);
+    }
+    for (int c = 0; c < frame->count; c++) {
+        sbi_haptic_cluster *k = frame->clusters + c;
+        k->stiffness = haptic->known[c].stiffness;
+        k->tangential = k->friction > 0 ? haptic->known[c].tangential * k->stiffness : 0;
+    }
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/haptic.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* haptic: definitions, and states of devices. */
+/* haptic: a hand at a tool: what its two threads call. */
+
+#include <string.h>
+
 
 SB_API sb_haptic_def sb_default_haptic_def(void)
 {
@@ -71439,6 +71968,167 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
     for (int i = 0; velocity_mm && i < 3; i++)
         state.velocity[i] = metre * velocity_mm[i];
     return state;
+}
+
+/* ---- made and given back ---- */
+
+static void sbi_haptic_lay_out(sb_haptic *haptic, sbi_arena *arena)
+{
+    size_t nodes = (size_t)haptic->contact->faces->node_room;
+    haptic->cluster_of = (int *)sbi_arena_take(arena, (size_t)haptic->contact->max_contacts, sizeof(int));
+    haptic->rhs = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    haptic->column = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+}
+
+static int sbi_haptic_take_memory(sb_haptic *haptic)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_haptic_lay_out(haptic, &arena);
+    if (arena.overflow)
+        return 0;
+    haptic->memory = sbi_alloc_zeroed(&haptic->allocator, arena.used, 1);
+    if (!haptic->memory)
+        return 0;
+    arena.base = (unsigned char *)haptic->memory;
+    arena.used = 0;
+    sbi_haptic_lay_out(haptic, &arena);
+    return 1;
+}
+
+static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, sb_error *error)
+{
+    if (!SBI_HAS_ATOMICS)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "this compiler has no atomics that are known here: define SB_ATOMIC_EXCHANGE and "
+                        "SB_ATOMIC_LOAD before the implementation");
+    if (!def || def->cookie != SBI_HAPTIC_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_haptic_def");
+    if (!def->contact)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.contact is NULL: a hand needs the contact of its tool");
+    if (sb_contact_reached(def->contact, def->tool, pose, NULL) != SB_OK)
+        return sbi_fail(error, SB_ERROR_INDEX, "def.tool is %d: the contact has no such tool", def->tool);
+    return SB_OK;
+}
+
+/* A device that does not turn holds the tool as it stands. */
+static void sbi_haptic_begin(sb_haptic *haptic, const sb_pose *pose)
+{
+    sbi_mailbox_begin(&haptic->frame_box);
+    sbi_mailbox_begin(&haptic->report_box);
+    haptic->servo.hand.rotation = haptic->servo.tool.rotation = sbi_haptic_pose(pose).rotation;
+}
+
+SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error)
+{
+    sb_pose pose;
+    sb_haptic *made;
+    sb_result result = sbi_haptic_check_def(def, &pose, error);
+    if (result == SB_OK && !haptic)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for what is made");
+    if (result != SB_OK)
+        return result;
+    made = (sb_haptic *)sbi_alloc_zeroed(&def->contact->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a hand at a tool");
+    made->allocator = def->contact->allocator;
+    made->contact = def->contact;
+    made->tool = def->tool;
+    result = sbi_servo_begin(&made->servo, def, error);
+    if (result == SB_OK && !sbi_haptic_take_memory(made))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for a hand at a tool");
+    if (result != SB_OK) {
+        sb_haptic_destroy(made);
+        return result;
+    }
+    sbi_haptic_begin(made, &pose);
+    *haptic = made;
+    return SB_OK;
+}
+
+SB_API void sb_haptic_destroy(sb_haptic *haptic)
+{
+    sb_allocator allocator;
+    if (!haptic)
+        return;
+    allocator = haptic->allocator;
+    sbi_free(&allocator, haptic->memory);
+    sbi_free(&allocator, haptic);
+}
+
+/* ---- the simulation's thread ---- */
+
+static sb_pose sbi_haptic_tool_pose(const sb_tool_state *wanted)
+{
+    const double *p = wanted->position;
+    sbi_turn q = sbi_turn_from_matrix(wanted->rotation, sbi_turn_make(1, 0, 0, 0));
+    sb_pose pose;
+    pose.position = sb_v3((sb_real)p[0], (sb_real)p[1], (sb_real)p[2]);
+    pose.rotation.w = (sb_real)q.w;
+    pose.rotation.x = (sb_real)q.x;
+    pose.rotation.y = (sb_real)q.y;
+    pose.rotation.z = (sb_real)q.z;
+    return pose;
+}
+
+SB_API sb_result sb_haptic_take(sb_haptic *haptic, sb_tool_state *wanted)
+{
+    const sbi_haptic_report *report;
+    sb_pose pose;
+    if (!haptic)
+        return SB_ERROR_ARGUMENT;
+    haptic->has_report |= sbi_mailbox_take(&haptic->report_box);
+    if (wanted)
+        memset(wanted, 0, sizeof *wanted);
+    if (!haptic->has_report)
+        return sb_contact_reached(haptic->contact, haptic->tool, NULL, NULL);
+    report = haptic->reports + sbi_mailbox_front(&haptic->report_box);
+    if (wanted)
+        *wanted = report->wanted;
+    pose = sbi_haptic_tool_pose(&report->wanted);
+    return sb_contact_move_tool(haptic->contact, haptic->tool, &pose);
+}
+
+SB_API sb_result sb_haptic_publish(sb_haptic *haptic)
+{
+    sb_result result;
+    if (!haptic)
+        return SB_ERROR_ARGUMENT;
+    result = sb_contact_reached(haptic->contact, haptic->tool, NULL, NULL);
+    if (result != SB_OK)
+        return result;
+    sbi_haptic_make_frame(haptic, haptic->frames + sbi_mailbox_back(&haptic->frame_box));
+    sbi_mailbox_post(&haptic->frame_box);
+    return SB_OK;
+}
+
+SB_API sb_haptic_info sb_haptic_get_info(const sb_haptic *haptic)
+{
+    sb_haptic_info none;
+    memset(&none, 0, sizeof none);
+    return haptic && haptic->has_report ? haptic->reports[sbi_mailbox_front(&haptic->report_box)].info : none;
+}
+
+/* ---- the device's thread ---- */
+
+SB_API int sb_haptic_force(sb_haptic *haptic, const sb_tool_state *in, sb_wrench_d *out)
+{
+    const sbi_haptic_frame *frame = NULL;
+    sbi_haptic_report *report;
+    int follows;
+    if (out)
+        memset(out, 0, sizeof *out);
+    if (!haptic || !in || !out)
+        return 0;
+    if (sbi_mailbox_take(&haptic->frame_box))
+        frame = haptic->frames + sbi_mailbox_front(&haptic->frame_box);
+    follows = sbi_servo_call(&haptic->servo, in, frame, out);
+    if (sbi_servo_is_sound(in)) {
+        report = haptic->reports + sbi_mailbox_back(&haptic->report_box);
+        report->wanted = sbi_servo_wanted(&haptic->servo, in);
+        report->info = sbi_servo_info(&haptic->servo);
+        sbi_mailbox_post(&haptic->report_box);
+    }
+    return follows;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
