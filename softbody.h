@@ -68655,12 +68655,12 @@ typedef struct sbi_contact_tool {
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
-    int face_count;        /* of its faces in sb_contact.near */
-    sb_pose from;          /* at the start of the step, or of the increment of a static solve */
-    sb_pose stage;         /* at the end of the last increment that was done */
-    sb_vec3 force, torque; /* N, N m about its position: on the body, at the end of the last step */
-    sb_real way;           /* m, of its skeleton in the step */
-    sb_real lag;           /* m */
+    int face_count;              /* of its faces in sb_contact.near */
+    sb_pose from;                /* at the start of the step, or of the increment of a static solve */
+    sb_pose stage;               /* at the end of the last increment that was done */
+    sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
+    sb_real way;                 /* m, of its skeleton in the step */
+    sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
 } sbi_contact_tool;
 
