@@ -46345,8 +46345,6 @@ typedef struct sbi_touch {
     sb_result (*begin)(void *user, const sbi_touch_step *step, sb_error *error);
     /* Forces and stiffness at du. renew: bounds of friction are those of here, else those of the last renewal. */
     void (*evaluate)(void *user, const sb_vec3 *du, int renew);
-    /* Potential (J) of the forces of the last evaluation, with its bounds of friction. */
-    double (*energy)(void *user);
     /* out = K x, K of the last evaluation, without masked axes. masked [rows] axes as bits; NULL: none. */
     void (*multiply)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
     /* matrix += K without masked axes; and what it was before, to the bit. */
@@ -60096,8 +60094,6 @@ SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *body);
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
 /* Its forces where share increment is still to be added to the displacement (increment NULL: nothing is). */
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
-/* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
-SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
 /* Work (J) of the forces of the last evaluation along increment [rows]. */
 SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment);
 /* out [rows] += factor times the forces of the last evaluation. */
@@ -60489,13 +60485,6 @@ SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, s
     step->touch->evaluate(step->touch->user, step->touch->du, renew);
 }
 
-SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u)
-{
-    sbi_touch_gather(step, u, NULL, 1);
-    step->touch->evaluate(step->touch->user, step->touch->du, 0);
-    return (sb_real)step->touch->energy(step->touch->user);
-}
-
 SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment)
 {
     const sbi_touch *touch = step->touch;
@@ -60792,10 +60781,7 @@ static void sbi_step_add_loads(sbi_step *step)
 static void sbi_step_add_touch_residual(sbi_step *step)
 {
     sb_body *b = step->body;
-    sb_real before = step->energy_known ? sbi_step_touch_energy(step, b->displacement) : 0;
     sbi_step_evaluate_touch(step, NULL, 1, 1);
-    if (step->energy_known) /* of the bounds of friction that follow, or the line search sees them as a rise */
-        step->energy += (sb_real)step->touch->energy(step->touch->user) - before;
     memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
     sbi_step_add_touch_force(step, 1, b->work);
     sbi_step_add_touch_force(step, -1, b->residual);
@@ -61378,7 +61364,7 @@ typedef struct sbi_step_line {
     sb_real slope; /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
     sb_real load_size; /* sum of what the loads that follow the body add: for rounding */
-    sb_real touch;     /* potential of contact at the start, which is looked at as it is along the line */
+    sb_real touch;     /* work of contact's forces at the start along the whole increment */
 } sbi_step_line;
 
 static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
@@ -61396,14 +61382,22 @@ static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
 /* The residual of a step of several iterations has contact's forces already, that of a linearised one has not. */
 static void sbi_step_add_touch_line(sbi_step *step, sbi_step_line *line)
 {
-    sb_real work;
-    line->touch = sbi_step_touch_energy(step, step->body->displacement);
-    work = sbi_step_touch_work(step, step->body->increment);
+    sbi_step_evaluate_touch(step, NULL, 1, 0);
+    line->touch = sbi_step_touch_work(step, step->body->increment);
     if (step->linearised)
-        line->slope -= work;
+        line->slope -= line->touch;
     else
-        line->linear += work;
-    line->load_size += sb_abs(line->touch) + sb_abs(work);
+        line->linear += line->touch;
+    line->load_size += sb_abs(line->touch);
+}
+
+/* What contact adds to the potential over a share t of the increment: the work against its forces, as if they rose
+ * evenly. They do but where contact closes on the way, which this counts too high. Its potential would not do: its
+ * friction turns with the tool's normal, so that the forces are not quite the slope of it. */
+static sb_real sbi_step_touch_change(sbi_step *step, const sbi_step_line *line, sb_real t)
+{
+    sbi_step_evaluate_touch(step, step->body->increment, t, 0);
+    return -t * (line->touch + sbi_step_touch_work(step, step->body->increment)) / 2;
 }
 
 static sbi_step_line sbi_step_make_line(sbi_step *step)
@@ -61525,7 +61519,7 @@ static sb_result sbi_step_search(sbi_step *step)
             continue;
         change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
         if (step->touch)
-            change += sbi_step_touch_energy(step, b->work2) - line.touch;
+            change += sbi_step_touch_change(step, &line, t);
         noise =
             32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) + t * line.load_size) +
             4 * SB_EPSILON * b->assembly.energy_unit;
@@ -68546,8 +68540,7 @@ SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_bo
  *
  * l, t' are remembered pressure and traction of the step before, P turns the latter into the tangent plane, s is the
  * slip, B = mu p the bound of friction of the last renewal. Without the curvature of the tool and dB/dp, K is symmetric
- * and positive semidefinite. Gradient and tangent of the potential (B fixed)
- *     p^2 / (2 k) + (|tau|^2 / (2 kt), or (B |tau| - B^2/2) / kt).
+ * and positive semidefinite.
  * Source: Wriggers, Computational Contact Mechanics, ch. 5 and 6. */
 #ifndef SB_CONTACT_LAW_H
 #define SB_CONTACT_LAW_H
@@ -68564,7 +68557,6 @@ typedef struct sbi_contact_answer {
     sb_vec3 traction;        /* Pa, tangential, on the body */
     sb_vec3 direction;       /* d of a sample that slips, or 0 */
     sb_real normal, tangent; /* Pa/m: K = normal n n^T + tangent (I - n n^T - d d^T) */
-    sb_real energy;          /* J/m^2 */
 } sbi_contact_answer;
 
 /* v without its part along the unit vector n. */
@@ -68589,13 +68581,12 @@ SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real mem
     a.state = SBI_CONTACT_OFF;
     a.pressure = memory - k * gap;
     a.traction = a.direction = sb_v3(0, 0, 0);
-    a.normal = a.tangent = a.energy = 0;
+    a.normal = a.tangent = 0;
     if (!(a.pressure > 0)) {
-        a.pressure = 0; /* friction of a bound that is still to be renewed stays, for the sake of the potential */
+        a.pressure = 0; /* friction of a bound that is still to be renewed stays: forces do not jump on a line */
     } else {
         a.state = SBI_CONTACT_SLIPS;
         a.normal = k;
-        a.energy = a.pressure * a.pressure / (2 * k);
     }
     if (!(bound > 0))
         return a;
@@ -68605,13 +68596,11 @@ SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real mem
         a.state = SBI_CONTACT_STICKS;
         a.traction = tau;
         a.tangent = kt;
-        a.energy += size * size / (2 * kt);
         return a;
     }
     a.direction = sb_v3_scale(1 / size, tau);
     a.traction = sb_v3_scale(bound, a.direction);
     a.tangent = kt * bound / size;
-    a.energy += (bound * size - bound * bound / 2) / kt;
     return a;
 }
 
@@ -69737,15 +69726,6 @@ static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
     contact->blocks_current = 0;
 }
 
-static double sbi_contact_energy(void *user)
-{
-    const sb_contact *contact = (const sb_contact *)user;
-    double sum = 0;
-    for (int i = 0; i < contact->sample_count; i++)
-        sum += (double)contact->samples[i].area * (double)contact->samples[i].answer.energy;
-    return sum;
-}
-
 /* ---- stiffness as blocks ---- */
 
 /* blocks [count][count] of a patch: K of its samples with their nodes' weights. */
@@ -70043,7 +70023,6 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->user = contact;
     touch->begin = sbi_contact_begin;
     touch->evaluate = sbi_contact_evaluate;
-    touch->energy = sbi_contact_energy;
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;

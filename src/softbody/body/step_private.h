@@ -61,8 +61,6 @@ SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *body);
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
 /* Its forces where share increment is still to be added to the displacement (increment NULL: nothing is). */
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
-/* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
-SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
 /* Work (J) of the forces of the last evaluation along increment [rows]. */
 SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment);
 /* out [rows] += factor times the forces of the last evaluation. */

@@ -18,7 +18,7 @@ typedef struct sbi_step_line {
     sb_real slope; /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
     sb_real load_size; /* sum of what the loads that follow the body add: for rounding */
-    sb_real touch;     /* potential of contact at the start, which is looked at as it is along the line */
+    sb_real touch;     /* work of contact's forces at the start along the whole increment */
 } sbi_step_line;
 
 static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
@@ -36,14 +36,22 @@ static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
 /* The residual of a step of several iterations has contact's forces already, that of a linearised one has not. */
 static void sbi_step_add_touch_line(sbi_step *step, sbi_step_line *line)
 {
-    sb_real work;
-    line->touch = sbi_step_touch_energy(step, step->body->displacement);
-    work = sbi_step_touch_work(step, step->body->increment);
+    sbi_step_evaluate_touch(step, NULL, 1, 0);
+    line->touch = sbi_step_touch_work(step, step->body->increment);
     if (step->linearised)
-        line->slope -= work;
+        line->slope -= line->touch;
     else
-        line->linear += work;
-    line->load_size += sb_abs(line->touch) + sb_abs(work);
+        line->linear += line->touch;
+    line->load_size += sb_abs(line->touch);
+}
+
+/* What contact adds to the potential over a share t of the increment: the work against its forces, as if they rose
+ * evenly. They do but where contact closes on the way, which this counts too high. Its potential would not do: its
+ * friction turns with the tool's normal, so that the forces are not quite the slope of it. */
+static sb_real sbi_step_touch_change(sbi_step *step, const sbi_step_line *line, sb_real t)
+{
+    sbi_step_evaluate_touch(step, step->body->increment, t, 0);
+    return -t * (line->touch + sbi_step_touch_work(step, step->body->increment)) / 2;
 }
 
 static sbi_step_line sbi_step_make_line(sbi_step *step)
@@ -165,7 +173,7 @@ static sb_result sbi_step_search(sbi_step *step)
             continue;
         change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
         if (step->touch)
-            change += sbi_step_touch_energy(step, b->work2) - line.touch;
+            change += sbi_step_touch_change(step, &line, t);
         noise =
             32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) + t * line.load_size) +
             4 * SB_EPSILON * b->assembly.energy_unit;

@@ -61,13 +61,6 @@ SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, s
     step->touch->evaluate(step->touch->user, step->touch->du, renew);
 }
 
-SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u)
-{
-    sbi_touch_gather(step, u, NULL, 1);
-    step->touch->evaluate(step->touch->user, step->touch->du, 0);
-    return (sb_real)step->touch->energy(step->touch->user);
-}
-
 SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment)
 {
     const sbi_touch *touch = step->touch;

@@ -54,8 +54,6 @@ typedef struct sbi_touch {
     sb_result (*begin)(void *user, const sbi_touch_step *step, sb_error *error);
     /* Forces and stiffness at du. renew: bounds of friction are those of here, else those of the last renewal. */
     void (*evaluate)(void *user, const sb_vec3 *du, int renew);
-    /* Potential (J) of the forces of the last evaluation, with its bounds of friction. */
-    double (*energy)(void *user);
     /* out = K x, K of the last evaluation, without masked axes. masked [rows] axes as bits; NULL: none. */
     void (*multiply)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
     /* matrix += K without masked axes; and what it was before, to the bit. */

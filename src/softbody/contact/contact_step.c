@@ -358,15 +358,6 @@ static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
     contact->blocks_current = 0;
 }
 
-static double sbi_contact_energy(void *user)
-{
-    const sb_contact *contact = (const sb_contact *)user;
-    double sum = 0;
-    for (int i = 0; i < contact->sample_count; i++)
-        sum += (double)contact->samples[i].area * (double)contact->samples[i].answer.energy;
-    return sum;
-}
-
 /* ---- stiffness as blocks ---- */
 
 /* blocks [count][count] of a patch: K of its samples with their nodes' weights. */
@@ -664,7 +655,6 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->user = contact;
     touch->begin = sbi_contact_begin;
     touch->evaluate = sbi_contact_evaluate;
-    touch->energy = sbi_contact_energy;
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
