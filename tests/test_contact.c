@@ -123,7 +123,7 @@ static void check_reactions(sb_element_type type, int cells, const sb_tool_def *
         torque = sb_v3_add(torque, sb_v3_cross(arm, r));
     }
     CHECK_NEAR(sb_v3_norm(sb_v3_sub(force, wrench.force)), 0, tolerance * (double)wrench.force.z);
-    CHECK_NEAR(sb_v3_norm(sb_v3_sub(torque, wrench.torque)), 0, tolerance * 0.01 * (double)wrench.force.z);
+    CHECK_NEAR(sb_v3_norm(sb_v3_sub(torque, wrench.torque)), 0, tolerance * 0.03 * (double)wrench.force.z);
     press_free(&p);
 }
 
@@ -317,6 +317,59 @@ static void test_grip(void)
     press_free(&g.p);
 }
 
+/* ---- sliding ---- */
+
+typedef struct ride {
+    double mean, ripple, jump, drag; /* N; of the mean; the same in a step; tangential over normal force */
+} ride;
+
+/* A sphere pressed 6 mm that slides at 5 cm/s over faces half its radius long. */
+static ride slide(double stiffness)
+{
+    const int first = 60, last = 140;
+    sb_body_def def = sb_default_body_def();
+    sb_contact_def contact = sb_default_contact_def();
+    sb_tool_def sphere = press_sphere(0.01, 0.3, sb_v3(REAL(0.025), REAL(0.03), REAL(0.0405)));
+    ride r = {0, 0, 0, 0};
+    double square = 0, before = 0;
+    int tool, count = last - first;
+    press p;
+    def.material = sb_material_corotated(REAL(5e3), REAL(0.45), 1000);
+    def.damping_stiffness = REAL(0.01);
+    contact.stiffness = REAL(stiffness);
+    p = press_make(scene_box(SB_TET4, 20, 10, 5, sb_v3(REAL(0.12), REAL(0.06), REAL(0.03)), 0), def, contact);
+    scene_fix_plane(p.body, &p.mesh, 2, 0, SB_XYZ);
+    tool = press_add(&p, &sphere);
+    for (int i = 1; i <= last; i++) {
+        double z = 0.0405 - 0.0055 * (i < 30 ? i : 30) / 30, x = 0.025 + 0.0005 * (i > 40 ? i - 40 : 0), force;
+        press_move(&p, tool, sb_v3(REAL(x), REAL(0.03), REAL(z)), sb_quat_identity());
+        CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+        force = (double)press_wrench(&p, tool).force.z;
+        if (i > first) {
+            r.mean += force / count;
+            square += force * force / count;
+            r.drag -= (double)press_wrench(&p, tool).force.x / count;
+            r.jump = fmax(r.jump, i > first + 1 ? fabs(force - before) : 0);
+        }
+        before = force;
+    }
+    r.ripple = sqrt(fmax(0, square - r.mean * r.mean)) / r.mean;
+    r.jump /= r.mean;
+    r.drag /= r.mean;
+    press_free(&p);
+    return r;
+}
+
+/* Smooth for any stiffness that is admitted, and drag is what that of a stiff contact is. */
+static void test_slide(void)
+{
+    ride soft = slide(3), plain = slide(10), stiff = slide(100);
+    CHECK(soft.ripple < 0.02 && soft.jump < 0.03);
+    CHECK(plain.ripple < 0.02 && plain.jump < 0.025);
+    CHECK_NEAR(plain.mean, stiff.mean, 0.03 * stiff.mean);
+    CHECK_NEAR(plain.drag, stiff.drag, 0.03 * stiff.drag);
+}
+
 /* ---- scale ---- */
 
 /* A sphere that presses and slides, all lengths times `scale`: force and torque over modulus and lengths. */
@@ -406,5 +459,5 @@ static void test_hertz(void)
 }
 
 CHECK_SUITE(contact, {"patch test", test_patch}, {"incline", test_incline}, {"balance", test_balance},
-            {"rounding", test_rounding}, {"momentum", test_momentum}, {"grip", test_grip}, {"scale", test_scale},
-            {"hertz", test_hertz});
+            {"rounding", test_rounding}, {"momentum", test_momentum}, {"grip", test_grip}, {"slide", test_slide},
+            {"scale", test_scale}, {"hertz", test_hertz});

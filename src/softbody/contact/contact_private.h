@@ -59,7 +59,7 @@ typedef struct sbi_contact_pressure {
 typedef struct sbi_contact_sum {
     sb_real old;               /* l_a before (Pa) */
     sb_real force, rise, kept; /* sum w p, sum w p (p - l), sum w p f */
-    int refuses;               /* 1: the matrix is too stiff here for a memory to be stable */
+    sb_real doubt;             /* share that is not remembered: the matrix is too stiff here for it to be stable */
 } sbi_contact_sum;
 
 /* A face near a tool. */
