@@ -123,7 +123,7 @@ static void check_reactions(sb_element_type type, int cells, const sb_tool_def *
         torque = sb_v3_add(torque, sb_v3_cross(arm, r));
     }
     CHECK_NEAR(sb_v3_norm(sb_v3_sub(force, wrench.force)), 0, tolerance * (double)wrench.force.z);
-    CHECK_NEAR(sb_v3_norm(sb_v3_sub(torque, wrench.torque)), 0, tolerance * 0.01 * (double)wrench.force.z);
+    CHECK_NEAR(sb_v3_norm(sb_v3_sub(torque, wrench.torque)), 0, tolerance * 0.03 * (double)wrench.force.z);
     press_free(&p);
 }
 
@@ -317,5 +317,147 @@ static void test_grip(void)
     press_free(&g.p);
 }
 
+/* ---- sliding ---- */
+
+typedef struct ride {
+    double mean, ripple, jump, drag; /* N; of the mean; the same in a step; tangential over normal force */
+} ride;
+
+/* A sphere pressed 6 mm that slides at 5 cm/s over faces half its radius long. */
+static ride slide(double stiffness)
+{
+    const int first = 60, last = 140;
+    sb_body_def def = sb_default_body_def();
+    sb_contact_def contact = sb_default_contact_def();
+    sb_tool_def sphere = press_sphere(0.01, 0.3, sb_v3(REAL(0.025), REAL(0.03), REAL(0.0405)));
+    ride r = {0, 0, 0, 0};
+    double square = 0, before = 0;
+    int tool, count = last - first;
+    press p;
+    def.material = sb_material_corotated(REAL(5e3), REAL(0.45), 1000);
+    def.damping_stiffness = REAL(0.01);
+    contact.stiffness = REAL(stiffness);
+    p = press_make(scene_box(SB_TET4, 20, 10, 5, sb_v3(REAL(0.12), REAL(0.06), REAL(0.03)), 0), def, contact);
+    scene_fix_plane(p.body, &p.mesh, 2, 0, SB_XYZ);
+    tool = press_add(&p, &sphere);
+    for (int i = 1; i <= last; i++) {
+        double z = 0.0405 - 0.0055 * (i < 30 ? i : 30) / 30, x = 0.025 + 0.0005 * (i > 40 ? i - 40 : 0), force;
+        press_move(&p, tool, sb_v3(REAL(x), REAL(0.03), REAL(z)), sb_quat_identity());
+        CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+        force = (double)press_wrench(&p, tool).force.z;
+        if (i > first) {
+            r.mean += force / count;
+            square += force * force / count;
+            r.drag -= (double)press_wrench(&p, tool).force.x / count;
+            r.jump = fmax(r.jump, i > first + 1 ? fabs(force - before) : 0);
+        }
+        before = force;
+    }
+    r.ripple = sqrt(fmax(0, square - r.mean * r.mean)) / r.mean;
+    r.jump /= r.mean;
+    r.drag /= r.mean;
+    press_free(&p);
+    return r;
+}
+
+/* Smooth for any stiffness that is admitted, and drag is what that of a stiff contact is. */
+static void test_slide(void)
+{
+    ride soft = slide(3), plain = slide(10), stiff = slide(100);
+    CHECK(soft.ripple < 0.02 && soft.jump < 0.03);
+    CHECK(plain.ripple < 0.02 && plain.jump < 0.025);
+    CHECK_NEAR(plain.mean, stiff.mean, 0.03 * stiff.mean);
+    CHECK_NEAR(plain.drag, stiff.drag, 0.03 * stiff.drag);
+}
+
+/* ---- scale ---- */
+
+/* A sphere that presses and slides, all lengths times `scale`: force and torque over modulus and lengths. */
+static void press_scaled(double scale, double out[6])
+{
+    sb_body_def def = sb_default_body_def();
+    sb_mesh mesh = scene_box(SB_TET4, 6, 6, 3, sb_v3(REAL(0.08 * scale), REAL(0.08 * scale), REAL(0.04 * scale)), 0.1);
+    sb_tool_def sphere =
+        press_sphere(0.012 * scale, 0.4, sb_v3(REAL(0.03 * scale), REAL(0.04 * scale), REAL(0.0525 * scale)));
+    double young = 5e3, force = young * scale * scale, torque = force * scale;
+    sb_wrench wrench;
+    int tool;
+    press p;
+    def.material = sb_material_corotated(REAL(young), REAL(0.45), REAL(1000 / (scale * scale)));
+    def.damping_stiffness = REAL(0.01);
+    def.tolerance = sb_max(REAL(1e-12), 100 * SB_EPSILON);
+    p = press_make(mesh, def, press_exact());
+    scene_fix_plane(p.body, &p.mesh, 2, 0, SB_XYZ);
+    tool = press_add(&p, &sphere);
+    for (int i = 1; i <= 15; i++) {
+        double x = 0.03 + (i > 8 ? 0.001 * (i - 8) : 0), z = 0.0525 - 0.0005 * (i < 8 ? i : 8);
+        press_move(&p, tool, sb_v3(REAL(x * scale), REAL(0.04 * scale), REAL(z * scale)), sb_quat_identity());
+        CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    }
+    wrench = press_wrench(&p, tool);
+    out[0] = (double)wrench.force.x / force, out[1] = (double)wrench.force.y / force;
+    out[2] = (double)wrench.force.z / force, out[3] = (double)wrench.torque.x / torque;
+    out[4] = (double)wrench.torque.y / torque, out[5] = (double)wrench.torque.z / torque;
+    press_free(&p);
+}
+
+static void test_scale(void)
+{
+    double one[6], other[6];
+    press_scaled(1, one);
+    CHECK(one[2] > 1e-5);
+    for (int k = 0; k < 2; k++) {
+        press_scaled(k == 0 ? 1e-3 : 1e3, other);
+        for (int i = 0; i < 6; i++)
+            CHECK_NEAR(other[i], one[i], scene_tolerance(1e-9, 1e5) * one[2] * (i < 3 ? 1 : 0.01));
+    }
+}
+
+/* ---- Hertz ---- */
+
+/* Place of a line of a graded mesh: cells of half a contact radius, 5 mm, then ever larger ones, to 300 mm. */
+static double hertz_place(double share)
+{
+    const double places[9] = {0, 0.005, 0.01, 0.015, 0.025, 0.045, 0.085, 0.165, 0.3};
+    return places[(int)floor(8 * share + 0.5)];
+}
+
+/* A quarter of a block, of tet10, and of a sphere of 100 mm pressed 1 mm into it. */
+static void test_hertz(void)
+{
+    const double size = 0.3, radius = 0.1, depth = 0.001, young = 5e3, poisson = 0.3, a = sqrt(radius * depth);
+    double expected = 4.0 / 3.0 * young / (1 - poisson * poisson) * a * depth * (1 + 1.04 * a / size), force;
+    sb_body_def def = sb_default_body_def();
+    sb_mesh straight = scene_box(SB_TET4, 8, 8, 8, sb_v3(1, 1, 1), 0), mesh;
+    sb_tool_def sphere = press_sphere(radius, 0, sb_v3(0, 0, REAL(radius)));
+    int tool;
+    press p;
+    memset(&mesh, 0, sizeof mesh);
+    for (int i = 0; i < straight.node_count; i++) {
+        sb_vec3 x = straight.nodes[i];
+        straight.nodes[i] =
+            sb_v3(REAL(hertz_place((double)x.x)), REAL(hertz_place((double)x.y)), REAL(-hertz_place(1 - (double)x.z)));
+    }
+    CHECK_OK(sb_mesh_to_tet10(&straight, NULL, &mesh, NULL));
+    sb_mesh_free(&straight);
+    def.material = sb_material_linear(REAL(young), REAL(poisson), 1000);
+    def.tolerance = sb_max(REAL(1e-6), 100 * SB_EPSILON);
+    def.max_iterations = 5000;
+    p = press_make(mesh, def, press_exact());
+    scene_fix_plane(p.body, &p.mesh, 0, 0, SB_X);
+    scene_fix_plane(p.body, &p.mesh, 1, 0, SB_Y);
+    scene_fix_plane(p.body, &p.mesh, 0, size, SB_XYZ);
+    scene_fix_plane(p.body, &p.mesh, 1, size, SB_XYZ);
+    scene_fix_plane(p.body, &p.mesh, 2, -size, SB_XYZ);
+    tool = press_add(&p, &sphere);
+    press_move(&p, tool, sb_v3(0, 0, REAL(radius - depth)), sb_quat_identity());
+    for (int i = 0; i < 6; i++)
+        CHECK_OK(sb_body_step(p.body, 1000, NULL));
+    force = 4 * (double)press_wrench(&p, tool).force.z;
+    CHECK_NEAR(force, expected, 0.03 * expected);
+    press_free(&p);
+}
+
 CHECK_SUITE(contact, {"patch test", test_patch}, {"incline", test_incline}, {"balance", test_balance},
-            {"rounding", test_rounding}, {"momentum", test_momentum}, {"grip", test_grip});
+            {"rounding", test_rounding}, {"momentum", test_momentum}, {"grip", test_grip}, {"slide", test_slide},
+            {"scale", test_scale}, {"hertz", test_hertz});

@@ -54,22 +54,25 @@ SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way);
 SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share);
 
 /* ---- step_touch.c: of steps with step->touch ---- */
+/* Axes that its blocks in the matrix leave out: none where constraints condense whole ones (NULL), else those of
+ * supports. */
+SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *body);
 /* The tangent at the start is there: contact begins. */
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
 /* Its forces where share increment is still to be added to the displacement (increment NULL: nothing is). */
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
-/* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
-SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
+/* Work (J) of the forces of the last evaluation along increment [rows]. */
+SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment);
 /* out [rows] += factor times the forces of the last evaluation. */
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
 SBI_API void sbi_step_add_touch(sbi_step *step);
-/* Solves the system of a linearised step, again and again. */
-SBI_API sb_result sbi_step_solve_touch(sbi_step *step);
 /* Reactions less its forces on supported axes. */
 SBI_API void sbi_step_touch_reactions(const sbi_step *step);
 /* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
+/* 1: an increment of a static solve has converged, but contact's loads do not balance yet: iterate again. */
+SBI_API int sbi_step_balance_touch(sbi_step *step, int round);
 SBI_API void sbi_step_commit_touch(sbi_step *step);
 SBI_API void sbi_step_undo_touch(sbi_step *step);
 
@@ -81,13 +84,17 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
 SBI_API void sbi_step_fill_system(sbi_step *step);
-/* Solves it for the body's increment, with guests and contact. */
-SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Tolerance of this iteration's linear solve. */
+SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step);
 /* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
 SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current);
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
  * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
+
+/* ---- step_solve.c ---- */
+/* Solves the system for the body's increment, with guests and contact. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step);
 
 /* ---- step_search.c ---- */
 /* Moves the displacement by the increment, or the share of it that the line search admits. */

@@ -201,10 +201,7 @@ static void sbi_step_add_loads(sbi_step *step)
 static void sbi_step_add_touch_residual(sbi_step *step)
 {
     sb_body *b = step->body;
-    sb_real before = step->energy_known ? sbi_step_touch_energy(step, b->displacement) : 0;
     sbi_step_evaluate_touch(step, NULL, 1, 1);
-    if (step->energy_known) /* of the bounds of friction that follow, or the line search sees them as a rise */
-        step->energy += (sb_real)step->touch->energy(step->touch->user) - before;
     memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
     sbi_step_add_touch_force(step, 1, b->work);
     sbi_step_add_touch_force(step, -1, b->residual);

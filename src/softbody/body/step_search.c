@@ -18,6 +18,7 @@ typedef struct sbi_step_line {
     sb_real slope; /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
     sb_real load_size; /* sum of what the loads that follow the body add: for rounding */
+    sb_real touch;     /* work of contact's forces at the start along the whole increment */
 } sbi_step_line;
 
 static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
@@ -32,11 +33,32 @@ static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
     line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
 }
 
+/* The residual of a step of several iterations has contact's forces already, that of a linearised one has not. */
+static void sbi_step_add_touch_line(sbi_step *step, sbi_step_line *line)
+{
+    sbi_step_evaluate_touch(step, NULL, 1, 0);
+    line->touch = sbi_step_touch_work(step, step->body->increment);
+    if (step->linearised)
+        line->slope -= line->touch;
+    else
+        line->linear += line->touch;
+    line->load_size += sb_abs(line->touch);
+}
+
+/* What contact adds to the potential over a share t of the increment: the work against its forces, as if they rose
+ * evenly. They do but where contact closes on the way, which this counts too high. Its potential would not do: its
+ * friction turns with the tool's normal, so that the forces are not quite the slope of it. */
+static sb_real sbi_step_touch_change(sbi_step *step, const sbi_step_line *line, sb_real t)
+{
+    sbi_step_evaluate_touch(step, step->body->increment, t, 0);
+    return -t * (line->touch + sbi_step_touch_work(step, step->body->increment)) / 2;
+}
+
 static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
     sb_body *b = step->body;
     int n = b->domain.node_count;
-    sbi_step_line line = {0, 0, 0, 0, 0};
+    sbi_step_line line = {0, 0, 0, 0, 0, 0};
     line.slope = sbi_step_dot(b->residual, b->increment, n);
     line.linear = line.slope - sbi_step_dot(b->internal, b->increment, n);
     if (step->dynamic) {
@@ -55,11 +77,8 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
-    if (step->touch && !step->linearised) { /* the residual has its forces, whose energy is looked at as it is */
-        sbi_touch *touch = step->touch;
-        for (int k = 0; k < touch->node_count; k++)
-            line.linear += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
-    }
+    if (step->touch)
+        sbi_step_add_touch_line(step, &line);
     return line;
 }
 
@@ -78,13 +97,10 @@ static void sbi_step_trial(const sbi_step *step, sb_real t)
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
-/* Energy of a trial displacement, elastic and that of contact; 0 when it is inadmissible, with *bad the element that
- * is. */
+/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
     *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
-    if (*bad < 0 && step->touch && !step->linearised)
-        *energy += sbi_step_touch_energy(step, trial);
     return *bad < 0 && sb_is_finite(*energy);
 }
 
@@ -156,6 +172,8 @@ static sb_result sbi_step_search(sbi_step *step)
         if (!sbi_step_try(step, b->work2, &energy, &bad))
             continue;
         change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        if (step->touch)
+            change += sbi_step_touch_change(step, &line, t);
         noise =
             32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) + t * line.load_size) +
             4 * SB_EPSILON * b->assembly.energy_unit;
@@ -185,6 +203,8 @@ SBI_API sb_result sbi_step_accept(sbi_step *step)
         if (!sb_v3_is_finite(b->displacement[i]))
             return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the displacement of node %d is not finite",
                                  i);
+    if (step->touch && step->line_search && step->linearised) /* a share was taken: what is read is of there */
+        sbi_step_evaluate_touch(step, NULL, 1, 1);
     b->force_current = 0;
     step->has_velocity = 1;
     return SB_OK;

@@ -47,6 +47,19 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
     }
 }
 
+/* One increment: to balance, and with contact until its pressures hold the surface where it belongs. */
+static sb_result sbi_static_iterate(sbi_step *step)
+{
+    sb_result result = sbi_step_iterate(step, sbi_step_linearise(step));
+    for (int round = 1; result == SB_OK && step->touch && sbi_step_balance_touch(step, round); round++) {
+        step->norm = step->last_norm = 0;
+        step->iteration = 1; /* contact has begun */
+        step->done = 0;
+        result = sbi_step_iterate(step, sbi_step_linearise(step));
+    }
+    return result;
+}
+
 /* Raises the load factor to 1. An increment that fails goes back to the last converged one and is halved. */
 static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options)
 {
@@ -67,7 +80,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
         step->quasi = options->quasi_newton != 0;
         sbi_static_loads(b, step->load_factor);
         step->iteration = step->done = 0;
-        result = sbi_step_iterate(step, sbi_step_linearise(step));
+        result = sbi_static_iterate(step);
         spent = step->info->newton_iterations - before;
         if (result != SB_OK) {
             memcpy(b->displacement, b->converged, bytes);
@@ -102,14 +115,16 @@ static void sbi_static_commit(sbi_step *step)
     memcpy(b->equilibrated, b->external, bytes);
     sbi_loads_commit(b, b->displacement, b->displacement, step->info->load_factor);
     sbi_loads_end_static(b, step->info->load_factor);
-    if (sbi_step_force(step) == SB_OK && b->elimination) {
+    if (sbi_step_force(step) == SB_OK) {
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sb_v3_sub(b->internal[i], b->external[i]);
-        sbi_constraint_reactions(b, b->work);
-    } else if (b->force_current)
-        for (int i = 0; i < b->domain.node_count; i++)
-            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
-                                                sb_v3_sub(b->internal[i], b->external[i]), zero);
+        if (step->touch)
+            step->touch->add_done(step->touch->user, -1, b->work);
+        if (b->elimination)
+            sbi_constraint_reactions(b, b->work);
+        for (int i = 0; !b->elimination && i < b->domain.node_count; i++)
+            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], b->work[i], zero);
+    }
     b->acceleration_known = 0;
 }
 
@@ -143,6 +158,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     step.max_newton = sbi_max_int(options->max_newton, 2);
     step.max_iterations = options->max_iterations;
     step.line_search = 1;
+    step.touch = body->touch;
     sbi_step_save(body);
     sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
@@ -150,9 +166,12 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
         sbi_static_commit(&step);
+        if (step.touch)
+            sbi_step_commit_touch(&step);
         sbi_step_leave(body, duration);
         info->error = error;
     } else {
+        sbi_step_undo_touch(&step);
         sbi_step_restore(body);
     }
     if (result == SB_OK)

@@ -108,7 +108,7 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
  * progress (Eisenstat and Walker 1996, choice 2), never beyond what the residual's tolerance can notice. */
-static sb_real sbi_step_linear_tolerance(const sbi_step *step)
+SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step)
 {
     const sb_body *b = step->body;
     sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
@@ -209,18 +209,5 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int cur
     }
     if (e)
         sbi_elimination_expand(e, b->increment, step->opens_gaps);
-    return result;
-}
-
-SBI_API sb_result sbi_step_solve_system(sbi_step *step)
-{
-    sb_result result;
-    double begin = sbi_body_now(step->body);
-    if (step->touch && step->linearised)
-        result = sbi_step_solve_touch(step);
-    else
-        result = sbi_step_solve_once(step, sbi_step_linear_tolerance(step), 1);
-    step->info->seconds_solve += sbi_body_now(step->body) - begin;
-    step->info->newton_iterations++;
     return result;
 }

@@ -21,11 +21,12 @@
 /* The step that begins. */
 typedef struct sbi_touch_step {
     const sb_matrix *matrix; /* A before supports and constraints: what stiffness is measured by (N/m) */
-    const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
+    const sb_vec3 *start; /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
     sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
 } sbi_touch_step;
 
@@ -53,13 +54,16 @@ typedef struct sbi_touch {
     sb_result (*begin)(void *user, const sbi_touch_step *step, sb_error *error);
     /* Forces and stiffness at du. renew: bounds of friction are those of here, else those of the last renewal. */
     void (*evaluate)(void *user, const sb_vec3 *du, int renew);
-    /* Potential (J) of the forces of the last evaluation, with its bounds of friction. */
-    double (*energy)(void *user);
     /* out = K x, K of the last evaluation, without masked axes. masked [rows] axes as bits; NULL: none. */
     void (*multiply)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
     /* matrix += K without masked axes; and what it was before, to the bit. */
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* An increment of a static solve has converged: 1 when it must be solved again with what was remembered of it, for
+     * the round-th time; 0: the increment is done. */
+    int (*balance)(void *user, int round);
+    /* out [rows] += factor times the forces (N) of the last step or increment that was done. */
+    void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
     /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
     int (*accept)(void *user, const sb_vec3 *u);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */

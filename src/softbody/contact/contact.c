@@ -46,33 +46,25 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
     return SB_OK;
 }
 
+/* Arrays that do not depend on the mesh. */
 static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
-    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t tools = (size_t)c->max_tools, samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
     size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->moved};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
-    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
-    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
     c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
-    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
-    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
     c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
     c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
     c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
-    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
+    c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
     c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
     c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
+    c->before_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -87,8 +79,6 @@ static int sbi_contact_take_memory(sb_contact *c)
     arena.base = (unsigned char *)c->memory;
     arena.used = 0;
     sbi_contact_lay_out(c, &arena);
-    for (int i = 0; i < c->faces->node_room; i++)
-        c->node_place[i] = -1;
     return 1;
 }
 
@@ -101,7 +91,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     for (int f = 0; f < c->faces->face_end; f++)
         c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
     c->touch.max_iterations = def->max_iterations;
-    if (!sbi_contact_take_memory(c))
+    if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
     return SB_OK;
 }
@@ -112,6 +102,7 @@ static void sbi_contact_release(sb_contact *contact)
     for (int t = 0; contact->tools && t < contact->max_tools; t++)
         sbi_contact_free_tool(contact, t);
     sbi_contact_faces_destroy(contact->faces);
+    sbi_free(&allocator, contact->room_memory);
     sbi_free(&allocator, contact->memory);
     sbi_free(&allocator, contact);
 }
@@ -139,7 +130,10 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         return result;
     }
     result = sbi_contact_join_state(made, error);
+    if (result == SB_OK)
+        result = sbi_contact_listen(made, error);
     if (result != SB_OK) {
+        sbi_contact_leave_state(made);
         sbi_contact_release(made);
         return result;
     }
@@ -152,7 +146,10 @@ SB_API void sb_contact_destroy(sb_contact *contact)
 {
     if (!contact)
         return;
-    sbi_body_set_touch(contact->body, NULL);
-    sbi_contact_leave_state(contact);
+    if (contact->body) { /* NULL: it went first */
+        sbi_body_set_touch(contact->body, NULL);
+        sbi_contact_leave_state(contact);
+    }
+    sbi_contact_unlisten(contact);
     sbi_contact_release(contact);
 }

@@ -7,8 +7,7 @@
  *
  * l, t' are remembered pressure and traction of the step before, P turns the latter into the tangent plane, s is the
  * slip, B = mu p the bound of friction of the last renewal. Without the curvature of the tool and dB/dp, K is symmetric
- * and positive semidefinite. Gradient and tangent of the potential (B fixed)
- *     p^2 / (2 k) + (|tau|^2 / (2 kt), or (B |tau| - B^2/2) / kt).
+ * and positive semidefinite.
  * Source: Wriggers, Computational Contact Mechanics, ch. 5 and 6. */
 #ifndef SB_CONTACT_LAW_H
 #define SB_CONTACT_LAW_H
@@ -26,7 +25,6 @@ typedef struct sbi_contact_answer {
     sb_vec3 traction;        /* Pa, tangential, on the body */
     sb_vec3 direction;       /* d of a sample that slips, or 0 */
     sb_real normal, tangent; /* Pa/m: K = normal n n^T + tangent (I - n n^T - d d^T) */
-    sb_real energy;          /* J/m^2 */
 } sbi_contact_answer;
 
 /* v without its part along the unit vector n. */
@@ -51,13 +49,12 @@ SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real mem
     a.state = SBI_CONTACT_OFF;
     a.pressure = memory - k * gap;
     a.traction = a.direction = sb_v3(0, 0, 0);
-    a.normal = a.tangent = a.energy = 0;
+    a.normal = a.tangent = 0;
     if (!(a.pressure > 0)) {
-        a.pressure = 0; /* friction of a bound that is still to be renewed stays, for the sake of the potential */
+        a.pressure = 0; /* friction of a bound that is still to be renewed stays: forces do not jump on a line */
     } else {
         a.state = SBI_CONTACT_SLIPS;
         a.normal = k;
-        a.energy = a.pressure * a.pressure / (2 * k);
     }
     if (!(bound > 0))
         return a;
@@ -67,13 +64,11 @@ SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real mem
         a.state = SBI_CONTACT_STICKS;
         a.traction = tau;
         a.tangent = kt;
-        a.energy += size * size / (2 * kt);
         return a;
     }
     a.direction = sb_v3_scale(1 / size, tau);
     a.traction = sb_v3_scale(bound, a.direction);
     a.tangent = kt * bound / size;
-    a.energy += (bound * size - bound * bound / 2) / kt;
     return a;
 }
 

@@ -10,8 +10,10 @@
 
 #include "contact_private.h"
 
-/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
- * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+/* Stiffness of samples over that of the matrix at a node below which nothing is remembered there, and from which on
+ * all: below 1 pressures swing up whatever the step (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1). Evenly
+ * between the two, since the stiffness of samples is a mean that changes as the tool moves. */
+#define SBI_CONTACT_FORGETS ((sb_real)2)
 #define SBI_CONTACT_REMEMBERS ((sb_real)3)
 
 /* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
@@ -57,6 +59,16 @@ SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
 
 /* ---- from samples to the list ---- */
 
+/* Share of its pressure that a node of a patch must not remember. */
+static sb_real sbi_contact_doubt(const sb_contact *contact, const sbi_contact_patch *patch, int place)
+{
+    const sb_real most = SBI_CONTACT_REMEMBERS, least = SBI_CONTACT_FORGETS;
+    sb_real k = contact->samples[patch->first].k, own = contact->stiffness_by_node[place];
+    if (k >= most * own)
+        return 0;
+    return k > least * own ? (most - k / own) / (most - least) : 1;
+}
+
 static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *patch)
 {
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
@@ -71,9 +83,10 @@ static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *p
             sum->kept += force * fade;
         }
     }
-    for (int a = 0; a < kind->corners; a++)
-        if (!(contact->samples[patch->first].k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
-            contact->sums[patch->nodes[a]].refuses = 1;
+    for (int a = 0; a < kind->corners; a++) {
+        sbi_contact_sum *sum = contact->sums + patch->nodes[a];
+        sum->doubt = sb_max(sum->doubt, sbi_contact_doubt(contact, patch, patch->nodes[a]));
+    }
 }
 
 /* Appends what a tool's corners remember now, in the order of places, which is that of its faces. */
@@ -82,11 +95,12 @@ static int sbi_contact_append_pressures(sb_contact *contact, int tool, int fades
     for (int k = 0; k < contact->touch.node_count; k++) {
         const sbi_contact_sum *sum = contact->sums + k;
         sbi_contact_pressure *fresh = contact->spare_pressures + count;
-        if (!(sum->force > 0) || sum->refuses)
+        if (!(sum->force > 0))
             continue;
         fresh->tool = tool;
         fresh->node = contact->nodes[k];
-        fresh->value = (sum->old + sum->rise / sum->force) * (fades ? sum->kept / sum->force : 1);
+        fresh->value = (sum->old + sum->rise / sum->force) * (1 - sum->doubt);
+        fresh->value *= fades ? sum->kept / sum->force : 1;
         count += fresh->value > 0;
     }
     return count;

@@ -30,7 +30,10 @@ typedef struct sbi_contact_tool {
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
     int face_count;              /* of its faces in sb_contact.near */
+    sb_pose from;                /* at the start of the step, or of the increment of a static solve */
+    sb_pose stage;               /* at the end of the last increment that was done */
     sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
+    sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
 } sbi_contact_tool;
@@ -56,7 +59,7 @@ typedef struct sbi_contact_pressure {
 typedef struct sbi_contact_sum {
     sb_real old;               /* l_a before (Pa) */
     sb_real force, rise, kept; /* sum w p, sum w p (p - l), sum w p f */
-    int refuses;               /* 1: the matrix is too stiff here for a memory to be stable */
+    sb_real doubt;             /* share that is not remembered: the matrix is too stiff here for it to be stable */
 } sbi_contact_sum;
 
 /* A face near a tool. */
@@ -98,8 +101,11 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
-    int *near;    /* [max_tools][face_room] faces by tool */
-    int *scratch; /* [face_room] outside of steps */
+    int is_static;
+    const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
+    sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
+    int *near;        /* [max_tools][face_room] faces by tool */
+    int *scratch;     /* [face_room] outside of steps */
     int patch_count;
     sbi_contact_patch *patches;
     int patch_room;
@@ -125,7 +131,17 @@ struct sb_contact {
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
+    sbi_contact_entry *before; /* [max_contacts] these two before a static solve, for undo */
+    sbi_contact_pressure *before_pressures;
+    int before_count, before_pressure_count;
     void *memory;
+
+    /* of a body whose mesh may change, see contact_live.c */
+    int listener;               /* -1: none */
+    int faces_old;              /* 1: the mesh has changed since the faces were brought up to date */
+    int room_faces, room_nodes; /* what there are arrays for */
+    void *room_memory;          /* behind the arrays by face and node */
+    void *next_room;            /* for the change that is under way, or NULL */
 };
 
 /* ---- contact_tool.c ---- */
@@ -133,8 +149,9 @@ struct sb_contact {
 SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
 
 /* ---- contact_sweep.c ---- */
-/* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
-SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
+/* How far each tool goes in this step: `next`, `balance` and what else follows from it. SB_ERROR_NOT_CONVERGED: farther
+ * in one increment of a static solve than what could not pass through. */
+SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error);
 /* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
  * a face. u [rows]: displacements at the end. */
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
@@ -152,7 +169,26 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
 
-/* ---- contact_state.c ---- */
+/* ---- contact_live.c ---- */
+/* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
+SBI_API int sbi_contact_take_room(sb_contact *contact);
+/* Follows its body's changes from now on; and no longer. */
+SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_unlisten(sb_contact *contact);
+/* Faces as the mesh is now, and entries of those that are still there. Allocates only where the whole mesh was another.
+ * SB_ERROR_MEMORY, SB_ERROR_MESH: it is to be called again. */
+SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error);
+
+/* ---- contact_tell.c ---- */
+#define SBI_CONTACT_PART "contact" /* its name in its body's state */
+enum { SBI_CONTACT_POSE_REALS = 7 };
+SB_INLINE void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+SB_INLINE void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
+{
+    sbi_contact_pack_vector(pose->position, out);
+    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
+}
+
 /* What a recording keeps of calls: codes stand in files. */
 typedef enum sbi_contact_command {
     SBI_CONTACT_ADD = 1,     /* cannot be played */
@@ -166,6 +202,8 @@ SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command com
                               int count);
 SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
                                    const sb_pose *pose);
+
+/* ---- contact_state.c ---- */
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
 SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_leave_state(const sb_contact *contact);

@@ -5,7 +5,6 @@
 #include "../base/bytes.h"
 #include "contact_private.h"
 
-static const char sbi_contact_name[] = "contact";
 enum { SBI_CONTACT_VERSION = 2 };
 
 /* ---- words ---- */
@@ -58,15 +57,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
-
-static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
-
-static void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
-{
-    sbi_contact_pack_vector(pose->position, out);
-    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
-}
+enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -166,13 +157,20 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     return SB_OK;
 }
 
-/* The face of a cell's side, or -1. */
+/* The face of a cell's side, or -1: keys ascend. */
 static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
 {
-    for (int f = 0; f < faces->face_end; f++)
-        if (faces->sizes[f] && faces->elements[f] == element && faces->sides[f] == side)
-            return f;
-    return -1;
+    int low = 0, high = faces->face_end;
+    if (side >= faces->side_count || element > (faces->face_end > 0 ? faces->elements[faces->face_end - 1] : -1))
+        return -1;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (faces->elements[middle] < element || (faces->elements[middle] == element && faces->sides[middle] < side))
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
 /* entry->face: -1 where the mesh has no such face, or the face no such sample. */
@@ -278,6 +276,8 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
     count = sbi_contact_get_int(&in);
     contact->entry_count = 0;
     memset(&contact->info, 0, sizeof contact->info);
+    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+        return;
     for (int e = 0; e < count; e++) {
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 1, &entry);
@@ -294,22 +294,6 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 }
 
 /* ---- recording ---- */
-
-SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
-                              int count)
-{
-    int ints[2];
-    ints[0] = (int)command, ints[1] = tool;
-    sbi_body_tell_part(contact->body, sbi_contact_name, ints, 2, reals, (size_t)count);
-}
-
-SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
-                                   const sb_pose *pose)
-{
-    sb_real reals[SBI_CONTACT_POSE_REALS];
-    sbi_contact_pack_pose(pose, reals);
-    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
-}
 
 static sb_result sbi_contact_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
                                     size_t real_count, sb_error *error)
@@ -341,7 +325,7 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
 {
     sbi_state_part part;
     memset(&part, 0, sizeof part);
-    memcpy(part.name, sbi_contact_name, sizeof sbi_contact_name);
+    memcpy(part.name, SBI_CONTACT_PART, sizeof SBI_CONTACT_PART);
     part.version = SBI_CONTACT_VERSION;
     part.user = contact;
     part.save = sbi_contact_save;
@@ -351,4 +335,4 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
     return sbi_body_join(contact->body, &part, error);
 }
 
-SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, sbi_contact_name); }
+SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, SBI_CONTACT_PART); }

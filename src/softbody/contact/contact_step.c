@@ -4,7 +4,10 @@
 
 #include "contact_private.h"
 
-enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
+enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
+
+/* Overlap that a static solve leaves, over how far the surface was pushed. */
+#define SBI_CONTACT_OVERLAP ((sb_real)1e-3)
 
 /* ---- nodes and patches ---- */
 
@@ -12,7 +15,7 @@ static int sbi_contact_place_node(sb_contact *contact, int node)
 {
     if (contact->node_place[node] < 0) {
         contact->node_place[node] = contact->touch.node_count;
-        contact->positions[contact->touch.node_count] = sb_body_positions(contact->body)[node];
+        contact->positions[contact->touch.node_count] = contact->x[node];
         contact->nodes[contact->touch.node_count++] = node;
     }
     return contact->node_place[node];
@@ -37,7 +40,7 @@ typedef struct sbi_contact_view {
 static sb_vec3 sbi_contact_face_normal(const sb_contact *contact, int face)
 {
     const int *n = sbi_contact_face_nodes(contact->faces, face);
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     sb_vec3 cross = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
     sb_real size = sb_v3_norm(cross);
     return size > 0 ? sb_v3_scale(1 / size, cross) : sb_v3(0, 0, 1);
@@ -48,7 +51,7 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
 {
     const sbi_contact_faces *faces = contact->faces;
     const int *nodes = sbi_contact_face_nodes(faces, view->face);
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, view->face, view->parts);
     int count = faces->sizes[view->face];
     sb_vec3 out = sb_v3_scale(-1, sbi_contact_face_normal(contact, view->face));
@@ -68,7 +71,7 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
             continue;
         if (contact->sample_count == contact->max_contacts)
             return 0;
-        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->reached, at));
+        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->from, at));
         memset(sample, 0, sizeof *sample);
         sample->patch = contact->patch_count;
         sample->sample = s;
@@ -108,13 +111,15 @@ static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *vi
     return 1;
 }
 
-/* How near (m) a sample counts: as far as it may move against the tool in a step, and of a plane, which moves as it
- * will, half a face. */
-static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_tool *shape, int face)
+/* How near (m) a sample counts: as far as the face beside it may have been dragged and the tool goes, but no farther
+ * than what moves against a tool in a step, of which something may pass through. A sample that comes from beyond is
+ * found in the next step. */
+static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_contact_tool *tool, int face)
 {
-    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
-        return (sb_real)0.5 * contact->faces->lengths[face];
-    return sbi_tool_inner_radius(shape);
+    sb_real length = contact->faces->lengths[face];
+    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+        return (sb_real)0.5 * length;
+    return sb_min(sbi_tool_inner_radius(tool->shape), length + tool->way);
 }
 
 /* All patches, with 1/2^thin of the parts that faces should have. 0: no room is left. */
@@ -135,7 +140,7 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
                 sbi_max_int(kind->least, sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
             view.velocity = step->velocity;
             view.dt = step->dt;
-            view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
+            view.reach = sbi_contact_reach(contact, tool, near[f]);
             if (!sbi_contact_add_patch(contact, &view))
                 return 0;
         }
@@ -231,14 +236,29 @@ static void sbi_contact_remember(sb_contact *contact)
     }
 }
 
+/* A static solve replaces entries increment by increment: these are what it began with. */
+static void sbi_contact_keep_before(sb_contact *contact)
+{
+    contact->before_count = contact->entry_count;
+    memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
+    contact->before_pressure_count = contact->pressure_count;
+    memcpy(contact->before_pressures, contact->pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+}
+
 /* ---- begin ---- */
 
 static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
     int thin = 0;
+    sb_result result = sbi_contact_update_faces(contact, error);
     contact->is_solved = 0;
-    sbi_contact_sweep(contact, step);
+    if (result == SB_OK)
+        result = sbi_contact_sweep(contact, step, error);
+    if (result != SB_OK)
+        return result;
+    if (contact->is_static && step->stage == 0)
+        sbi_contact_keep_before(contact);
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
             sbi_contact_forget_nodes(contact);
@@ -336,15 +356,6 @@ static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
     sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
     sbi_contact_sum_forces(contact);
     contact->blocks_current = 0;
-}
-
-static double sbi_contact_energy(void *user)
-{
-    const sb_contact *contact = (const sb_contact *)user;
-    double sum = 0;
-    for (int i = 0; i < contact->sample_count; i++)
-        sum += (double)contact->samples[i].area * (double)contact->samples[i].answer.energy;
-    return sum;
 }
 
 /* ---- stiffness as blocks ---- */
@@ -556,11 +567,65 @@ static void sbi_contact_arrive(sb_contact *contact)
     }
 }
 
+/* Overlap of what touches, and how far the surface was pushed there, along the normal (m). */
+static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed)
+{
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    *overlap = *pushed = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        int count = contact->faces->sizes[patch->face];
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 home =
+                sbi_contact_mean(s->weights, sbi_contact_face_nodes(contact->faces, patch->face), count, rest);
+            if (!(s->answer.pressure > 0))
+                continue;
+            *overlap = sb_max(*overlap, -s->gap);
+            *pushed = sb_max(*pushed, sb_abs(sb_v3_dot(sb_v3_sub(s->point, home), s->normal)));
+        }
+    }
+}
+
+/* Samples remember their pressures until they alone hold the surface off the tools. */
+static int sbi_contact_balance(void *user, int round)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_real overlap, pushed;
+    sbi_contact_measure_overlap(contact, &overlap, &pushed);
+    if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
+        sbi_contact_keep_pressures(contact, 0);
+        sbi_contact_remember_pressures(contact);
+        return 1;
+    }
+    sbi_contact_keep_pressures(contact, 0);
+    sbi_contact_keep_entries(contact);
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].stage = contact->tools[t].balance;
+    return 0;
+}
+
+static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
+        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
+            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
+    }
+}
+
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    sbi_contact_keep_pressures(contact, 1);
-    sbi_contact_keep_entries(contact);
+    if (!contact->is_static) {
+        sbi_contact_keep_pressures(contact, 1);
+        sbi_contact_keep_entries(contact);
+    }
+    for (int t = 0; contact->is_static && t < contact->max_tools; t++)
+        contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
@@ -571,7 +636,18 @@ static void sbi_contact_commit(void *user)
     sbi_contact_forget_nodes(contact);
 }
 
-static void sbi_contact_undo(void *user) { sbi_contact_forget_nodes((sb_contact *)user); }
+static void sbi_contact_undo(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    if (contact->is_static) {
+        contact->entry_count = contact->before_count;
+        memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+        contact->pressure_count = contact->before_pressure_count;
+        memcpy(contact->pressures, contact->before_pressures,
+               (size_t)contact->pressure_count * sizeof *contact->pressures);
+    }
+    sbi_contact_forget_nodes(contact);
+}
 
 SBI_API void sbi_contact_join(sb_contact *contact)
 {
@@ -579,11 +655,12 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->user = contact;
     touch->begin = sbi_contact_begin;
     touch->evaluate = sbi_contact_evaluate;
-    touch->energy = sbi_contact_energy;
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
     touch->accept = sbi_contact_accept;
+    touch->balance = sbi_contact_balance;
+    touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
     touch->undo = sbi_contact_undo;
     sbi_body_set_touch(contact->body, touch);

@@ -66,7 +66,7 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
                              const int *near, int count, int *deepest)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body), up = {0, 0, 1};
+    const sb_vec3 *x = contact->x, up = {0, 0, 1};
     sb_real least = SB_REAL_MAX, radius = sbi_tool_radius(shape);
     for (int f = 0; f < count; f++) {
         int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
@@ -115,19 +115,52 @@ static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step
 {
     sbi_contact_tool *tool = contact->tools + number;
     sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    tool->from = step->stage > 0 ? tool->stage : tool->reached;
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
     sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
+    tool->way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
     sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
 }
 
-SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
+/* Places at the start of the step. */
+static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *step)
 {
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), step->velocity, step->dt);
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    contact->x = sb_body_positions(contact->body);
+    contact->is_static = !(step->dt > 0);
+    if (!contact->is_static)
+        return;
+    for (int i = 0; i < sb_body_node_count(contact->body); i++)
+        contact->places[i] = sb_v3_add(rest[i], step->start[i]);
+    contact->x = contact->places;
+}
+
+/* A tool near faces that a static increment would take farther than by half of its inner radius; -1: none. */
+static int sbi_sweep_overreaches(const sb_contact *contact)
+{
+    for (int i = 0; contact->is_static && i < contact->max_tools; i++) {
+        const sbi_contact_tool *tool = contact->tools + i;
+        if (tool->shape && tool->face_count > 0 && tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
+            return i;
+    }
+    return -1;
+}
+
+SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
+{
+    int far;
+    sbi_sweep_find_places(contact, step);
+    sbi_contact_faces_refit(contact->faces, contact->x, step->velocity, step->dt);
     for (int i = 0; i < contact->max_tools; i++)
         if (contact->tools[i].shape)
             sbi_sweep_tool(contact, i, step);
+    far = sbi_sweep_overreaches(contact);
+    if (far >= 0)
+        return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "tool %d goes too far in one increment: take more load_steps",
+                        far);
+    return SB_OK;
 }
 
 /* ---- afterwards ---- */
@@ -165,7 +198,7 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
     const sbi_contact_tool *tool = contact->tools + number;
     const int *near = sbi_sweep_near(contact, number);
     if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
@@ -209,7 +242,8 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
     sb_vec3 low, high;
     int *near = contact->scratch, count, face = -1;
     sb_real gap;
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+    contact->x = sb_body_positions(contact->body);
+    sbi_contact_faces_refit(contact->faces, contact->x, NULL, 0);
     sbi_tool_bounds(shape, chain, pose, &low, &high);
     count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);
     gap = sbi_sweep_gap(contact, shape, chain, pose, near, count, &face);

@@ -51,7 +51,11 @@ static sb_result sbi_contact_check_depth(sb_contact *contact, const sbi_tool *sh
                                          const sb_pose *pose, sb_error *error)
 {
     int element;
-    sb_real depth = sbi_contact_depth(contact, shape, chain, pose, &element);
+    sb_real depth;
+    sb_result result = sbi_contact_update_faces(contact, error);
+    if (result != SB_OK)
+        return result;
+    depth = sbi_contact_depth(contact, shape, chain, pose, &element);
     if (!(depth > (sb_real)0.5 * sbi_tool_inner_radius(shape)))
         return SB_OK;
     return sbi_fail_element(error, SB_ERROR_ARGUMENT, element,

@@ -1,0 +1,160 @@
+/* contact_live: contact on a body whose mesh changes: arrays by face and node, and what is remembered of faces. */
+#include <string.h>
+
+#include "contact_private.h"
+
+/* Arrays by face and by node: all hold what a step needs only while it lasts. */
+static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left, &c->touch.way,
+                           &c->touch.kept,  &c->positions, &c->places,       &c->moved};
+    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
+    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
+    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+}
+
+static size_t sbi_contact_room_bytes(sb_contact *contact)
+{
+    sb_contact measured = *contact;
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_lay_out_room(&measured, &arena);
+    return arena.overflow ? (size_t)-1 : arena.used;
+}
+
+/* Hands the arrays out of memory of that size. */
+static void sbi_contact_set_room(sb_contact *contact, void *memory)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    arena.base = (unsigned char *)memory;
+    contact->room_memory = memory;
+    sbi_contact_lay_out_room(contact, &arena);
+    for (int i = 0; i < contact->faces->node_room; i++)
+        contact->node_place[i] = -1;
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].face_count = 0;
+    contact->room_faces = contact->faces->face_room;
+    contact->room_nodes = contact->faces->node_room;
+}
+
+SBI_API int sbi_contact_take_room(sb_contact *contact)
+{
+    size_t bytes = sbi_contact_room_bytes(contact);
+    void *memory = bytes == (size_t)-1 ? NULL : sbi_alloc_zeroed(&contact->allocator, bytes, 1);
+    if (!memory)
+        return 0;
+    sbi_free(&contact->allocator, contact->room_memory);
+    sbi_contact_set_room(contact, memory);
+    return 1;
+}
+
+/* ---- changes of the mesh ---- */
+
+static void sbi_contact_give_up(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_free(&contact->allocator, contact->next_room);
+    contact->next_room = NULL;
+}
+
+static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_result result = sbi_contact_faces_reserve(contact->faces, body, change, error);
+    size_t bytes;
+    if (result != SB_OK)
+        return result;
+    if (contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes)
+        return SB_OK;
+    bytes = sbi_contact_room_bytes(contact);
+    contact->next_room = bytes == (size_t)-1 ? NULL : sbi_alloc_zeroed(&contact->allocator, bytes, 1);
+    if (!contact->next_room)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
+    return SB_OK;
+}
+
+/* Corners remember as long as a face with an entry has them. */
+static void sbi_contact_drop_pressures(sb_contact *contact)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int count = 0;
+    for (int set = 1; set >= 0; set--) {
+        for (int e = 0; e < contact->entry_count; e++)
+            for (int a = 0; a < faces->sizes[contact->entries[e].face]; a++)
+                contact->node_place[sbi_contact_face_nodes(faces, contact->entries[e].face)[a]] = set ? 0 : -1;
+        for (int i = 0; set && i < contact->pressure_count; i++)
+            if (contact->node_place[contact->pressures[i].node] >= 0)
+                contact->pressures[count++] = contact->pressures[i];
+    }
+    contact->pressure_count = count;
+}
+
+SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
+{
+    int changed = 0, count = 0;
+    sb_result result;
+    if (!contact->faces_old)
+        return SB_OK;
+    result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
+    if (result == SB_OK &&
+        (contact->faces->face_room != contact->room_faces || contact->faces->node_room != contact->room_nodes) &&
+        !sbi_contact_take_room(contact))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
+    if (result != SB_OK)
+        return result;
+    contact->faces_old = 0;
+    for (int e = 0; changed && e < contact->entry_count; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        entry.face = contact->faces->live.moved[entry.face];
+        if (entry.face >= 0)
+            contact->entries[count++] = entry;
+    }
+    if (changed) {
+        contact->entry_count = count;
+        sbi_contact_drop_pressures(contact);
+    }
+    return SB_OK;
+}
+
+static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    sb_contact *contact = (sb_contact *)user;
+    if (contact->next_room) {
+        sbi_free(&contact->allocator, contact->room_memory);
+        sbi_contact_set_room(contact, contact->next_room);
+        contact->next_room = NULL;
+    }
+    sbi_contact_faces_follow(contact->faces, body, change);
+    contact->faces_old = 1;
+    (void)sbi_contact_update_faces(contact, NULL); /* where it fails the next step says so */
+}
+
+/* The body goes first: contact must not be asked about it any more. */
+static void sbi_contact_end(void *user) { ((sb_contact *)user)->body = NULL; }
+
+SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error)
+{
+    sb_body_listener listener;
+    contact->listener = -1;
+    if (sbi_body_node_slots(contact->body).room == 0) /* its mesh stays as it is */
+        return SB_OK;
+    memset(&listener, 0, sizeof listener);
+    listener.user = contact;
+    listener.reserve = sbi_contact_reserve;
+    listener.follow = sbi_contact_follow;
+    listener.give_up = sbi_contact_give_up;
+    listener.end = sbi_contact_end;
+    return sb_body_listen(contact->body, &listener, &contact->listener, error);
+}
+
+SBI_API void sbi_contact_unlisten(sb_contact *contact)
+{
+    if (contact->body && contact->listener >= 0)
+        (void)sb_body_unlisten(contact->body, contact->listener);
+    sbi_contact_give_up(contact);
+}
