@@ -46312,11 +46312,12 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
 /* The step that begins. */
 typedef struct sbi_touch_step {
     const sb_matrix *matrix; /* A before supports and constraints: what stiffness is measured by (N/m) */
-    const sb_vec3 *start;    /* [rows] displacement at the start of the step (m) */
+    const sb_vec3 *start; /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
     sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
 } sbi_touch_step;
 
@@ -46344,13 +46345,16 @@ typedef struct sbi_touch {
     sb_result (*begin)(void *user, const sbi_touch_step *step, sb_error *error);
     /* Forces and stiffness at du. renew: bounds of friction are those of here, else those of the last renewal. */
     void (*evaluate)(void *user, const sb_vec3 *du, int renew);
-    /* Potential (J) of the forces of the last evaluation, with its bounds of friction. */
-    double (*energy)(void *user);
     /* out = K x, K of the last evaluation, without masked axes. masked [rows] axes as bits; NULL: none. */
     void (*multiply)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
     /* matrix += K without masked axes; and what it was before, to the bit. */
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* An increment of a static solve has converged: 1 when it must be solved again with what was remembered of it, for
+     * the round-th time; 0: the increment is done. */
+    int (*balance)(void *user, int round);
+    /* out [rows] += factor times the forces (N) of the last step or increment that was done. */
+    void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
     /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
     int (*accept)(void *user, const sb_vec3 *u);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
@@ -60083,22 +60087,25 @@ SBI_API double sbi_step_guest_rise(const sbi_step *step, const sb_vec3 *way);
 SBI_API void sbi_step_shorten_guests(const sbi_step *step, double share);
 
 /* ---- step_touch.c: of steps with step->touch ---- */
+/* Axes that its blocks in the matrix leave out: none where constraints condense whole ones (NULL), else those of
+ * supports. */
+SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *body);
 /* The tangent at the start is there: contact begins. */
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step);
 /* Its forces where share increment is still to be added to the displacement (increment NULL: nothing is). */
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew);
-/* Potential (J) of contact at displacements u [rows]; its forces are then those of there. */
-SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u);
+/* Work (J) of the forces of the last evaluation along increment [rows]. */
+SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment);
 /* out [rows] += factor times the forces of the last evaluation. */
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
 SBI_API void sbi_step_add_touch(sbi_step *step);
-/* Solves the system of a linearised step, again and again. */
-SBI_API sb_result sbi_step_solve_touch(sbi_step *step);
 /* Reactions less its forces on supported axes. */
 SBI_API void sbi_step_touch_reactions(const sbi_step *step);
 /* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
+/* 1: an increment of a static solve has converged, but contact's loads do not balance yet: iterate again. */
+SBI_API int sbi_step_balance_touch(sbi_step *step, int round);
 SBI_API void sbi_step_commit_touch(sbi_step *step);
 SBI_API void sbi_step_undo_touch(sbi_step *step);
 
@@ -60110,13 +60117,17 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
 SBI_API void sbi_step_fill_system(sbi_step *step);
-/* Solves it for the body's increment, with guests and contact. */
-SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Tolerance of this iteration's linear solve. */
+SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step);
 /* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
 SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int current);
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
  * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
+
+/* ---- step_solve.c ---- */
+/* Solves the system for the body's increment, with guests and contact. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step);
 
 /* ---- step_search.c ---- */
 /* Moves the displacement by the increment, or the share of it that the line search admits. */
@@ -60415,46 +60426,30 @@ SBI_API void sbi_step_undo_guests(sbi_step *step)
 /* ==== src/softbody/body/step_touch.c ==== */
 /* step_touch: what touches a body takes part in its steps, see step_touch.h. */
 
-#include <math.h>
 #include <string.h>
 
-
-enum { SBI_TOUCH_CUTS = 8 }; /* evaluations of a line search */
 
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch) { body->touch = touch; }
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
 /* ---- between the body's vectors and those of the nodes in touch ---- */
 
-static double sbi_touch_dot(const sbi_touch *touch, const sb_vec3 *a, const sb_vec3 *b)
+SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
+
+/* Displacement that du counts from: that at the start of the step, or of the increment of a static solve. */
+static const sb_vec3 *sbi_touch_start(const sbi_step *step)
 {
-    double sum = 0;
-    for (int k = 0; k < touch->node_count; k++)
-        sum += (double)a[k].x * (double)b[k].x + (double)a[k].y * (double)b[k].y + (double)a[k].z * (double)b[k].z;
-    return sum;
+    return step->dynamic ? step->body->start : step->body->converged;
 }
 
-/* Norm on axes without supports (N). */
-static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
+/* du = the displacement at u + share increment since the start. */
+static void sbi_touch_gather(const sbi_step *step, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
 {
-    double sum = 0;
-    for (int k = 0; k < b->touch->node_count; k++) {
-        sb_vec3 v = sbi_body_pick_axes(b->fixed[b->touch->nodes[k]], sb_v3(0, 0, 0), a[k]);
-        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
-    return sqrt(sum);
-}
-
-/* Axes that its blocks in the matrix leave out: constraints condense the whole ones. */
-static const unsigned char *sbi_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
-
-/* du = the displacement at u + share increment since the start of the step. */
-static void sbi_touch_gather(const sb_body *b, const sb_vec3 *u, const sb_vec3 *increment, sb_real share)
-{
-    const sbi_touch *touch = b->touch;
+    const sbi_touch *touch = step->touch;
+    const sb_vec3 *start = sbi_touch_start(step);
     for (int k = 0; k < touch->node_count; k++) {
         int node = touch->nodes[k];
-        sb_vec3 d = sb_v3_sub(u[node], b->start[node]);
+        sb_vec3 d = sb_v3_sub(u[node], start[node]);
         touch->du[k] = increment ? sb_v3_madd(d, share, increment[node]) : d;
     }
 }
@@ -60468,11 +60463,12 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     sb_result result;
     memset(&told, 0, sizeof told);
     told.matrix = &b->matrix;
-    told.start = b->start;
+    told.start = sbi_touch_start(step);
     told.velocity = b->velocity;
     told.dt = step->dynamic ? step->dt : 0;
-    told.level = step->level;
+    told.level = step->dynamic ? step->level : 1;
     told.factor = step->dynamic ? 1 : step->load_factor;
+    told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
@@ -60485,16 +60481,17 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 
 SBI_API void sbi_step_evaluate_touch(sbi_step *step, const sb_vec3 *increment, sb_real share, int renew)
 {
-    const sb_body *b = step->body;
-    sbi_touch_gather(b, b->displacement, increment, share);
-    b->touch->evaluate(b->touch->user, b->touch->du, renew);
+    sbi_touch_gather(step, step->body->displacement, increment, share);
+    step->touch->evaluate(step->touch->user, step->touch->du, renew);
 }
 
-SBI_API sb_real sbi_step_touch_energy(sbi_step *step, const sb_vec3 *u)
+SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increment)
 {
-    sbi_touch_gather(step->body, u, NULL, 1);
-    step->touch->evaluate(step->touch->user, step->touch->du, 0);
-    return (sb_real)step->touch->energy(step->touch->user);
+    const sbi_touch *touch = step->touch;
+    sb_real sum = 0;
+    for (int k = 0; k < touch->node_count; k++)
+        sum += sb_v3_dot(touch->force[k], increment[touch->nodes[k]]);
+    return sum;
 }
 
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out)
@@ -60510,10 +60507,10 @@ SBI_API void sbi_step_add_touch(sbi_step *step)
 {
     sb_body *b = step->body;
     sbi_touch *touch = step->touch;
-    touch->add_blocks(touch->user, sbi_touch_mask(b), &b->matrix);
+    touch->add_blocks(touch->user, sbi_step_touch_mask(b), &b->matrix);
     if (!step->linearised)
         return;
-    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->linear);
+    touch->multiply(touch->user, sbi_step_touch_mask(b), touch->du, touch->linear);
     for (int k = 0; k < touch->node_count; k++) {
         int node = touch->nodes[k];
         touch->linear[k] = sb_v3_add(touch->linear[k], touch->force[k]);
@@ -60522,186 +60519,6 @@ SBI_API void sbi_step_add_touch(sbi_step *step)
         touch->kept[k] = b->rhs[node];
         b->rhs[node] = sb_v3_add(b->rhs[node], touch->linear[k]);
     }
-}
-
-/* The system without contact again, and then with it as it was evaluated last. */
-static void sbi_step_renew_touch(sbi_step *step)
-{
-    sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    touch->restore_blocks(touch->user, &b->matrix);
-    if (b->elimination) {
-        sbi_step_fill_system(step);
-        return;
-    }
-    for (int k = 0; k < touch->node_count; k++)
-        b->rhs[touch->nodes[k]] = touch->kept[k];
-    sbi_step_add_touch(step);
-}
-
-/* ---- how much of a new increment is taken ---- */
-
-/* The force (N) that what is left over is compared with. */
-static double sbi_step_touch_scale(const sbi_step *step)
-{
-    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
-}
-
-/* What contact's forces differ by from those that the solve had, of the largest force; 0 where it is rounding. */
-static double sbi_step_touch_residual(const sbi_step *step)
-{
-    const sbi_touch *touch = step->touch;
-    double sum = 0, size, scale = sbi_step_touch_scale(step);
-    for (int k = 0; k < touch->node_count; k++) {
-        unsigned char fixed = step->body->fixed[touch->nodes[k]];
-        sb_vec3 v = sb_v3_sub(touch->left[k], touch->force[k]);
-        v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), v);
-        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
-    size = sqrt(sum);
-    return size > touch->noise ? size / scale : 0;
-}
-
-/* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
- * end, and rises evenly by `rise` to there. */
-static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
-{
-    const sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    for (int k = 0; k < touch->node_count; k++)
-        touch->du[k] = sb_v3_madd(b->previous[touch->nodes[k]], (sb_real)share, touch->way[k]);
-    touch->evaluate(touch->user, touch->du, 0);
-    return end - (1 - share) * rise - sbi_touch_dot(touch, touch->force, touch->way);
-}
-
-/* Where the slope vanishes, to a tenth of what it was at 0: false position, in which an end that stays counts half. */
-static double sbi_step_touch_root(sbi_step *step, double end, double rise, double at0, double at1)
-{
-    double low = 0, high = 1, slope_low = at0, slope_high = at1, share = 1;
-    int side = 0;
-    for (int i = 0; i < SBI_TOUCH_CUTS; i++) {
-        double slope;
-        share = (low * slope_high - high * slope_low) / (slope_high - slope_low);
-        slope = sbi_step_touch_slope(step, end, rise, share);
-        if (fabs(slope) <= -0.1 * at0)
-            break;
-        if (slope > 0) {
-            slope_low *= side > 0 ? 0.5 : 1;
-            high = share, slope_high = slope, side = 1;
-        } else {
-            slope_high *= side < 0 ? 0.5 : 1;
-            low = share, slope_low = slope, side = -1;
-        }
-    }
-    return share;
-}
-
-/* way.(A + K + G) way, of the whole system that was solved; way [rows] is in body->work. */
-static double sbi_step_touch_rise(const sbi_step *step)
-{
-    sb_body *b = step->body;
-    const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
-    double sum = 0;
-    sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
-    for (int i = 0; i < b->domain.node_count; i++)
-        sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
-               (double)b->work[i].z * (double)b->work2[i].z;
-    return sum + sbi_step_guest_rise(step, b->work);
-}
-
-/* touch->way, and body->work without slaves, = what the solve added to the increment; touch->left = F + K x of the
- * system less K x' */
-static void sbi_step_measure_way(sbi_step *step)
-{
-    sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    for (int k = 0; k < touch->node_count; k++)
-        touch->du[k] = b->increment[touch->nodes[k]];
-    touch->multiply(touch->user, sbi_touch_mask(b), touch->du, touch->left);
-    for (int k = 0; k < touch->node_count; k++) {
-        touch->left[k] = sb_v3_sub(touch->linear[k], touch->left[k]);
-        touch->way[k] = sb_v3_sub(touch->du[k], b->previous[touch->nodes[k]]);
-    }
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->work[i] = sb_v3_sub(b->increment[i], b->previous[i]);
-    if (b->elimination)
-        sbi_elimination_clear_slaves(b->elimination, b->work);
-}
-
-/* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
- * increment overshoot, and a free block is thrown away by it. An end whose forces are those that were solved for needs
- * no search: slopes are rounding there. Returns the share. */
-static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
-{
-    sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    double own, end, at1, whole, share;
-    sbi_step_measure_way(step);
-    touch->multiply(touch->user, sbi_touch_mask(b), touch->way, touch->du);
-    own = sbi_touch_dot(touch, touch->way, touch->du);
-    end = sbi_touch_dot(touch, touch->way, touch->left);
-    at1 = sbi_step_touch_slope(step, end, 0, 1);
-    if (!(at1 > 0.1 * own) || sbi_step_touch_residual(step) <= (double)tolerance)
-        return 1;
-    whole = sbi_step_touch_rise(step);
-    if (!(at1 > 0.1 * whole))
-        return 1;
-    share = sbi_step_touch_root(step, end, whole - own, -whole, at1);
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->increment[i] = sb_v3_madd(b->previous[i], (sb_real)share, b->work[i]);
-    if (b->elimination)
-        sbi_elimination_expand(b->elimination, b->increment, step->opens_gaps);
-    sbi_step_shorten_guests(step, share);
-    return share;
-}
-
-/* ---- the iteration ---- */
-
-/* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
- * tolerance admits. */
-static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
-{
-    const sb_body *b = step->body;
-    const double share = 0.3;
-    double rhs = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
-        rhs += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
-    }
-    if (step->touch->touching == 0 || !(rhs > 0))
-        return tolerance;
-    return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
-}
-
-/* Forces at the new increment, with friction's bounds of there. */
-static void sbi_step_end_way(sbi_step *step)
-{
-    sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
-    step->touch->residual = (sb_real)sbi_step_touch_residual(step);
-}
-
-SBI_API sb_result sbi_step_solve_touch(sbi_step *step)
-{
-    sb_body *b = step->body;
-    sbi_touch *touch = step->touch;
-    sb_real tolerance = step->linear_tolerance;
-    for (touch->iterations = 1;; touch->iterations++) {
-        sb_result result;
-        double share;
-        memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
-        if (result != SB_OK)
-            return result;
-        share = sbi_step_search_touch(step, tolerance);
-        sbi_step_end_way(step);
-        touch->capped = !(share == 1 && touch->residual <= tolerance);
-        if (!touch->capped || touch->iterations >= touch->max_iterations)
-            break;
-        sbi_step_renew_touch(step);
-    }
-    if (b->elimination)
-        touch->restore_blocks(touch->user, &b->matrix);
-    return SB_OK;
 }
 
 /* ---- end ---- */
@@ -60724,6 +60541,8 @@ SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
 }
+
+SBI_API int sbi_step_balance_touch(sbi_step *step, int round) { return step->touch->balance(step->touch->user, round); }
 
 SBI_API void sbi_step_commit_touch(sbi_step *step)
 {
@@ -60962,10 +60781,7 @@ static void sbi_step_add_loads(sbi_step *step)
 static void sbi_step_add_touch_residual(sbi_step *step)
 {
     sb_body *b = step->body;
-    sb_real before = step->energy_known ? sbi_step_touch_energy(step, b->displacement) : 0;
     sbi_step_evaluate_touch(step, NULL, 1, 1);
-    if (step->energy_known) /* of the bounds of friction that follow, or the line search sees them as a rise */
-        step->energy += (sb_real)step->touch->energy(step->touch->user) - before;
     memset(b->work, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
     sbi_step_add_touch_force(step, 1, b->work);
     sbi_step_add_touch_force(step, -1, b->residual);
@@ -61205,7 +61021,7 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
  * progress (Eisenstat and Walker 1996, choice 2), never beyond what the residual's tolerance can notice. */
-static sb_real sbi_step_linear_tolerance(const sbi_step *step)
+SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step)
 {
     const sb_body *b = step->body;
     sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
@@ -61309,6 +61125,213 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int cur
     return result;
 }
 
+/* ==== src/softbody/body/step_solve.c ==== */
+/* step_solve: the linear system of an iteration is solved: once, or again and again with what touches the body. */
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_TOUCH_CUTS = 8 }; /* evaluations of a line search */
+
+static double sbi_touch_dot(const sbi_touch *touch, const sb_vec3 *a, const sb_vec3 *b)
+{
+    double sum = 0;
+    for (int k = 0; k < touch->node_count; k++)
+        sum += (double)a[k].x * (double)b[k].x + (double)a[k].y * (double)b[k].y + (double)a[k].z * (double)b[k].z;
+    return sum;
+}
+
+/* Norm on axes without supports (N). */
+static double sbi_touch_norm(const sb_body *b, const sb_vec3 *a)
+{
+    double sum = 0;
+    for (int k = 0; k < b->touch->node_count; k++) {
+        sb_vec3 v = sbi_body_pick_axes(b->fixed[b->touch->nodes[k]], sb_v3(0, 0, 0), a[k]);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    return sqrt(sum);
+}
+
+/* The system without contact again, and then with it as it was evaluated last. */
+static void sbi_step_renew_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    touch->restore_blocks(touch->user, &b->matrix);
+    if (b->elimination) {
+        sbi_step_fill_system(step);
+        return;
+    }
+    for (int k = 0; k < touch->node_count; k++)
+        b->rhs[touch->nodes[k]] = touch->kept[k];
+    sbi_step_add_touch(step);
+}
+
+/* ---- how much of a new increment is taken ---- */
+
+/* The force (N) that what is left over is compared with. */
+static double sbi_step_touch_scale(const sbi_step *step)
+{
+    return fmax((double)step->norm, sbi_touch_norm(step->body, step->touch->force));
+}
+
+/* What contact's forces differ by from those that the solve had, of the largest force; 0 where it is rounding. */
+static double sbi_step_touch_residual(const sbi_step *step)
+{
+    const sbi_touch *touch = step->touch;
+    double sum = 0, size, scale = sbi_step_touch_scale(step);
+    for (int k = 0; k < touch->node_count; k++) {
+        unsigned char fixed = step->body->fixed[touch->nodes[k]];
+        sb_vec3 v = sb_v3_sub(touch->left[k], touch->force[k]);
+        v = sbi_body_pick_axes(fixed, sb_v3(0, 0, 0), v);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    size = sqrt(sum);
+    return size > touch->noise ? size / scale : 0;
+}
+
+/* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
+ * end, and rises evenly by `rise` to there. */
+static double sbi_step_touch_slope(sbi_step *step, double end, double rise, double share)
+{
+    const sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = sb_v3_madd(b->previous[touch->nodes[k]], (sb_real)share, touch->way[k]);
+    touch->evaluate(touch->user, touch->du, 0);
+    return end - (1 - share) * rise - sbi_touch_dot(touch, touch->force, touch->way);
+}
+
+/* Where the slope vanishes, to a tenth of what it was at 0: false position, in which an end that stays counts half. */
+static double sbi_step_touch_root(sbi_step *step, double end, double rise, double at0, double at1)
+{
+    double low = 0, high = 1, slope_low = at0, slope_high = at1, share = 1;
+    int side = 0;
+    for (int i = 0; i < SBI_TOUCH_CUTS; i++) {
+        double slope;
+        share = (low * slope_high - high * slope_low) / (slope_high - slope_low);
+        slope = sbi_step_touch_slope(step, end, rise, share);
+        if (fabs(slope) <= -0.1 * at0)
+            break;
+        if (slope > 0) {
+            slope_low *= side > 0 ? 0.5 : 1;
+            high = share, slope_high = slope, side = 1;
+        } else {
+            slope_high *= side < 0 ? 0.5 : 1;
+            low = share, slope_low = slope, side = -1;
+        }
+    }
+    return share;
+}
+
+/* way.(A + K + G) way, of the whole system that was solved; way [rows] is in body->work. */
+static double sbi_step_touch_rise(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
+    double sum = 0;
+    sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+    for (int i = 0; i < b->domain.node_count; i++)
+        sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
+               (double)b->work[i].z * (double)b->work2[i].z;
+    return sum + sbi_step_guest_rise(step, b->work);
+}
+
+/* touch->way, and body->work without slaves, = what the solve added to the increment; touch->left = F + K x of the
+ * system less K x' */
+static void sbi_step_measure_way(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = b->increment[touch->nodes[k]];
+    touch->multiply(touch->user, sbi_step_touch_mask(b), touch->du, touch->left);
+    for (int k = 0; k < touch->node_count; k++) {
+        touch->left[k] = sb_v3_sub(touch->linear[k], touch->left[k]);
+        touch->way[k] = sb_v3_sub(touch->du[k], b->previous[touch->nodes[k]]);
+    }
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sb_v3_sub(b->increment[i], b->previous[i]);
+    if (b->elimination)
+        sbi_elimination_clear_slaves(b->elimination, b->work);
+}
+
+/* Takes so much of the way that the potential does not rise at its end: contact that closes on the way makes a whole
+ * increment overshoot, and a free block is thrown away by it. An end whose forces are those that were solved for needs
+ * no search: slopes are rounding there. Returns the share. */
+static double sbi_step_search_touch(sbi_step *step, sb_real tolerance)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    double own, end, at1, whole, share;
+    sbi_step_measure_way(step);
+    touch->multiply(touch->user, sbi_step_touch_mask(b), touch->way, touch->du);
+    own = sbi_touch_dot(touch, touch->way, touch->du);
+    end = sbi_touch_dot(touch, touch->way, touch->left);
+    at1 = sbi_step_touch_slope(step, end, 0, 1);
+    if (!(at1 > 0.1 * own) || sbi_step_touch_residual(step) <= (double)tolerance)
+        return 1;
+    whole = sbi_step_touch_rise(step);
+    if (!(at1 > 0.1 * whole))
+        return 1;
+    share = sbi_step_touch_root(step, end, whole - own, -whole, at1);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_madd(b->previous[i], (sb_real)share, b->work[i]);
+    if (b->elimination)
+        sbi_elimination_expand(b->elimination, b->increment, step->opens_gaps);
+    sbi_step_shorten_guests(step, share);
+    return share;
+}
+
+/* ---- the iteration ---- */
+
+/* What the solve may leave, of the norm of its right-hand side, which has K x in it: a share of what the step's
+ * tolerance admits. */
+static sb_real sbi_step_touch_tolerance(const sbi_step *step, sb_real tolerance)
+{
+    const sb_body *b = step->body;
+    const double share = 0.3;
+    double rhs = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), b->rhs[i]);
+        rhs += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    if (step->touch->touching == 0 || !(rhs > 0))
+        return tolerance;
+    return (sb_real)(share * (double)tolerance * fmin(1, sbi_step_touch_scale(step) / sqrt(rhs)));
+}
+
+/* Forces at the new increment, with friction's bounds of there. */
+static void sbi_step_end_way(sbi_step *step)
+{
+    sbi_step_evaluate_touch(step, step->body->increment, 1, 1);
+    step->touch->residual = (sb_real)sbi_step_touch_residual(step);
+}
+
+static sb_result sbi_step_solve_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    sb_real tolerance = step->linear_tolerance;
+    for (touch->iterations = 1;; touch->iterations++) {
+        sb_result result;
+        double share;
+        memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        if (result != SB_OK)
+            return result;
+        share = sbi_step_search_touch(step, tolerance);
+        sbi_step_end_way(step);
+        touch->capped = !(share == 1 && touch->residual <= tolerance);
+        if (!touch->capped || touch->iterations >= touch->max_iterations)
+            break;
+        sbi_step_renew_touch(step);
+    }
+    if (b->elimination)
+        touch->restore_blocks(touch->user, &b->matrix);
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_step_solve_system(sbi_step *step)
 {
     sb_result result;
@@ -61341,6 +61364,7 @@ typedef struct sbi_step_line {
     sb_real slope; /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
     sb_real load_size; /* sum of what the loads that follow the body add: for rounding */
+    sb_real touch;     /* work of contact's forces at the start along the whole increment */
 } sbi_step_line;
 
 static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
@@ -61355,11 +61379,32 @@ static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
     line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
 }
 
+/* The residual of a step of several iterations has contact's forces already, that of a linearised one has not. */
+static void sbi_step_add_touch_line(sbi_step *step, sbi_step_line *line)
+{
+    sbi_step_evaluate_touch(step, NULL, 1, 0);
+    line->touch = sbi_step_touch_work(step, step->body->increment);
+    if (step->linearised)
+        line->slope -= line->touch;
+    else
+        line->linear += line->touch;
+    line->load_size += sb_abs(line->touch);
+}
+
+/* What contact adds to the potential over a share t of the increment: the work against its forces, as if they rose
+ * evenly. They do but where contact closes on the way, which this counts too high. Its potential would not do: its
+ * friction turns with the tool's normal, so that the forces are not quite the slope of it. */
+static sb_real sbi_step_touch_change(sbi_step *step, const sbi_step_line *line, sb_real t)
+{
+    sbi_step_evaluate_touch(step, step->body->increment, t, 0);
+    return -t * (line->touch + sbi_step_touch_work(step, step->body->increment)) / 2;
+}
+
 static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
     sb_body *b = step->body;
     int n = b->domain.node_count;
-    sbi_step_line line = {0, 0, 0, 0, 0};
+    sbi_step_line line = {0, 0, 0, 0, 0, 0};
     line.slope = sbi_step_dot(b->residual, b->increment, n);
     line.linear = line.slope - sbi_step_dot(b->internal, b->increment, n);
     if (step->dynamic) {
@@ -61378,11 +61423,8 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
     sbi_step_add_guest_line(step, &line);
-    if (step->touch && !step->linearised) { /* the residual has its forces, whose energy is looked at as it is */
-        sbi_touch *touch = step->touch;
-        for (int k = 0; k < touch->node_count; k++)
-            line.linear += sb_v3_dot(touch->force[k], b->increment[touch->nodes[k]]);
-    }
+    if (step->touch)
+        sbi_step_add_touch_line(step, &line);
     return line;
 }
 
@@ -61401,13 +61443,10 @@ static void sbi_step_trial(const sbi_step *step, sb_real t)
         sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
-/* Energy of a trial displacement, elastic and that of contact; 0 when it is inadmissible, with *bad the element that
- * is. */
+/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
 static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
     *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
-    if (*bad < 0 && step->touch && !step->linearised)
-        *energy += sbi_step_touch_energy(step, trial);
     return *bad < 0 && sb_is_finite(*energy);
 }
 
@@ -61479,6 +61518,8 @@ static sb_result sbi_step_search(sbi_step *step)
         if (!sbi_step_try(step, b->work2, &energy, &bad))
             continue;
         change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        if (step->touch)
+            change += sbi_step_touch_change(step, &line, t);
         noise =
             32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) + t * line.load_size) +
             4 * SB_EPSILON * b->assembly.energy_unit;
@@ -61508,6 +61549,8 @@ SBI_API sb_result sbi_step_accept(sbi_step *step)
         if (!sb_v3_is_finite(b->displacement[i]))
             return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the displacement of node %d is not finite",
                                  i);
+    if (step->touch && step->line_search && step->linearised) /* a share was taken: what is read is of there */
+        sbi_step_evaluate_touch(step, NULL, 1, 1);
     b->force_current = 0;
     step->has_velocity = 1;
     return SB_OK;
@@ -62179,6 +62222,19 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
     }
 }
 
+/* One increment: to balance, and with contact until its pressures hold the surface where it belongs. */
+static sb_result sbi_static_iterate(sbi_step *step)
+{
+    sb_result result = sbi_step_iterate(step, sbi_step_linearise(step));
+    for (int round = 1; result == SB_OK && step->touch && sbi_step_balance_touch(step, round); round++) {
+        step->norm = step->last_norm = 0;
+        step->iteration = 1; /* contact has begun */
+        step->done = 0;
+        result = sbi_step_iterate(step, sbi_step_linearise(step));
+    }
+    return result;
+}
+
 /* Raises the load factor to 1. An increment that fails goes back to the last converged one and is halved. */
 static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options)
 {
@@ -62199,7 +62255,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
         step->quasi = options->quasi_newton != 0;
         sbi_static_loads(b, step->load_factor);
         step->iteration = step->done = 0;
-        result = sbi_step_iterate(step, sbi_step_linearise(step));
+        result = sbi_static_iterate(step);
         spent = step->info->newton_iterations - before;
         if (result != SB_OK) {
             memcpy(b->displacement, b->converged, bytes);
@@ -62234,14 +62290,16 @@ static void sbi_static_commit(sbi_step *step)
     memcpy(b->equilibrated, b->external, bytes);
     sbi_loads_commit(b, b->displacement, b->displacement, step->info->load_factor);
     sbi_loads_end_static(b, step->info->load_factor);
-    if (sbi_step_force(step) == SB_OK && b->elimination) {
+    if (sbi_step_force(step) == SB_OK) {
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sb_v3_sub(b->internal[i], b->external[i]);
-        sbi_constraint_reactions(b, b->work);
-    } else if (b->force_current)
-        for (int i = 0; i < b->domain.node_count; i++)
-            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
-                                                sb_v3_sub(b->internal[i], b->external[i]), zero);
+        if (step->touch)
+            step->touch->add_done(step->touch->user, -1, b->work);
+        if (b->elimination)
+            sbi_constraint_reactions(b, b->work);
+        for (int i = 0; !b->elimination && i < b->domain.node_count; i++)
+            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i], b->work[i], zero);
+    }
     b->acceleration_known = 0;
 }
 
@@ -62275,6 +62333,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     step.max_newton = sbi_max_int(options->max_newton, 2);
     step.max_iterations = options->max_iterations;
     step.line_search = 1;
+    step.touch = body->touch;
     sbi_step_save(body);
     sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
@@ -62282,9 +62341,12 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
         sbi_static_commit(&step);
+        if (step.touch)
+            sbi_step_commit_touch(&step);
         sbi_step_leave(body, duration);
         info->error = error;
     } else {
+        sbi_step_undo_touch(&step);
         sbi_step_restore(body);
     }
     if (result == SB_OK)
@@ -68478,8 +68540,7 @@ SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_bo
  *
  * l, t' are remembered pressure and traction of the step before, P turns the latter into the tangent plane, s is the
  * slip, B = mu p the bound of friction of the last renewal. Without the curvature of the tool and dB/dp, K is symmetric
- * and positive semidefinite. Gradient and tangent of the potential (B fixed)
- *     p^2 / (2 k) + (|tau|^2 / (2 kt), or (B |tau| - B^2/2) / kt).
+ * and positive semidefinite.
  * Source: Wriggers, Computational Contact Mechanics, ch. 5 and 6. */
 #ifndef SB_CONTACT_LAW_H
 #define SB_CONTACT_LAW_H
@@ -68496,7 +68557,6 @@ typedef struct sbi_contact_answer {
     sb_vec3 traction;        /* Pa, tangential, on the body */
     sb_vec3 direction;       /* d of a sample that slips, or 0 */
     sb_real normal, tangent; /* Pa/m: K = normal n n^T + tangent (I - n n^T - d d^T) */
-    sb_real energy;          /* J/m^2 */
 } sbi_contact_answer;
 
 /* v without its part along the unit vector n. */
@@ -68521,13 +68581,12 @@ SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real mem
     a.state = SBI_CONTACT_OFF;
     a.pressure = memory - k * gap;
     a.traction = a.direction = sb_v3(0, 0, 0);
-    a.normal = a.tangent = a.energy = 0;
+    a.normal = a.tangent = 0;
     if (!(a.pressure > 0)) {
-        a.pressure = 0; /* friction of a bound that is still to be renewed stays, for the sake of the potential */
+        a.pressure = 0; /* friction of a bound that is still to be renewed stays: forces do not jump on a line */
     } else {
         a.state = SBI_CONTACT_SLIPS;
         a.normal = k;
-        a.energy = a.pressure * a.pressure / (2 * k);
     }
     if (!(bound > 0))
         return a;
@@ -68537,13 +68596,11 @@ SB_INLINE sbi_contact_answer sbi_contact_law(sb_real k, sb_real gap, sb_real mem
         a.state = SBI_CONTACT_STICKS;
         a.traction = tau;
         a.tangent = kt;
-        a.energy += size * size / (2 * kt);
         return a;
     }
     a.direction = sb_v3_scale(1 / size, tau);
     a.traction = sb_v3_scale(bound, a.direction);
     a.tangent = kt * bound / size;
-    a.energy += (bound * size - bound * bound / 2) / kt;
     return a;
 }
 
@@ -68588,7 +68645,10 @@ typedef struct sbi_contact_tool {
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
     int face_count;              /* of its faces in sb_contact.near */
+    sb_pose from;                /* at the start of the step, or of the increment of a static solve */
+    sb_pose stage;               /* at the end of the last increment that was done */
     sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
+    sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
 } sbi_contact_tool;
@@ -68614,7 +68674,7 @@ typedef struct sbi_contact_pressure {
 typedef struct sbi_contact_sum {
     sb_real old;               /* l_a before (Pa) */
     sb_real force, rise, kept; /* sum w p, sum w p (p - l), sum w p f */
-    int refuses;               /* 1: the matrix is too stiff here for a memory to be stable */
+    sb_real doubt;             /* share that is not remembered: the matrix is too stiff here for it to be stable */
 } sbi_contact_sum;
 
 /* A face near a tool. */
@@ -68656,8 +68716,11 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
-    int *near;    /* [max_tools][face_room] faces by tool */
-    int *scratch; /* [face_room] outside of steps */
+    int is_static;
+    const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
+    sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
+    int *near;        /* [max_tools][face_room] faces by tool */
+    int *scratch;     /* [face_room] outside of steps */
     int patch_count;
     sbi_contact_patch *patches;
     int patch_room;
@@ -68683,7 +68746,17 @@ struct sb_contact {
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
+    sbi_contact_entry *before; /* [max_contacts] these two before a static solve, for undo */
+    sbi_contact_pressure *before_pressures;
+    int before_count, before_pressure_count;
     void *memory;
+
+    /* of a body whose mesh may change, see contact_live.c */
+    int listener;               /* -1: none */
+    int faces_old;              /* 1: the mesh has changed since the faces were brought up to date */
+    int room_faces, room_nodes; /* what there are arrays for */
+    void *room_memory;          /* behind the arrays by face and node */
+    void *next_room;            /* for the change that is under way, or NULL */
 };
 
 /* ---- contact_tool.c ---- */
@@ -68691,8 +68764,9 @@ struct sb_contact {
 SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
 
 /* ---- contact_sweep.c ---- */
-/* How far each tool goes in this step: `next`, `balance` and what else follows from it. */
-SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step);
+/* How far each tool goes in this step: `next`, `balance` and what else follows from it. SB_ERROR_NOT_CONVERGED: farther
+ * in one increment of a static solve than what could not pass through. */
+SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error);
 /* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
  * a face. u [rows]: displacements at the end. */
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
@@ -68710,7 +68784,26 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
 
-/* ---- contact_state.c ---- */
+/* ---- contact_live.c ---- */
+/* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
+SBI_API int sbi_contact_take_room(sb_contact *contact);
+/* Follows its body's changes from now on; and no longer. */
+SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_unlisten(sb_contact *contact);
+/* Faces as the mesh is now, and entries of those that are still there. Allocates only where the whole mesh was another.
+ * SB_ERROR_MEMORY, SB_ERROR_MESH: it is to be called again. */
+SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error);
+
+/* ---- contact_tell.c ---- */
+#define SBI_CONTACT_PART "contact" /* its name in its body's state */
+enum { SBI_CONTACT_POSE_REALS = 7 };
+SB_INLINE void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+SB_INLINE void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
+{
+    sbi_contact_pack_vector(pose->position, out);
+    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
+}
+
 /* What a recording keeps of calls: codes stand in files. */
 typedef enum sbi_contact_command {
     SBI_CONTACT_ADD = 1,     /* cannot be played */
@@ -68724,6 +68817,8 @@ SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command com
                               int count);
 SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
                                    const sb_pose *pose);
+
+/* ---- contact_state.c ---- */
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
 SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_leave_state(const sb_contact *contact);
@@ -68738,6 +68833,169 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 }
 
 #endif /* SB_CONTACT_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_live.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_live: contact on a body whose mesh changes: arrays by face and node, and what is remembered of faces. */
+#include <string.h>
+
+
+/* Arrays by face and by node: all hold what a step needs only while it lasts. */
+static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left, &c->touch.way,
+                           &c->touch.kept,  &c->positions, &c->places,       &c->moved};
+    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
+    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
+    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+}
+
+static size_t sbi_contact_room_bytes(sb_contact *contact)
+{
+    sb_contact measured = *contact;
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_contact_lay_out_room(&measured, &arena);
+    return arena.overflow ? (size_t)-1 : arena.used;
+}
+
+/* Hands the arrays out of memory of that size. */
+static void sbi_contact_set_room(sb_contact *contact, void *memory)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    arena.base = (unsigned char *)memory;
+    contact->room_memory = memory;
+    sbi_contact_lay_out_room(contact, &arena);
+    for (int i = 0; i < contact->faces->node_room; i++)
+        contact->node_place[i] = -1;
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].face_count = 0;
+    contact->room_faces = contact->faces->face_room;
+    contact->room_nodes = contact->faces->node_room;
+}
+
+SBI_API int sbi_contact_take_room(sb_contact *contact)
+{
+    size_t bytes = sbi_contact_room_bytes(contact);
+    void *memory = bytes == (size_t)-1 ? NULL : sbi_alloc_zeroed(&contact->allocator, bytes, 1);
+    if (!memory)
+        return 0;
+    sbi_free(&contact->allocator, contact->room_memory);
+    sbi_contact_set_room(contact, memory);
+    return 1;
+}
+
+/* ---- changes of the mesh ---- */
+
+static void sbi_contact_give_up(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_free(&contact->allocator, contact->next_room);
+    contact->next_room = NULL;
+}
+
+static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_result result = sbi_contact_faces_reserve(contact->faces, body, change, error);
+    size_t bytes;
+    if (result != SB_OK)
+        return result;
+    if (contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes)
+        return SB_OK;
+    bytes = sbi_contact_room_bytes(contact);
+    contact->next_room = bytes == (size_t)-1 ? NULL : sbi_alloc_zeroed(&contact->allocator, bytes, 1);
+    if (!contact->next_room)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
+    return SB_OK;
+}
+
+/* Corners remember as long as a face with an entry has them. */
+static void sbi_contact_drop_pressures(sb_contact *contact)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int count = 0;
+    for (int set = 1; set >= 0; set--) {
+        for (int e = 0; e < contact->entry_count; e++)
+            for (int a = 0; a < faces->sizes[contact->entries[e].face]; a++)
+                contact->node_place[sbi_contact_face_nodes(faces, contact->entries[e].face)[a]] = set ? 0 : -1;
+        for (int i = 0; set && i < contact->pressure_count; i++)
+            if (contact->node_place[contact->pressures[i].node] >= 0)
+                contact->pressures[count++] = contact->pressures[i];
+    }
+    contact->pressure_count = count;
+}
+
+SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
+{
+    int changed = 0, count = 0;
+    sb_result result;
+    if (!contact->faces_old)
+        return SB_OK;
+    result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
+    if (result == SB_OK &&
+        (contact->faces->face_room != contact->room_faces || contact->faces->node_room != contact->room_nodes) &&
+        !sbi_contact_take_room(contact))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
+    if (result != SB_OK)
+        return result;
+    contact->faces_old = 0;
+    for (int e = 0; changed && e < contact->entry_count; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        entry.face = contact->faces->live.moved[entry.face];
+        if (entry.face >= 0)
+            contact->entries[count++] = entry;
+    }
+    if (changed) {
+        contact->entry_count = count;
+        sbi_contact_drop_pressures(contact);
+    }
+    return SB_OK;
+}
+
+static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    sb_contact *contact = (sb_contact *)user;
+    if (contact->next_room) {
+        sbi_free(&contact->allocator, contact->room_memory);
+        sbi_contact_set_room(contact, contact->next_room);
+        contact->next_room = NULL;
+    }
+    sbi_contact_faces_follow(contact->faces, body, change);
+    contact->faces_old = 1;
+    (void)sbi_contact_update_faces(contact, NULL); /* where it fails the next step says so */
+}
+
+/* The body goes first: contact must not be asked about it any more. */
+static void sbi_contact_end(void *user) { ((sb_contact *)user)->body = NULL; }
+
+SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error)
+{
+    sb_body_listener listener;
+    contact->listener = -1;
+    if (sbi_body_node_slots(contact->body).room == 0) /* its mesh stays as it is */
+        return SB_OK;
+    memset(&listener, 0, sizeof listener);
+    listener.user = contact;
+    listener.reserve = sbi_contact_reserve;
+    listener.follow = sbi_contact_follow;
+    listener.give_up = sbi_contact_give_up;
+    listener.end = sbi_contact_end;
+    return sb_body_listen(contact->body, &listener, &contact->listener, error);
+}
+
+SBI_API void sbi_contact_unlisten(sb_contact *contact)
+{
+    if (contact->body && contact->listener >= 0)
+        (void)sb_body_unlisten(contact->body, contact->listener);
+    sbi_contact_give_up(contact);
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_sweep.c ==== */
@@ -68809,7 +69067,7 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
                              const int *near, int count, int *deepest)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body), up = {0, 0, 1};
+    const sb_vec3 *x = contact->x, up = {0, 0, 1};
     sb_real least = SB_REAL_MAX, radius = sbi_tool_radius(shape);
     for (int f = 0; f < count; f++) {
         int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
@@ -68858,19 +69116,52 @@ static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step
 {
     sbi_contact_tool *tool = contact->tools + number;
     sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    tool->from = step->stage > 0 ? tool->stage : tool->reached;
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
     sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
+    tool->way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
     sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
 }
 
-SBI_API void sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step)
+/* Places at the start of the step. */
+static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *step)
 {
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), step->velocity, step->dt);
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    contact->x = sb_body_positions(contact->body);
+    contact->is_static = !(step->dt > 0);
+    if (!contact->is_static)
+        return;
+    for (int i = 0; i < sb_body_node_count(contact->body); i++)
+        contact->places[i] = sb_v3_add(rest[i], step->start[i]);
+    contact->x = contact->places;
+}
+
+/* A tool near faces that a static increment would take farther than by half of its inner radius; -1: none. */
+static int sbi_sweep_overreaches(const sb_contact *contact)
+{
+    for (int i = 0; contact->is_static && i < contact->max_tools; i++) {
+        const sbi_contact_tool *tool = contact->tools + i;
+        if (tool->shape && tool->face_count > 0 && tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
+            return i;
+    }
+    return -1;
+}
+
+SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
+{
+    int far;
+    sbi_sweep_find_places(contact, step);
+    sbi_contact_faces_refit(contact->faces, contact->x, step->velocity, step->dt);
     for (int i = 0; i < contact->max_tools; i++)
         if (contact->tools[i].shape)
             sbi_sweep_tool(contact, i, step);
+    far = sbi_sweep_overreaches(contact);
+    if (far >= 0)
+        return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "tool %d goes too far in one increment: take more load_steps",
+                        far);
+    return SB_OK;
 }
 
 /* ---- afterwards ---- */
@@ -68908,7 +69199,7 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
     const sbi_contact_tool *tool = contact->tools + number;
     const int *near = sbi_sweep_near(contact, number);
     if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
@@ -68952,7 +69243,8 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
     sb_vec3 low, high;
     int *near = contact->scratch, count, face = -1;
     sb_real gap;
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+    contact->x = sb_body_positions(contact->body);
+    sbi_contact_faces_refit(contact->faces, contact->x, NULL, 0);
     sbi_tool_bounds(shape, chain, pose, &low, &high);
     count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);
     gap = sbi_sweep_gap(contact, shape, chain, pose, near, count, &face);
@@ -68974,8 +69266,10 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
 #include <string.h>
 
 
-/* Smallest stiffness of a sample over that of the matrix at a node at which remembered pressures are stable, whatever
- * the step: below it they swing up (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1; kept clear of by 3). */
+/* Stiffness of samples over that of the matrix at a node below which nothing is remembered there, and from which on
+ * all: below 1 pressures swing up whatever the step (a root of (1 + c) z^3 - 3 z^2 + 3 z - 1 beyond 1 at c < 1). Evenly
+ * between the two, since the stiffness of samples is a mean that changes as the tool moves. */
+#define SBI_CONTACT_FORGETS ((sb_real)2)
 #define SBI_CONTACT_REMEMBERS ((sb_real)3)
 
 /* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
@@ -69021,6 +69315,16 @@ SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
 
 /* ---- from samples to the list ---- */
 
+/* Share of its pressure that a node of a patch must not remember. */
+static sb_real sbi_contact_doubt(const sb_contact *contact, const sbi_contact_patch *patch, int place)
+{
+    const sb_real most = SBI_CONTACT_REMEMBERS, least = SBI_CONTACT_FORGETS;
+    sb_real k = contact->samples[patch->first].k, own = contact->stiffness_by_node[place];
+    if (k >= most * own)
+        return 0;
+    return k > least * own ? (most - k / own) / (most - least) : 1;
+}
+
 static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *patch)
 {
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
@@ -69035,9 +69339,10 @@ static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *p
             sum->kept += force * fade;
         }
     }
-    for (int a = 0; a < kind->corners; a++)
-        if (!(contact->samples[patch->first].k >= SBI_CONTACT_REMEMBERS * contact->stiffness_by_node[patch->nodes[a]]))
-            contact->sums[patch->nodes[a]].refuses = 1;
+    for (int a = 0; a < kind->corners; a++) {
+        sbi_contact_sum *sum = contact->sums + patch->nodes[a];
+        sum->doubt = sb_max(sum->doubt, sbi_contact_doubt(contact, patch, patch->nodes[a]));
+    }
 }
 
 /* Appends what a tool's corners remember now, in the order of places, which is that of its faces. */
@@ -69046,11 +69351,12 @@ static int sbi_contact_append_pressures(sb_contact *contact, int tool, int fades
     for (int k = 0; k < contact->touch.node_count; k++) {
         const sbi_contact_sum *sum = contact->sums + k;
         sbi_contact_pressure *fresh = contact->spare_pressures + count;
-        if (!(sum->force > 0) || sum->refuses)
+        if (!(sum->force > 0))
             continue;
         fresh->tool = tool;
         fresh->node = contact->nodes[k];
-        fresh->value = (sum->old + sum->rise / sum->force) * (fades ? sum->kept / sum->force : 1);
+        fresh->value = (sum->old + sum->rise / sum->force) * (1 - sum->doubt);
+        fresh->value *= fades ? sum->kept / sum->force : 1;
         count += fresh->value > 0;
     }
     return count;
@@ -69080,7 +69386,10 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
 #include <string.h>
 
 
-enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5 };
+enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
+
+/* Overlap that a static solve leaves, over how far the surface was pushed. */
+#define SBI_CONTACT_OVERLAP ((sb_real)1e-3)
 
 /* ---- nodes and patches ---- */
 
@@ -69088,7 +69397,7 @@ static int sbi_contact_place_node(sb_contact *contact, int node)
 {
     if (contact->node_place[node] < 0) {
         contact->node_place[node] = contact->touch.node_count;
-        contact->positions[contact->touch.node_count] = sb_body_positions(contact->body)[node];
+        contact->positions[contact->touch.node_count] = contact->x[node];
         contact->nodes[contact->touch.node_count++] = node;
     }
     return contact->node_place[node];
@@ -69113,7 +69422,7 @@ typedef struct sbi_contact_view {
 static sb_vec3 sbi_contact_face_normal(const sb_contact *contact, int face)
 {
     const int *n = sbi_contact_face_nodes(contact->faces, face);
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     sb_vec3 cross = sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
     sb_real size = sb_v3_norm(cross);
     return size > 0 ? sb_v3_scale(1 / size, cross) : sb_v3(0, 0, 1);
@@ -69124,7 +69433,7 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
 {
     const sbi_contact_faces *faces = contact->faces;
     const int *nodes = sbi_contact_face_nodes(faces, view->face);
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, view->face, view->parts);
     int count = faces->sizes[view->face];
     sb_vec3 out = sb_v3_scale(-1, sbi_contact_face_normal(contact, view->face));
@@ -69144,7 +69453,7 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
             continue;
         if (contact->sample_count == contact->max_contacts)
             return 0;
-        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->reached, at));
+        carried = sbi_pose_to_space(&view->tool->balance, sbi_pose_to_tool(&view->tool->from, at));
         memset(sample, 0, sizeof *sample);
         sample->patch = contact->patch_count;
         sample->sample = s;
@@ -69184,13 +69493,15 @@ static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *vi
     return 1;
 }
 
-/* How near (m) a sample counts: as far as it may move against the tool in a step, and of a plane, which moves as it
- * will, half a face. */
-static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_tool *shape, int face)
+/* How near (m) a sample counts: as far as the face beside it may have been dragged and the tool goes, but no farther
+ * than what moves against a tool in a step, of which something may pass through. A sample that comes from beyond is
+ * found in the next step. */
+static sb_real sbi_contact_reach(const sb_contact *contact, const sbi_contact_tool *tool, int face)
 {
-    if (sbi_tool_get_shape(shape) == SB_TOOL_PLANE)
-        return (sb_real)0.5 * contact->faces->lengths[face];
-    return sbi_tool_inner_radius(shape);
+    sb_real length = contact->faces->lengths[face];
+    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+        return (sb_real)0.5 * length;
+    return sb_min(sbi_tool_inner_radius(tool->shape), length + tool->way);
 }
 
 /* All patches, with 1/2^thin of the parts that faces should have. 0: no room is left. */
@@ -69211,7 +69522,7 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
                 sbi_max_int(kind->least, sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape)) >> thin);
             view.velocity = step->velocity;
             view.dt = step->dt;
-            view.reach = sbi_contact_reach(contact, tool->shape, near[f]);
+            view.reach = sbi_contact_reach(contact, tool, near[f]);
             if (!sbi_contact_add_patch(contact, &view))
                 return 0;
         }
@@ -69307,14 +69618,29 @@ static void sbi_contact_remember(sb_contact *contact)
     }
 }
 
+/* A static solve replaces entries increment by increment: these are what it began with. */
+static void sbi_contact_keep_before(sb_contact *contact)
+{
+    contact->before_count = contact->entry_count;
+    memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
+    contact->before_pressure_count = contact->pressure_count;
+    memcpy(contact->before_pressures, contact->pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+}
+
 /* ---- begin ---- */
 
 static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
     int thin = 0;
+    sb_result result = sbi_contact_update_faces(contact, error);
     contact->is_solved = 0;
-    sbi_contact_sweep(contact, step);
+    if (result == SB_OK)
+        result = sbi_contact_sweep(contact, step, error);
+    if (result != SB_OK)
+        return result;
+    if (contact->is_static && step->stage == 0)
+        sbi_contact_keep_before(contact);
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
             sbi_contact_forget_nodes(contact);
@@ -69412,15 +69738,6 @@ static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
     sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
     sbi_contact_sum_forces(contact);
     contact->blocks_current = 0;
-}
-
-static double sbi_contact_energy(void *user)
-{
-    const sb_contact *contact = (const sb_contact *)user;
-    double sum = 0;
-    for (int i = 0; i < contact->sample_count; i++)
-        sum += (double)contact->samples[i].area * (double)contact->samples[i].answer.energy;
-    return sum;
 }
 
 /* ---- stiffness as blocks ---- */
@@ -69632,11 +69949,65 @@ static void sbi_contact_arrive(sb_contact *contact)
     }
 }
 
+/* Overlap of what touches, and how far the surface was pushed there, along the normal (m). */
+static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed)
+{
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    *overlap = *pushed = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        int count = contact->faces->sizes[patch->face];
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 home =
+                sbi_contact_mean(s->weights, sbi_contact_face_nodes(contact->faces, patch->face), count, rest);
+            if (!(s->answer.pressure > 0))
+                continue;
+            *overlap = sb_max(*overlap, -s->gap);
+            *pushed = sb_max(*pushed, sb_abs(sb_v3_dot(sb_v3_sub(s->point, home), s->normal)));
+        }
+    }
+}
+
+/* Samples remember their pressures until they alone hold the surface off the tools. */
+static int sbi_contact_balance(void *user, int round)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sb_real overlap, pushed;
+    sbi_contact_measure_overlap(contact, &overlap, &pushed);
+    if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
+        sbi_contact_keep_pressures(contact, 0);
+        sbi_contact_remember_pressures(contact);
+        return 1;
+    }
+    sbi_contact_keep_pressures(contact, 0);
+    sbi_contact_keep_entries(contact);
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].stage = contact->tools[t].balance;
+    return 0;
+}
+
+static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
+        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
+            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
+    }
+}
+
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    sbi_contact_keep_pressures(contact, 1);
-    sbi_contact_keep_entries(contact);
+    if (!contact->is_static) {
+        sbi_contact_keep_pressures(contact, 1);
+        sbi_contact_keep_entries(contact);
+    }
+    for (int t = 0; contact->is_static && t < contact->max_tools; t++)
+        contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
@@ -69647,7 +70018,18 @@ static void sbi_contact_commit(void *user)
     sbi_contact_forget_nodes(contact);
 }
 
-static void sbi_contact_undo(void *user) { sbi_contact_forget_nodes((sb_contact *)user); }
+static void sbi_contact_undo(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    if (contact->is_static) {
+        contact->entry_count = contact->before_count;
+        memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+        contact->pressure_count = contact->before_pressure_count;
+        memcpy(contact->pressures, contact->before_pressures,
+               (size_t)contact->pressure_count * sizeof *contact->pressures);
+    }
+    sbi_contact_forget_nodes(contact);
+}
 
 SBI_API void sbi_contact_join(sb_contact *contact)
 {
@@ -69655,14 +70037,36 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->user = contact;
     touch->begin = sbi_contact_begin;
     touch->evaluate = sbi_contact_evaluate;
-    touch->energy = sbi_contact_energy;
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
     touch->accept = sbi_contact_accept;
+    touch->balance = sbi_contact_balance;
+    touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
     touch->undo = sbi_contact_undo;
     sbi_body_set_touch(contact->body, touch);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_tell.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_tell: calls to tools, told to the recorder of their body. contact_state.c plays them again. */
+
+SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
+                              int count)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = tool;
+    sbi_body_tell_part(contact->body, SBI_CONTACT_PART, ints, 2, reals, (size_t)count);
+}
+
+SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
+                                   const sb_pose *pose)
+{
+    sb_real reals[SBI_CONTACT_POSE_REALS];
+    sbi_contact_pack_pose(pose, reals);
+    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -69720,7 +70124,11 @@ static sb_result sbi_contact_check_depth(sb_contact *contact, const sbi_tool *sh
                                          const sb_pose *pose, sb_error *error)
 {
     int element;
-    sb_real depth = sbi_contact_depth(contact, shape, chain, pose, &element);
+    sb_real depth;
+    sb_result result = sbi_contact_update_faces(contact, error);
+    if (result != SB_OK)
+        return result;
+    depth = sbi_contact_depth(contact, shape, chain, pose, &element);
     if (!(depth > (sb_real)0.5 * sbi_tool_inner_radius(shape)))
         return SB_OK;
     return sbi_fail_element(error, SB_ERROR_ARGUMENT, element,
@@ -69916,7 +70324,6 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 #include <string.h>
 
 
-static const char sbi_contact_name[] = "contact";
 enum { SBI_CONTACT_VERSION = 2 };
 
 /* ---- words ---- */
@@ -69969,15 +70376,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_POSE_REALS = 7, SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
-
-static void sbi_contact_pack_vector(sb_vec3 v, sb_real *out) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
-
-static void sbi_contact_pack_pose(const sb_pose *pose, sb_real *out)
-{
-    sbi_contact_pack_vector(pose->position, out);
-    out[3] = pose->rotation.w, out[4] = pose->rotation.x, out[5] = pose->rotation.y, out[6] = pose->rotation.z;
-}
+enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -70077,13 +70476,20 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     return SB_OK;
 }
 
-/* The face of a cell's side, or -1. */
+/* The face of a cell's side, or -1: keys ascend. */
 static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
 {
-    for (int f = 0; f < faces->face_end; f++)
-        if (faces->sizes[f] && faces->elements[f] == element && faces->sides[f] == side)
-            return f;
-    return -1;
+    int low = 0, high = faces->face_end;
+    if (side >= faces->side_count || element > (faces->face_end > 0 ? faces->elements[faces->face_end - 1] : -1))
+        return -1;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (faces->elements[middle] < element || (faces->elements[middle] == element && faces->sides[middle] < side))
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
 /* entry->face: -1 where the mesh has no such face, or the face no such sample. */
@@ -70189,6 +70595,8 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
     count = sbi_contact_get_int(&in);
     contact->entry_count = 0;
     memset(&contact->info, 0, sizeof contact->info);
+    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+        return;
     for (int e = 0; e < count; e++) {
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 1, &entry);
@@ -70205,22 +70613,6 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 }
 
 /* ---- recording ---- */
-
-SBI_API void sbi_contact_tell(const sb_contact *contact, sbi_contact_command command, int tool, const sb_real *reals,
-                              int count)
-{
-    int ints[2];
-    ints[0] = (int)command, ints[1] = tool;
-    sbi_body_tell_part(contact->body, sbi_contact_name, ints, 2, reals, (size_t)count);
-}
-
-SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_command command, int tool,
-                                   const sb_pose *pose)
-{
-    sb_real reals[SBI_CONTACT_POSE_REALS];
-    sbi_contact_pack_pose(pose, reals);
-    sbi_contact_tell(contact, command, tool, reals, SBI_CONTACT_POSE_REALS);
-}
 
 static sb_result sbi_contact_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
                                     size_t real_count, sb_error *error)
@@ -70252,7 +70644,7 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
 {
     sbi_state_part part;
     memset(&part, 0, sizeof part);
-    memcpy(part.name, sbi_contact_name, sizeof sbi_contact_name);
+    memcpy(part.name, SBI_CONTACT_PART, sizeof SBI_CONTACT_PART);
     part.version = SBI_CONTACT_VERSION;
     part.user = contact;
     part.save = sbi_contact_save;
@@ -70262,7 +70654,7 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
     return sbi_body_join(contact->body, &part, error);
 }
 
-SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, sbi_contact_name); }
+SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, SBI_CONTACT_PART); }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_read.c ==== */
@@ -70372,33 +70764,25 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
     return SB_OK;
 }
 
+/* Arrays that do not depend on the mesh. */
 static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
-    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    size_t samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
+    size_t tools = (size_t)c->max_tools, samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
     size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
-                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->moved};
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
-    c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
-    c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
     c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
-    c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
-    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
     c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
     c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
     c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
-    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
+    c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
     c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
     c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
+    c->before_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -70413,8 +70797,6 @@ static int sbi_contact_take_memory(sb_contact *c)
     arena.base = (unsigned char *)c->memory;
     arena.used = 0;
     sbi_contact_lay_out(c, &arena);
-    for (int i = 0; i < c->faces->node_room; i++)
-        c->node_place[i] = -1;
     return 1;
 }
 
@@ -70427,7 +70809,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     for (int f = 0; f < c->faces->face_end; f++)
         c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
     c->touch.max_iterations = def->max_iterations;
-    if (!sbi_contact_take_memory(c))
+    if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
     return SB_OK;
 }
@@ -70438,6 +70820,7 @@ static void sbi_contact_release(sb_contact *contact)
     for (int t = 0; contact->tools && t < contact->max_tools; t++)
         sbi_contact_free_tool(contact, t);
     sbi_contact_faces_destroy(contact->faces);
+    sbi_free(&allocator, contact->room_memory);
     sbi_free(&allocator, contact->memory);
     sbi_free(&allocator, contact);
 }
@@ -70465,7 +70848,10 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         return result;
     }
     result = sbi_contact_join_state(made, error);
+    if (result == SB_OK)
+        result = sbi_contact_listen(made, error);
     if (result != SB_OK) {
+        sbi_contact_leave_state(made);
         sbi_contact_release(made);
         return result;
     }
@@ -70478,8 +70864,11 @@ SB_API void sb_contact_destroy(sb_contact *contact)
 {
     if (!contact)
         return;
-    sbi_body_set_touch(contact->body, NULL);
-    sbi_contact_leave_state(contact);
+    if (contact->body) { /* NULL: it went first */
+        sbi_body_set_touch(contact->body, NULL);
+        sbi_contact_leave_state(contact);
+    }
+    sbi_contact_unlisten(contact);
     sbi_contact_release(contact);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
