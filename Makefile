@@ -45,7 +45,9 @@ HEADERS = $(PRODUCTS:%=%.h)
 PARTS = $(filter-out %/names.h,$(sort $(shell find $(PRODUCTS:%=src/%) -type f)))
 TESTS = $(wildcard tests/test_*.c)
 TEST_UNITS = $(TESTS) tests/main.c tests/implementation.c
-EXAMPLES = $(wildcard examples/*.c)
+# Programs for devices need an SDK; tests build them against names of our own in tests/stubs.
+ADAPTERS = examples/haptic_openhaptics.c examples/haptic_chai3d.cpp
+EXAMPLES = $(filter-out $(ADAPTERS),$(wildcard examples/*.c))
 BENCHES = $(wildcard tests/bench/*.c)
 FUZZERS = tests/fuzz/fuzz.c
 
@@ -101,6 +103,17 @@ PROGRAMS = $(EXAMPLES:examples/%.c=build/programs/%)
 build/programs/%: examples/%.c $(wildcard examples/*.h) build/double/implementation.o
 	@mkdir -p $(@D)
 	$(WITHOUT_IMPLEMENTATION) $< | $(CC) $(OTHER_CFLAGS) -I. -I$(<D) -x c - -x none build/double/implementation.o -lm -o $@
+
+STUBS = $(shell find tests/stubs -name '*.h')
+PROGRAMS += $(patsubst examples/%,build/programs/%,$(basename $(ADAPTERS)))
+build/programs/haptic_openhaptics: examples/haptic_openhaptics.c $(STUBS) $(wildcard examples/*.h) build/double/implementation.o
+	@mkdir -p $(@D)
+	$(WITHOUT_IMPLEMENTATION) $< | $(CC) $(OTHER_CFLAGS) $(C_WARNINGS) -Werror -I. -I$(<D) -Itests/stubs -x c - -x none \
+	    build/double/implementation.o -lm -lpthread -o $@
+build/programs/haptic_chai3d: examples/haptic_chai3d.cpp $(STUBS) $(wildcard examples/*.h) build/double/implementation.o
+	@mkdir -p $(@D)
+	$(WITHOUT_IMPLEMENTATION) $< | $(CXX) -std=c++11 $(OTHER_CFLAGS) $(WARNINGS) -Werror -I. -I$(<D) -Itests/stubs -x c++ - \
+	    -x none build/double/implementation.o -lm -lpthread -o $@
 
 demo: build/demo
 	build/demo

@@ -70110,7 +70110,7 @@ static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *
 
 static sb_result sbi_contact_check_thickness(const sb_contact *contact, const sbi_tool *shape, sb_error *error)
 {
-    int face;
+    int face = 0;
     sb_real thinnest = sbi_contact_faces_thinnest(contact->faces, &face);
     if (sbi_tool_radius(shape) >= thinnest)
         return SB_OK;

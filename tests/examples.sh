@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study, the needle programs, one_body,
+# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle programs, one_body,
 # register_liver and insilico as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
@@ -167,6 +167,24 @@ expect 2 'must be after --ramp' viscoelastic --ramp 100 --end 10
 expect 2 '--stretch needs a number from' viscoelastic --stretch 0
 expect 2 'speed is one word too many' viscoelastic speed
 expect 2 'cannot be written' viscoelastic -o no-such-folder/x
+
+# ---- haptic_loop ----
+expect 0 'usage: haptic_loop' haptic_loop --help
+expect 0 'call       median [0-9.]* us, p99.9 [0-9.]* us' haptic_loop --turns --seconds 4 -o loop
+check "a hand with its model rests" awk '/^swing/ { exit !($2 < 0.2) }' output.txt
+check "a chart" grep -q '</svg>' loop.svg
+check "a line for each call" [ "$(wc -l <loop.csv)" = 4001 ]
+expect 0 'loop.svg, loop.csv' haptic_loop --turns --seconds 4 -o loop
+expect 0 'written' haptic_loop --hold --seconds 4 -o held
+check "a hand that is given held forces swings" awk '/^swing/ { exit !($2 > 5) }' output.txt
+expect 0 'written' haptic_loop --seconds 1 -o threads
+expect 2 '--young needs a number from' haptic_loop --young 0
+expect 2 'slow is one word too many' haptic_loop slow
+expect 2 'cannot be written' haptic_loop --turns --seconds 1 -o no-such-folder/x
+
+# ---- devices that there are only names of ----
+expect 0 '[0-9]* calls, [0-9]* frames, up to 0.[3-9]' haptic_openhaptics 1
+expect 0 '[0-9]* calls, [0-9]* frames, up to 0.[3-9]' haptic_chai3d 1
 
 # ---- liver_models ----
 # Under breathing the linear model is far off, all others are close to the reference (thesis, table 4.4).
@@ -510,7 +528,7 @@ expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --meth
 
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
-    needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve"
+    needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1
@@ -559,6 +577,7 @@ if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
     full_disk demo_0000.vtk demo --frames 10 --every 5 -o full
     full_disk x.csv viscoelastic --points 30 -o full/x
     full_disk x.svg viscoelastic --points 30 -o full/x
+    full_disk x.csv haptic_loop --turns --seconds 1 -o full/x
     full_disk respiration_0.vtk liver_models --cells 4 --steps 1 -o full
     full_disk x.vtk surface_to_sim box.obj --cells 4 --steps 1 -o full/x.vtk
     full_disk mesh.vtk surface_to_sim box.obj --cells 4 --steps 0 --mesh full/mesh.vtk
