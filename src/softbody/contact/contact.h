@@ -1,12 +1,23 @@
 /* contact: tools that push, slide on and grip a body, and the forces that they feel. Floor 4.
  *
- *     sb_contact_def def = sb_default_contact_def();
- *     def.body = body;
- *     sb_contact_create(&def, &contact, &error);
- *     sb_contact_add_tool(contact, &tool_def, &tool, &error);
- *     each frame: sb_contact_move_tool(contact, tool, &pose);
- *                 sb_body_step(body, dt, &info);
- *                 sb_contact_wrench(contact, tool, &wrench);
+ * ```c fragment
+ * sb_contact_def def = sb_default_contact_def();
+ * sb_tool_def tool = sb_default_tool_def();
+ * sb_contact *contact;
+ * int probe;
+ * def.body = body;
+ * tool.radius = (sb_real)0.02;
+ * tool.pose.position = sb_v3((sb_real)0.2, (sb_real)0.05, (sb_real)0.121);
+ * if (sb_contact_create(&def, &contact, &error) == SB_OK &&
+ *     sb_contact_add_tool(contact, &tool, &probe, &error) == SB_OK) {
+ *     sb_wrench wrench; // each frame:
+ *     tool.pose.position.z -= (sb_real)1e-4;
+ *     sb_contact_move_tool(contact, probe, &tool.pose);
+ *     sb_body_step(body, dt, NULL);
+ *     sb_contact_wrench(contact, probe, &wrench);
+ *     sb_contact_destroy(contact);
+ * }
+ * ```
  *
  * Steps and static solves of the body do contact by themselves. The surface of the body feels a pressure p = max(0, l -
  * k g) where it overlaps a tool (gap g < 0), on samples so close that forces are smooth while it slides; k is
