@@ -278,7 +278,7 @@ static void test_follow_other_elements(void)
             }
             pair_check(&p, gone, &seed);
         }
-        CHECK(made > 2);
+        CHECK(made > (check_quick() ? 0 : 2));
         pair_free(&p);
     }
 }

@@ -240,7 +240,7 @@ static void test_tied(void)
 /* ---- energy ---- */
 
 /* A cube falls on a plane from 5 mm and comes to rest. Of generalised alpha 0.8 gains a tenth of its energy on the way,
- * and Newmark takes its time. */
+ * and Newmark rings on. */
 static void fall(sb_integrator integrator, double radius, int max_newton, int must_rest)
 {
     sb_body_def def = sb_default_body_def();
@@ -271,7 +271,7 @@ static void fall(sb_integrator integrator, double radius, int max_newton, int mu
     }
     CHECK(most < (must_rest ? 1.001 : 1.2) * start);
     CHECK(!must_rest || kinetic < 1e-9 * start);
-    CHECK_NEAR(press_wrench(&p, 0).force.z, -0.027 * 9.81, 1e-3 * 0.027 * 9.81);
+    CHECK_NEAR(press_wrench(&p, 0).force.z, -0.027 * 9.81, (must_rest ? 1e-3 : 0.2) * 0.027 * 9.81);
     press_free(&p);
 }
 
