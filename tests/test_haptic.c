@@ -58,7 +58,7 @@ static void slab_make(slab *s, int cells, const sb_tool_def *tool, const sb_hapt
     body.tolerance = sb_max(REAL(1e-9), 100 * SB_EPSILON);
     body.allocator = scene_allocator(&s->memory);
     CHECK_OK(sb_body_create(&body, &s->body, NULL));
-    scene_fix_plane(s->body, &s->mesh, 2, REAL(-0.04) - tool->radius, SB_X | SB_Y | SB_Z);
+    scene_fix_plane(s->body, &s->mesh, 2, -0.04 - (double)tool->radius, SB_X | SB_Y | SB_Z);
     contact.body = s->body;
     contact.max_iterations = 20;
     CHECK_OK(sb_contact_create(&contact, &s->contact, NULL));

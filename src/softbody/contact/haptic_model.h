@@ -34,11 +34,19 @@ typedef struct sbi_haptic_frame {
     sbi_haptic_cluster clusters[SBI_HAPTIC_CLUSTERS];
 } sbi_haptic_frame;
 
+/* Tangent of tissue and coupling, eliminated: it serves for calls until it has changed too much. */
+typedef struct sbi_haptic_factor {
+    int size;    /* 3 or 6 unknowns; 0: there is none */
+    int rows[6]; /* which row was taken for each unknown */
+    double h[6][6], inverse[6];
+} sbi_haptic_factor;
+
 /* The frame that is in force, and what friction remembers. */
 typedef struct sbi_haptic_model {
     sbi_haptic_frame frame;
     sbi_d3 places[SBI_HAPTIC_CLUSTERS];  /* m, pose0(r) */
     sbi_d3 anchors[SBI_HAPTIC_CLUSTERS]; /* m, where friction would vanish */
+    sbi_haptic_factor factor;
 } sbi_haptic_model;
 
 /* What holds the tool to the hand. A translation of 0 is rigid, in rotation too; a rotation of 0 is rigid by itself. */
