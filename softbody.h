@@ -71162,11 +71162,19 @@ typedef struct sbi_haptic_frame {
     sbi_haptic_cluster clusters[SBI_HAPTIC_CLUSTERS];
 } sbi_haptic_frame;
 
+/* Tangent of tissue and coupling, eliminated: it serves for calls until it has changed too much. */
+typedef struct sbi_haptic_factor {
+    int size;    /* 3 or 6 unknowns; 0: there is none */
+    int rows[6]; /* which row was taken for each unknown */
+    double h[6][6], inverse[6];
+} sbi_haptic_factor;
+
 /* The frame that is in force, and what friction remembers. */
 typedef struct sbi_haptic_model {
     sbi_haptic_frame frame;
     sbi_d3 places[SBI_HAPTIC_CLUSTERS];  /* m, pose0(r) */
     sbi_d3 anchors[SBI_HAPTIC_CLUSTERS]; /* m, where friction would vanish */
+    sbi_haptic_factor factor;
 } sbi_haptic_model;
 
 /* What holds the tool to the hand. A translation of 0 is rigid, in rotation too; a rotation of 0 is rigid by itself. */
@@ -71271,7 +71279,8 @@ SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo);
 enum {
     SBI_COUPLING_MOST = 12 /* Newton iterations. Where no contact begins or ends one is exact but for turns */
 };
-#define SBI_COUPLING_NEAR 1e-3  /* imbalance relative to the forces in balance: one iteration more, and no look back */
+#define SBI_COUPLING_NEAR 1e-4  /* imbalance relative to the forces in balance: one iteration more, and no look back */
+#define SBI_COUPLING_SERVES 0.1 /* of an imbalance that an iteration leaves: the factor serves on */
 #define SBI_COUPLING_CLOSE 1e-8 /* none more */
 #define SBI_COUPLING_LEAST                                                                                             \
     1e-12 /* m or rad: imbalance of the coupling that is none, where there are next to no forces */
@@ -71304,6 +71313,7 @@ static sbi_d3 sbi_haptic_arm(const sbi_haptic_cluster *cluster, const sbi_d_pose
 SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_frame *frame)
 {
     model->frame = *frame;
+    model->factor.size = 0;
     for (int c = 0; c < frame->count; c++) {
         const sbi_haptic_cluster *k = frame->clusters + c;
         model->places[c] = sbi_d_add(frame->pose.position, sbi_haptic_arm(k, &frame->pose));
@@ -71376,9 +71386,10 @@ static sbi_d_wrench sbi_haptic_model_at(sbi_haptic_model *model, const sbi_d_pos
 /* Unknowns: three of the position, then three of a turn in space unless the rotation is rigid. */
 typedef struct sbi_haptic_balance {
     int size;                       /* 3 or 6 */
-    double h[6][6];                 /* minus the tangent of the wrench */
     double b[6];                    /* wrench out of balance; then the way there */
     double least[2], in_balance[2]; /* imbalance that is none; forces and torques in balance */
+    double off;                     /* imbalance over what is in balance */
+    sbi_haptic_touch touches[SBI_HAPTIC_CLUSTERS];
 } sbi_haptic_balance;
 
 /* c += s a b^T, by columns */
@@ -71405,31 +71416,31 @@ static void sbi_haptic_touch_stiffness(const sbi_haptic_cluster *k, const sbi_ha
     }
 }
 
-/* A column of h: what a unit of the unknown takes from force and torque. */
-static void sbi_haptic_balance_column(sbi_haptic_balance *balance, int column, sbi_d3 force, sbi_d3 arm)
+/* What each unknown's unit takes from force and torque. */
+typedef struct sbi_haptic_columns {
+    sbi_d3 force[6], torque[6];
+} sbi_haptic_columns;
+
+SB_INLINE void sbi_haptic_add_column(sbi_haptic_columns *columns, int j, sbi_d3 force, sbi_d3 arm)
 {
-    sbi_d3 torque = sbi_d_cross(arm, force);
-    double rows[6];
-    sbi_d_put(rows, force);
-    sbi_d_put(rows + 3, torque);
-    for (int i = 0; i < 6; i++)
-        balance->h[i][column] += rows[i];
+    columns->force[j] = sbi_d_add(columns->force[j], force);
+    columns->torque[j] = sbi_d_add(columns->torque[j], sbi_d_cross(arm, force));
 }
 
 /* The point moves with the tool: by e_j, and by e_j x arm for a turn. How the arm turns under the force is left out: it
  * is small beside the coupling. */
-static void sbi_haptic_balance_touch(sbi_haptic_balance *balance, const sbi_haptic_cluster *k,
+static void sbi_haptic_columns_touch(sbi_haptic_columns *columns, int size, const sbi_haptic_cluster *k,
                                      const sbi_haptic_touch *at)
 {
     sbi_d3 c[3], r = at->arm;
     sbi_haptic_touch_stiffness(k, at, c);
     for (int j = 0; j < 3; j++)
-        sbi_haptic_balance_column(balance, j, c[j], r);
-    if (balance->size < 6)
+        sbi_haptic_add_column(columns, j, c[j], r);
+    if (size < 6)
         return;
-    sbi_haptic_balance_column(balance, 3, sbi_d_madd(sbi_d_scale(r.y, c[2]), -r.z, c[1]), r);
-    sbi_haptic_balance_column(balance, 4, sbi_d_madd(sbi_d_scale(r.z, c[0]), -r.x, c[2]), r);
-    sbi_haptic_balance_column(balance, 5, sbi_d_madd(sbi_d_scale(r.x, c[1]), -r.y, c[0]), r);
+    sbi_haptic_add_column(columns, 3, sbi_d_madd(sbi_d_scale(r.y, c[2]), -r.z, c[1]), r);
+    sbi_haptic_add_column(columns, 4, sbi_d_madd(sbi_d_scale(r.z, c[0]), -r.x, c[2]), r);
+    sbi_haptic_add_column(columns, 5, sbi_d_madd(sbi_d_scale(r.x, c[1]), -r.y, c[0]), r);
 }
 
 /* What the coupling does to the hand. */
@@ -71442,22 +71453,17 @@ static sbi_d_wrench sbi_haptic_coupling_wrench(const sbi_haptic_coupling *coupli
     return felt;
 }
 
-/* Wrench and tangent of tissue and coupling at a pose of the tool. */
+/* Imbalance of tissue and coupling at a pose of the tool. */
 static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_model *model,
                                   const sbi_haptic_coupling *coupling, const sbi_d_pose *hand, const sbi_d_pose *tool)
 {
     sbi_d_wrench sum, felt;
     memset(&sum, 0, sizeof sum);
-    memset(balance, 0, sizeof *balance);
     balance->size = coupling->rotation > 0 ? 6 : 3;
-    for (int i = 0; i < balance->size; i++)
-        balance->h[i][i] = i < 3 ? coupling->translation : coupling->rotation;
     for (int c = 0; c < model->frame.count; c++) {
-        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, tool);
-        if (!(at.push > 0))
-            continue;
-        sbi_haptic_add_touch(model->frame.clusters + c, &at, &sum);
-        sbi_haptic_balance_touch(balance, model->frame.clusters + c, &at);
+        balance->touches[c] = sbi_haptic_touch_at(model, c, tool);
+        if (balance->touches[c].push > 0)
+            sbi_haptic_add_touch(model->frame.clusters + c, balance->touches + c, &sum);
     }
     felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
     sbi_d_put(balance->b, sbi_d_sub(sum.force, felt.force));
@@ -71466,66 +71472,100 @@ static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_
     balance->least[1] = SBI_COUPLING_LEAST * coupling->rotation;
     balance->in_balance[0] = sbi_d_norm(sum.force) + sbi_d_norm(felt.force);
     balance->in_balance[1] = sbi_d_norm(sum.torque) + sbi_d_norm(felt.torque);
+    balance->off = 0;
+    for (int i = 0; i < balance->size; i++) {
+        double beyond = fabs(balance->b[i]) - balance->least[i / 3];
+        if (!(beyond <= balance->off * balance->in_balance[i / 3]))
+            balance->off = beyond / balance->in_balance[i / 3];
+    }
 }
 
-static int sbi_haptic_balance_is_within(const sbi_haptic_balance *balance, double share)
+/* Elimination with row exchanges. */
+static void sbi_haptic_eliminate(sbi_haptic_factor *factor)
 {
-    int within = 1;
-    for (int i = 0; i < balance->size; i++)
-        within &= sbi_d_within(balance->b[i], balance->least[i / 3] + share * balance->in_balance[i / 3]);
-    return within;
-}
-
-/* b = h^-1 b by elimination with row exchanges. */
-static void sbi_haptic_balance_solve(sbi_haptic_balance *balance)
-{
-    double(*h)[6] = balance->h, *b = balance->b, inverse[6];
-    int n = balance->size;
+    double(*h)[6] = factor->h;
+    int n = factor->size;
     for (int k = 0; k < n; k++) {
         int best = k;
         for (int i = k + 1; i < n; i++)
             best = fabs(h[i][k]) > fabs(h[best][k]) ? i : best;
-        for (int j = k; j < n && best != k; j++) {
+        for (int j = 0; j < n && best != k; j++) {
             double swap = h[k][j];
             h[k][j] = h[best][j];
             h[best][j] = swap;
         }
-        if (best != k) {
-            double swap = b[k];
-            b[k] = b[best];
-            b[best] = swap;
-        }
-        inverse[k] = 1 / h[k][k];
+        factor->rows[k] = best;
+        factor->inverse[k] = 1 / h[k][k];
         for (int i = k + 1; i < n; i++) {
-            double factor = h[i][k] * inverse[k];
+            h[i][k] *= factor->inverse[k];
             for (int j = k + 1; j < n; j++)
-                h[i][j] -= factor * h[k][j];
-            b[i] -= factor * b[k];
+                h[i][j] -= h[i][k] * h[k][j];
         }
-    }
-    for (int i = n; i-- > 0;) {
-        for (int j = i + 1; j < n; j++)
-            b[i] -= h[i][j] * b[j];
-        b[i] *= inverse[i];
     }
 }
 
-/* Moves the tool to where it balances. */
-static void sbi_haptic_balance_find(const sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
+/* The tangent where the balance was evaluated, eliminated. */
+static void sbi_haptic_make_factor(sbi_haptic_factor *factor, const sbi_haptic_model *model,
+                                   const sbi_haptic_coupling *coupling, const sbi_haptic_balance *balance)
+{
+    sbi_haptic_columns columns;
+    memset(&columns, 0, sizeof columns);
+    for (int c = 0; c < model->frame.count; c++)
+        if (balance->touches[c].push > 0)
+            sbi_haptic_columns_touch(&columns, balance->size, model->frame.clusters + c, balance->touches + c);
+    factor->size = balance->size;
+    for (int j = 0; j < balance->size; j++) {
+        double column[6];
+        sbi_d_put(column, columns.force[j]);
+        sbi_d_put(column + 3, columns.torque[j]);
+        column[j] += j < 3 ? coupling->translation : coupling->rotation;
+        for (int i = 0; i < balance->size; i++)
+            factor->h[i][j] = column[i];
+    }
+    sbi_haptic_eliminate(factor);
+}
+
+/* b = h^-1 b */
+static void sbi_haptic_factor_solve(const sbi_haptic_factor *factor, double *b)
+{
+    int n = factor->size;
+    for (int k = 0; k < n; k++) {
+        double swap = b[k];
+        b[k] = b[factor->rows[k]];
+        b[factor->rows[k]] = swap;
+    }
+    for (int i = 1; i < n; i++)
+        for (int j = 0; j < i; j++)
+            b[i] -= factor->h[i][j] * b[j];
+    for (int i = n; i-- > 0;) {
+        for (int j = i + 1; j < n; j++)
+            b[i] -= factor->h[i][j] * b[j];
+        b[i] *= factor->inverse[i];
+    }
+}
+
+/* Moves the tool to where it balances. The factor of the last call serves while it divides the imbalance by ten. */
+static void sbi_haptic_balance_find(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
                                     const sbi_d_pose *hand, sbi_d_pose *tool)
 {
+    sbi_haptic_factor *factor = &model->factor;
     sbi_haptic_balance balance;
+    double before = 0;
     int near_it = 0;
     if (!(coupling->rotation > 0))
         tool->rotation = hand->rotation;
     for (int iteration = 0; iteration < SBI_COUPLING_MOST && !near_it; iteration++) {
         sbi_haptic_balance_at(&balance, model, coupling, hand, tool);
-        if (sbi_haptic_balance_is_within(&balance, SBI_COUPLING_CLOSE))
+        if (balance.off <= SBI_COUPLING_CLOSE)
             return;
-        near_it = sbi_haptic_balance_is_within(&balance, SBI_COUPLING_NEAR);
-        sbi_haptic_balance_solve(&balance);
+        if (factor->size != balance.size || (iteration > 0 && !(balance.off < SBI_COUPLING_SERVES * before)))
+            sbi_haptic_make_factor(factor, model, coupling, &balance);
+        near_it = iteration > 0 && balance.off <= SBI_COUPLING_NEAR;
+        before = balance.off;
+        sbi_haptic_factor_solve(factor, balance.b);
         if (!sbi_d3_within(sbi_d_from(balance.b), SBI_HAPTIC_LARGE)) { /* of forged frames: begins anew at the hand */
             *tool = *hand;
+            factor->size = 0;
             return;
         }
         tool->position = sbi_d_add(tool->position, sbi_d_from(balance.b));
