@@ -69118,7 +69118,7 @@ static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_
                             tool->face_count, NULL);
         if (!(gap > clear))
             break;
-        share += gap / way;
+        share = gap < way ? share + gap / way : 1; /* without faces the gap has no bound */
     }
     return less * sb_min((sb_real)1, share + SBI_SWEEP_ADVANCE * inner / way);
 }
