@@ -313,6 +313,7 @@ static void test_without_frames(void)
             CHECK(out.force[2] > 0.1);
     }
     CHECK_NEAR(out.force[2], 0, 1e-12);
+    check_bad_numbers();
     in.position[0] = (double)NAN;
     CHECK_INT(sb_haptic_force(s.haptic, &in, &out), 0);
     CHECK(out.force[0] - out.force[0] == 0);

@@ -60,7 +60,9 @@ static double sbi_step_touch_residual(const sbi_step *step)
         sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
     }
     size = sqrt(sum);
-    return size > touch->noise ? size / scale : 0;
+    if (!(size > touch->noise))
+        return 0;
+    return scale > (double)SB_EPSILON * size ? size / scale : 1 / (double)SB_EPSILON; /* forces may be next to none */
 }
 
 /* Slope of the potential at a share of the way from the increment before: that of its linear part is `end` at the way's
