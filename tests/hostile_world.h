@@ -404,7 +404,7 @@ static sb_contact *world_contact(world *w)
     return w->contact;
 }
 
-static const sb_tool_state world_hand;
+static sb_tool_state world_hand;
 static sb_haptic_def *world_haptic_def(world *w)
 {
     w->haptic_def = sb_default_haptic_def();

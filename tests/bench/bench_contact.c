@@ -72,7 +72,7 @@ static void time_queries(sbi_contact_faces *faces, double share)
     }
     median(times, ROUNDS);
     printf("    boxes of %.2f of a side: %8.0f ns a query at least, %6.1f faces found\n", share,
-           1e9 * times[0] / QUERIES, count / (ROUNDS * QUERIES));
+           1e9 * times[0] / (double)QUERIES, count / (double)(ROUNDS * QUERIES));
     free(found);
 }
 
