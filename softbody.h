@@ -5551,27 +5551,22 @@ enum {
 /* What a tool is made from. Start from sb_default_tool_def(). Fields of other shapes are not read. Lengths that a
  * shape reads must be within 1e-9 ... 1e9 m, coordinates within 1e9 m. */
 typedef struct sb_tool_def {
-    sb_tool_shape shape;        /* default SB_TOOL_SPHERE */
-    sb_real radius;             /* m: of spheres and capsules, > 0, no default. Box: of its rounded edges, at most the
-                                 * smallest half extent; 0 (default): a tenth of that. A smaller radius needs more
-                                 * samples on the body's faces and slows the tool down, which may advance by half of it
-                                 * in each step */
-    const sb_vec3 *points;      /* capsules: [point_count] chain in the tool's frame (m), copied. Neighbours may not
-                                 * coincide; one end may touch the other */
-    int point_count;            /* in [2, SB_TOOL_MAX_POINTS] */
-    sb_vec3 half;               /* box: half extents (m), > 0, rounding included */
-    const sb_mesh *surface;     /* mesh: closed surface of tri3 looking outward (m), in the tool's frame; borrowed for
-                                 * the call */
-    int cells;                  /* mesh: cells of its grid along the longest side, in [SB_TOOL_MIN_CELLS,
-                                 * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
-    sb_real friction;           /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
-    sb_pose pose;               /* where it stands at first; default the origin, not turned */
-    sb_real coupling_stiffness; /* N/m, >= 0: the tool hangs on its pose by a spring; default 0: rigidly */
-    sb_real coupling_turning;   /* N m/rad, >= 0: likewise for rotation; default 0: rigidly */
-    sb_real max_force;          /* N, > 0: the coupling pulls with no more; default SB_REAL_MAX */
-    int partner;                /* index of the tool that is the other jaw, read with this one as a grip; default -1:
-                                 * none */
-    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
+    sb_tool_shape shape;    /* default SB_TOOL_SPHERE */
+    sb_real radius;         /* m: of spheres and capsules, > 0, no default. Box: of its rounded edges, at most the
+                             * smallest half extent; 0 (default): a tenth of that. A smaller radius needs more
+                             * samples on the body's faces and slows the tool down, which may advance by half of it
+                             * in each step */
+    const sb_vec3 *points;  /* capsules: [point_count] chain in the tool's frame (m), copied. Neighbours may not
+                             * coincide; one end may touch the other */
+    int point_count;        /* in [2, SB_TOOL_MAX_POINTS] */
+    sb_vec3 half;           /* box: half extents (m), > 0, rounding included */
+    const sb_mesh *surface; /* mesh: closed surface of tri3 looking outward (m), in the tool's frame; borrowed for
+                             * the call */
+    int cells;              /* mesh: cells of its grid along the longest side, in [SB_TOOL_MIN_CELLS,
+                             * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
+    sb_real friction;       /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
+    sb_pose pose;           /* where it stands at first; default the origin, not turned */
+    unsigned cookie;        /* set by sb_default_tool_def; a def made without it is refused */
 } sb_tool_def;
 
 SB_API sb_tool_def sb_default_tool_def(void);
@@ -5613,6 +5608,10 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
  * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
  * is taken back and done again with half the tools' way, at last with tools that stay.
+ *
+ * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
+ * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
+ * that Newmark and generalised alpha find before a body's first step are without it.
  *
  * Friction needs damping in the integrator: implicit Euler, or generalised alpha with a spectral radius of 0.5 or less;
  * Newmark's average acceleration rings where the surface touches. Bodies with explicit steps are refused.
@@ -66536,8 +66535,6 @@ SB_API sb_tool_def sb_default_tool_def(void)
     def.shape = SB_TOOL_SPHERE;
     def.cells = 48;
     def.pose.rotation = sb_quat_identity();
-    def.max_force = SB_REAL_MAX;
-    def.partner = -1;
     def.cookie = SBI_TOOL_COOKIE;
     return def;
 }
@@ -66641,16 +66638,6 @@ static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
     if (def->cookie != SBI_TOOL_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
     result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
-    if (result == SB_OK)
-        result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
-    if (result == SB_OK)
-        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
-    if (result == SB_OK && !sb_is_finite(def->max_force))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.max_force is not finite");
-    if (result == SB_OK && !(def->max_force > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force %g must be > 0", (double)def->max_force);
-    if (result == SB_OK && def->partner < -1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.partner %d must be a tool, or -1", def->partner);
     if (result == SB_OK)
         result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
     return result == SB_OK ? sbi_tool_check_shape(def, error) : result;
@@ -68653,7 +68640,6 @@ typedef struct sbi_contact_nearest {
 typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
     sb_real friction;
-    int partner;
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
@@ -70164,7 +70150,6 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
         result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
     made->wanted = made->next = made->balance = made->reached;
     made->friction = def->friction;
-    made->partner = def->partner;
     return result;
 }
 

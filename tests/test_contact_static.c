@@ -120,6 +120,18 @@ static void test_undo(void)
     press_free(&p);
 }
 
+/* Tools are no supports. */
+static void test_held_by_tools(void)
+{
+    press p = hertz_make(2, REAL(0.3));
+    sb_step_info info;
+    for (int i = 0; i < p.mesh.node_count; i++)
+        CHECK_OK(sb_body_release_nodes(p.body, &i, 1, SB_XYZ));
+    CHECK_RESULT(sb_body_solve_static(p.body, NULL, &info), SB_ERROR_UNCONSTRAINED);
+    CHECK(info.error.node >= 0);
+    press_free(&p);
+}
+
 /* ---- a mesh that changes below a tool ---- */
 
 static void test_changes(void)
@@ -162,4 +174,5 @@ static void test_changes(void)
     press_free(&p);
 }
 
-CHECK_SUITE(contact_static, {"Hertz", test_hertz}, {"undo", test_undo}, {"changes of the mesh", test_changes});
+CHECK_SUITE(contact_static, {"Hertz", test_hertz}, {"undo", test_undo}, {"held by tools alone", test_held_by_tools},
+            {"changes of the mesh", test_changes});

@@ -1016,16 +1016,6 @@ static void test_refused(void)
     tool_refuse(&def, SB_ERROR_ARGUMENT, "def.friction");
     def = tool_good_def(SB_TOOL_PLANE), def.friction = nan;
     tool_refuse(&def, SB_ERROR_NOT_FINITE, "def.friction");
-    def = tool_good_def(SB_TOOL_PLANE), def.coupling_stiffness = REAL(-1);
-    tool_refuse(&def, SB_ERROR_ARGUMENT, "def.coupling_stiffness");
-    def = tool_good_def(SB_TOOL_PLANE), def.coupling_turning = infinite;
-    tool_refuse(&def, SB_ERROR_NOT_FINITE, "def.coupling_turning");
-    def = tool_good_def(SB_TOOL_PLANE), def.max_force = 0;
-    tool_refuse(&def, SB_ERROR_ARGUMENT, "def.max_force");
-    def = tool_good_def(SB_TOOL_PLANE), def.max_force = nan;
-    tool_refuse(&def, SB_ERROR_NOT_FINITE, "def.max_force");
-    def = tool_good_def(SB_TOOL_PLANE), def.partner = -2;
-    tool_refuse(&def, SB_ERROR_ARGUMENT, "def.partner");
     CHECK_RESULT(sbi_tool_create(NULL, NULL, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
     sbi_tool_destroy(NULL);
 }

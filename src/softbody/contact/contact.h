@@ -30,6 +30,10 @@
  * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
  * is taken back and done again with half the tools' way, at last with tools that stay.
  *
+ * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
+ * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
+ * that Newmark and generalised alpha find before a body's first step are without it.
+ *
  * Friction needs damping in the integrator: implicit Euler, or generalised alpha with a spectral radius of 0.5 or less;
  * Newmark's average acceleration rings where the surface touches. Bodies with explicit steps are refused.
  * Source: Wriggers, Computational Contact Mechanics (return mapping, augmented Lagrangian). */

@@ -25,7 +25,6 @@ typedef struct sbi_contact_nearest {
 typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
     sb_real friction;
-    int partner;
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
     sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;

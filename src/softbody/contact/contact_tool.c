@@ -78,7 +78,6 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
         result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
     made->wanted = made->next = made->balance = made->reached;
     made->friction = def->friction;
-    made->partner = def->partner;
     return result;
 }
 

@@ -10,8 +10,6 @@ SB_API sb_tool_def sb_default_tool_def(void)
     def.shape = SB_TOOL_SPHERE;
     def.cells = 48;
     def.pose.rotation = sb_quat_identity();
-    def.max_force = SB_REAL_MAX;
-    def.partner = -1;
     def.cookie = SBI_TOOL_COOKIE;
     return def;
 }
@@ -115,16 +113,6 @@ static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
     if (def->cookie != SBI_TOOL_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
     result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
-    if (result == SB_OK)
-        result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
-    if (result == SB_OK)
-        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
-    if (result == SB_OK && !sb_is_finite(def->max_force))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.max_force is not finite");
-    if (result == SB_OK && !(def->max_force > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force %g must be > 0", (double)def->max_force);
-    if (result == SB_OK && def->partner < -1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.partner %d must be a tool, or -1", def->partner);
     if (result == SB_OK)
         result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
     return result == SB_OK ? sbi_tool_check_shape(def, error) : result;

@@ -43,27 +43,22 @@ enum {
 /* What a tool is made from. Start from sb_default_tool_def(). Fields of other shapes are not read. Lengths that a
  * shape reads must be within 1e-9 ... 1e9 m, coordinates within 1e9 m. */
 typedef struct sb_tool_def {
-    sb_tool_shape shape;        /* default SB_TOOL_SPHERE */
-    sb_real radius;             /* m: of spheres and capsules, > 0, no default. Box: of its rounded edges, at most the
-                                 * smallest half extent; 0 (default): a tenth of that. A smaller radius needs more
-                                 * samples on the body's faces and slows the tool down, which may advance by half of it
-                                 * in each step */
-    const sb_vec3 *points;      /* capsules: [point_count] chain in the tool's frame (m), copied. Neighbours may not
-                                 * coincide; one end may touch the other */
-    int point_count;            /* in [2, SB_TOOL_MAX_POINTS] */
-    sb_vec3 half;               /* box: half extents (m), > 0, rounding included */
-    const sb_mesh *surface;     /* mesh: closed surface of tri3 looking outward (m), in the tool's frame; borrowed for
-                                 * the call */
-    int cells;                  /* mesh: cells of its grid along the longest side, in [SB_TOOL_MIN_CELLS,
-                                 * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
-    sb_real friction;           /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
-    sb_pose pose;               /* where it stands at first; default the origin, not turned */
-    sb_real coupling_stiffness; /* N/m, >= 0: the tool hangs on its pose by a spring; default 0: rigidly */
-    sb_real coupling_turning;   /* N m/rad, >= 0: likewise for rotation; default 0: rigidly */
-    sb_real max_force;          /* N, > 0: the coupling pulls with no more; default SB_REAL_MAX */
-    int partner;                /* index of the tool that is the other jaw, read with this one as a grip; default -1:
-                                 * none */
-    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
+    sb_tool_shape shape;    /* default SB_TOOL_SPHERE */
+    sb_real radius;         /* m: of spheres and capsules, > 0, no default. Box: of its rounded edges, at most the
+                             * smallest half extent; 0 (default): a tenth of that. A smaller radius needs more
+                             * samples on the body's faces and slows the tool down, which may advance by half of it
+                             * in each step */
+    const sb_vec3 *points;  /* capsules: [point_count] chain in the tool's frame (m), copied. Neighbours may not
+                             * coincide; one end may touch the other */
+    int point_count;        /* in [2, SB_TOOL_MAX_POINTS] */
+    sb_vec3 half;           /* box: half extents (m), > 0, rounding included */
+    const sb_mesh *surface; /* mesh: closed surface of tri3 looking outward (m), in the tool's frame; borrowed for
+                             * the call */
+    int cells;              /* mesh: cells of its grid along the longest side, in [SB_TOOL_MIN_CELLS,
+                             * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
+    sb_real friction;       /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
+    sb_pose pose;           /* where it stands at first; default the origin, not turned */
+    unsigned cookie;        /* set by sb_default_tool_def; a def made without it is refused */
 } sb_tool_def;
 
 SB_API sb_tool_def sb_default_tool_def(void);
