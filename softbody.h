@@ -70913,7 +70913,13 @@ typedef SB_ATOMIC_TYPE sbi_atomic;
 #define SBI_ATOMIC_LOAD(p) __atomic_load_n((p), __ATOMIC_RELAXED)
 typedef int sbi_atomic;
 #elif defined(_MSC_VER) && !defined(SB_USE_STDATOMIC)
-#include <intrin.h>
+/* declared as <intrin.h> does, which brings in every vector type there is */
+#if defined(__cplusplus)
+extern "C" long _InterlockedExchange(long volatile *, long);
+#else
+long _InterlockedExchange(long volatile *, long);
+#endif
+#pragma intrinsic(_InterlockedExchange)
 #define SBI_ATOMIC_EXCHANGE(p, v) ((int)_InterlockedExchange((p), (v)))
 #define SBI_ATOMIC_LOAD(p) ((int)*(p))
 typedef volatile long sbi_atomic;
