@@ -5607,8 +5607,11 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * once.
  *
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
- * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
- * is taken back and done again with half the tools' way, at last with tools that stay.
+ * most, less the deeper it lies. What it could not make is its lag, made up in the steps to come. A step after which
+ * something may have passed is taken back and done again with half the tools' way, then with tools that stay, then with
+ * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
+ * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
+ * as it was.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -62135,8 +62138,8 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
     return result == SB_ERROR_INVERTED && step->body->integrator == SB_GENERALISED_ALPHA && step->level < 1;
 }
 
-/* Tools may have made the step fail, or have passed through: they go half as far each time, then they stay, at last they
- * give way. */
+/* Tools may have made the step fail, or have passed through: they go half as far each time, then they stay, at last
+ * they give way. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
     return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
@@ -65214,9 +65217,9 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
 /* step_substeps: a step that contact refuses is divided: tissue that flies past a tool in a step, which the tool cannot
  * mend by going less far, is seen on its way in shorter ones.
  *
- * Parts are equal: two, four ... up to SBI_SUBSTEPS_MOST, until all of them are taken. Supports and tools go evenly over
- * them. What the first attempts leave is the state before the call, and where no division helps, the error of the whole
- * step. The recorder hears of one step: played again it divides itself as it did. */
+ * Parts are equal: two, four ... up to SBI_SUBSTEPS_MOST, until all of them are taken. Supports and tools go evenly
+ * over them. What the first attempts leave is the state before the call, and where no division helps, the error of the
+ * whole step. The recorder hears of one step: played again it divides itself as it did. */
 
 #include <string.h>
 
@@ -65271,9 +65274,8 @@ static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, int left)
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 goal;
         memcpy(&goal, kept + (size_t)i * sizeof goal, sizeof goal);
-        b->target[i] = left == 1 ? goal
-                                 : sb_v3_madd(b->displacement[i], 1 / (sb_real)left,
-                                              sb_v3_sub(goal, b->displacement[i]));
+        b->target[i] =
+            left == 1 ? goal : sb_v3_madd(b->displacement[i], 1 / (sb_real)left, sb_v3_sub(goal, b->displacement[i]));
     }
 }
 
@@ -69205,12 +69207,12 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
 #include <string.h>
 
 
-#define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
-#define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
-#define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
-#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample that comes into the tool, against it */
-#define SBI_SWEEP_FULL ((sb_real)0.3)     /* of it: a tool so deep goes no deeper */
-#define SBI_SWEEP_GIVE ((sb_real)0.125)   /* of it, by which a tool gives way, times how often it had to */
+#define SBI_SWEEP_CLEAR ((sb_real)0.05)            /* of the radius: nearer than this a tool touches */
+#define SBI_SWEEP_ADVANCE ((sb_real)0.5)           /* of the inner radius, in a step that touches */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)           /* of it, after a step */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8)          /* of it, of a sample that comes into the tool, against it */
+#define SBI_SWEEP_FULL ((sb_real)0.3)              /* of it: a tool so deep goes no deeper */
+#define SBI_SWEEP_GIVE ((sb_real)0.125)            /* of it, by which a tool gives way, times how often it had to */
 enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_STAYS = 5 }; /* tries from which on tools go nowhere */
 
 /* ---- faces near a tool ---- */
