@@ -122,6 +122,8 @@ struct sb_body {
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
+    unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
+    size_t substep_room_size;
     sb_jobs jobs;
     sb_clock clock;
 
