@@ -7,6 +7,8 @@
 #include "body_guest.h"
 #include "elimination.h"
 
+enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
+
 typedef enum sbi_load_kind {
     SBI_LOAD_PRESSURE = 1,
     SBI_LOAD_SPRINGS = 2,
@@ -120,8 +122,9 @@ struct sb_body {
     /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
-    struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
-    struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
+    struct sbi_state_parts *parts;                      /* what others save with it, see state_part.h; or NULL */
+    struct sbi_touch *touch;                            /* what touches it, see step_touch.h; or NULL */
+    const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
     sb_jobs jobs;
     sb_clock clock;
 

@@ -30,6 +30,10 @@
  * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
  * is taken back and done again with half the tools' way, at last with tools that stay.
  *
+ * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
+ * balance at the end of each step, whatever the ratio of their stiffness: both are solved together. Its lag is what the
+ * spring is stretched by.
+ *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
  * that Newmark and generalised alpha find before a body's first step are without it.
@@ -92,6 +96,11 @@ typedef struct sb_wrench {
 SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool);
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
+
+/* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
+ * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
+ * to. */
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool);
 
 typedef struct sb_contact_point {
     int tool;
