@@ -5238,7 +5238,8 @@ SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_cou
 typedef struct sb_step_info {
     int newton_iterations;  /* linear systems solved; an iteration whose exact tangent fails solves two */
     int pcg_iterations;     /* of all of them together */
-    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
+    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; parts of a step that contact made divide
+                             * itself (contact.h); otherwise 0 */
     int load_steps;         /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;    /* static: share of load and prescribed motion carried, 1 when done */
     sb_real residual;       /* out-of-balance force relative to the largest force, at the last check; a linearised
@@ -5613,8 +5614,11 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * once.
  *
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
- * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
- * is taken back and done again with half the tools' way, at last with tools that stay.
+ * most, less the deeper it lies. What it could not make is its lag, made up in the steps to come. A step after which
+ * something may have passed is taken back and done again with half the tools' way, then with tools that stay, then with
+ * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
+ * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
+ * as it was.
  *
  * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
  * balance at the end of each step, whatever the ratio of their stiffness: both are solved together. Its lag is what the
@@ -46288,6 +46292,7 @@ typedef struct sbi_step {
     int touch_begun;
     int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
                 * have made it fail */
+    int parts_left; /* of a divided step, with this one; else 1 */
 
     /* what is solved */
     sb_real dt;     /* s */
@@ -46380,6 +46385,7 @@ typedef struct sbi_touch_step {
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+    int parts_left; /* of a divided step, with this one: it asks for one of so many parts of what is left; else 1 */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
@@ -46390,6 +46396,7 @@ typedef struct sbi_touch {
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
+    int refused;      /* 1: accept refused the last end of a step; written by the step */
     sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
     double noise;     /* N: norm of what rounding of places makes in them; from begin on */
     /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
@@ -46426,8 +46433,14 @@ typedef struct sbi_touch {
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);
+    /* A step will be divided: keeps what steps that are done have changed; and goes back to it. Neither can fail. */
+    void (*keep)(void *user);
+    void (*rewind)(void *user);
 } sbi_touch;
 
+/* Room for what a divided step gives back: before something touches the body, and again where more loads or another
+ * mesh need more. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
@@ -46743,8 +46756,10 @@ struct sb_body {
     /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
-    struct sbi_state_parts *parts;                      /* what others save with it, see state_part.h; or NULL */
-    struct sbi_touch *touch;                            /* what touches it, see step_touch.h; or NULL */
+    struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
+    struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
+    unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
+    size_t substep_room_size;
     const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
     sb_jobs jobs;
     sb_clock clock;
@@ -50840,6 +50855,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_assembly_free(&body->assembly, &allocator);
     sb_domain_free(&body->domain);
     sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->substep_room);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
     sbi_free(&allocator, body->extra_start);
@@ -53799,6 +53815,11 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     live->lists = NULL;
     body->parts = old.parts;
     next->parts = NULL;
+    body->touch = old.touch;
+    body->substep_room = old.substep_room;
+    body->substep_room_size = old.substep_room_size;
+    next->touch = NULL;
+    next->substep_room = NULL;
     made->open = live->open;
     made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;
@@ -60229,6 +60250,9 @@ SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
 SBI_API sb_result sbi_step_linearise(sbi_step *step);
 /* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
 SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
+/* A time step from begin to end, undone where it fails. parts_left: of a divided step, with this one; else 1. */
+SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 int parts_left, sb_step_info *info);
 SBI_API void sbi_step_forget_error(sb_step_info *info);
 /* Sees to it that a failing call says why, whatever failed. */
 SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
@@ -60502,7 +60526,15 @@ SBI_API void sbi_step_undo_guests(sbi_step *step)
 #include <string.h>
 
 
-SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch) { body->touch = touch; }
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
+{
+    body->touch = touch;
+    if (touch)
+        return;
+    sbi_free(&body->allocator, body->substep_room);
+    body->substep_room = NULL;
+    body->substep_room_size = 0;
+}
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
 SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
@@ -60569,6 +60601,7 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
+    told.parts_left = step->dynamic ? step->parts_left : 1;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
@@ -60638,7 +60671,8 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
 
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
 {
-    if (step->touch->accept(step->touch->user, step->body->displacement))
+    step->touch->refused = !step->touch->accept(step->touch->user, step->body->displacement);
+    if (!step->touch->refused)
         return SB_OK;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
@@ -61967,7 +62001,7 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 
 /* ---- begin and end ---- */
 
-enum { SBI_STEP_TRIES = 5 }; /* of tools: a half, a quarter, an eighth, a sixteenth of the way, none */
+enum { SBI_STEP_TRIES = 7 }; /* of tools: a half ... a sixteenth of the way, none; giving way a little, and more */
 
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
@@ -62084,6 +62118,7 @@ static int sbi_step_is_tame(const sb_body *b)
 static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_info *info)
 {
     int is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
+    step->parts_left = 1;
     step->body = body;
     step->info = info;
     step->dynamic = 1;
@@ -62156,18 +62191,25 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
     return sbi_step_report(info, result);
 }
 
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 sb_step_info *info, sbi_step *step)
+static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     int parts_left, sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
+    step->parts_left = parts_left;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
     result = sbi_step_take_guests(step, guests, guest_count);
     step->given = step->guests;
     return result == SB_OK ? sbi_step_start(step) : result;
+}
+
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step)
+{
+    return sbi_step_begin_part(body, dt, guests, guest_count, 1, info, step);
 }
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
@@ -62189,7 +62231,8 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
     return result == SB_ERROR_INVERTED && step->body->integrator == SB_GENERALISED_ALPHA && step->level < 1;
 }
 
-/* Tools may have made the step fail, or have passed through: they go half as far each time, at last they stay. */
+/* Tools may have made the step fail, or have passed through: they go half as far each time, then they stay, at last
+ * they give way. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
     return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
@@ -62210,6 +62253,7 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.guests = fresh.given = step->given;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
+    fresh.parts_left = step->parts_left;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
@@ -62261,25 +62305,20 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
     return sbi_step_close(&step, SB_OK);
 }
 
-SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     sb_step_info *info)
+SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 int parts_left, sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
     if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
+    result = sbi_step_begin_part(body, dt, guests, guest_count, parts_left, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)
             result = sbi_step_commit(&step);
     } while (sbi_step_begin_again(&step, &result));
     return result == SB_OK ? result : sbi_step_undo(&step, result);
-}
-
-SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
-{
-    return sbi_body_step_with(body, dt, NULL, 0, info);
 }
 
 /* ==== src/softbody/body/step_static.c ==== */
@@ -65273,6 +65312,157 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
         sbi_error_set_file(error, path);
     sbi_free(&body->allocator, image);
     return result;
+}
+
+/* ==== src/softbody/body/step_substeps.c ==== */
+/* step_substeps: a step that contact refuses is divided: tissue that flies past a tool in a step, which the tool cannot
+ * mend by going less far, is seen on its way in shorter ones.
+ *
+ * Parts are equal: two, four ... up to SBI_SUBSTEPS_MOST, until all of them are taken. Supports and tools go evenly
+ * over them. What the first attempts leave is the state before the call, and where no division helps, the error of the
+ * whole step. The recorder hears of one step: played again it divides itself as it did. */
+
+#include <string.h>
+
+
+enum { SBI_SUBSTEPS_MOST = 16 };
+
+/* ---- room: a snapshot, and behind it the targets of supports ---- */
+
+static size_t sbi_substeps_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
+
+/* 0: more than there can be. */
+static size_t sbi_substeps_size(const sb_body *b)
+{
+    size_t snapshot = sbi_body_snapshot_size(b), size = sbi_substeps_aligned(snapshot);
+    return snapshot && sbi_size_add(&size, (size_t)b->domain.node_count, sizeof(sb_vec3)) ? size : 0;
+}
+
+SBI_API sb_result sbi_body_reserve_substeps(sb_body *b, sb_error *error)
+{
+    size_t needed = sbi_substeps_size(b);
+    unsigned char *room;
+    if (needed && needed <= b->substep_room_size)
+        return SB_OK;
+    room = needed ? (unsigned char *)sbi_alloc(&b->allocator, needed, 1) : NULL;
+    if (!room)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for what a divided step gives back");
+    sbi_free(&b->allocator, b->substep_room);
+    b->substep_room = room;
+    b->substep_room_size = needed;
+    return SB_OK;
+}
+
+/* ---- a divided step ---- */
+
+static void sbi_substeps_keep(sb_body *b, size_t snapshot)
+{
+    sbi_body_snapshot(b, b->substep_room);
+    memcpy(b->substep_room + sbi_substeps_aligned(snapshot), b->target,
+           (size_t)b->domain.node_count * sizeof *b->target);
+    b->touch->keep(b->touch->user);
+}
+
+static void sbi_substeps_rewind(sb_body *b, size_t snapshot)
+{
+    (void)sbi_body_rewind(b, b->substep_room, snapshot, NULL); /* a step changes nothing that would need memory */
+    b->touch->rewind(b->touch->user);
+}
+
+/* Supports go to where the next of `left` parts should take them. */
+static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, int left)
+{
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 goal;
+        memcpy(&goal, kept + (size_t)i * sizeof goal, sizeof goal);
+        b->target[i] =
+            left == 1 ? goal : sb_v3_madd(b->displacement[i], 1 / (sb_real)left, sb_v3_sub(goal, b->displacement[i]));
+    }
+}
+
+/* What all attempts together took. */
+static void sbi_substeps_count(sb_step_info *sum, const sb_step_info *part)
+{
+    sum->newton_iterations += part->newton_iterations;
+    sum->pcg_iterations += part->pcg_iterations;
+    sum->seconds_force += part->seconds_force;
+    sum->seconds_tangent += part->seconds_tangent;
+    sum->seconds_precond += part->seconds_precond;
+    sum->seconds_solve += part->seconds_solve;
+}
+
+/* sum: counts up; the rest is of the last part. */
+static sb_result sbi_substeps_run(sb_body *b, sb_real dt, int parts, size_t snapshot, sb_step_info *sum)
+{
+    const unsigned char *kept = b->substep_room + sbi_substeps_aligned(snapshot);
+    sb_result result = SB_OK;
+    for (int left = parts; left > 0 && result == SB_OK; left--) {
+        sb_step_info part;
+        sbi_substeps_aim(b, kept, left);
+        result = sbi_step_whole(b, dt / (sb_real)parts, NULL, 0, left, &part);
+        sbi_substeps_count(&part, sum);
+        *sum = part;
+    }
+    sum->substeps = parts;
+    return result;
+}
+
+/* A step failed that may succeed in parts. *info: of the whole step. */
+static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, sb_step_info *info)
+{
+    size_t snapshot = sbi_body_snapshot_size(b);
+    sb_step_info sum = *info;
+    if (sbi_body_reserve_substeps(b, NULL) != SB_OK)
+        return result;
+    sbi_substeps_keep(b, snapshot);
+    for (int parts = 2; parts <= SBI_SUBSTEPS_MOST; parts *= 2) {
+        if (sbi_substeps_run(b, dt, parts, snapshot, &sum) == SB_OK) {
+            *info = sum;
+            return SB_OK;
+        }
+        sbi_substeps_rewind(b, snapshot);
+    }
+    sum.error = info->error;
+    sum.load_factor = info->load_factor;
+    sum.substeps = 0;
+    *info = sum;
+    return result;
+}
+
+/* 1: it failed with something that touches the body, or because something may have passed through it. */
+static int sbi_substeps_may_help(const sb_body *b, sb_result result)
+{
+    int is_the_motion = result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
+                        result == SB_ERROR_NOT_CONVERGED;
+    return is_the_motion && (b->touch->touching > 0 || b->touch->refused);
+}
+
+/* ---- a step ---- */
+
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info)
+{
+    sb_step_info own;
+    sb_result result;
+    double begun;
+    if (!body || !body->touch || guest_count > 0)
+        return sbi_step_whole(body, dt, guests, guest_count, 1, info);
+    info = info ? info : &own;
+    begun = sbi_body_now(body);
+    body->touch->touching = body->touch->refused = 0;
+    sbi_body_mute(body);
+    result = sbi_step_whole(body, dt, NULL, 0, 1, info);
+    if (sbi_substeps_may_help(body, result))
+        result = sbi_substeps_divide(body, dt, result, info);
+    sbi_body_unmute(body);
+    info->seconds_total = sbi_body_now(body) - begun;
+    sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
+    return result;
+}
+
+SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    return sbi_body_step_with(body, dt, NULL, 0, info);
 }
 
 /* ==== src/softbody/body/record.c ==== */
@@ -68779,7 +68969,7 @@ typedef struct sbi_contact_tool {
     sb_real friction;
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
-    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance, *chain_kept;
     int face_count;              /* of its faces in sb_contact.near */
     sb_pose from;                /* at the start of the step, or of the increment of a static solve */
     sb_pose stage;               /* at the end of the last increment that was done */
@@ -68884,9 +69074,12 @@ struct sb_contact {
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
-    sbi_contact_entry *before; /* [max_contacts] these two before a static solve, for undo */
+    sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
+    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
+    sb_contact_info kept_info;
+    int kept_is_solved;
     void *memory;
 
     /* of a body whose mesh may change, see contact_live.c */
@@ -69175,16 +69368,22 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
  * from there on. After the solve no sample may be deeper than 0.6 of it, nor any have come into the tool on a way
  * against it longer than 0.8 of it: a face has a sample within 0.36 radii of any of its points, so that a skeleton that
  * was at least 0.4 inner radii off a face's one side cannot have come as far off its other side. Faces are looked for
- * anew then: tissue may go where its velocity did not point to. */
+ * anew then: tissue may go where its velocity did not point to.
+ *
+ * A step that fails this is done again with less motion of tools, then with none. Tissue that is squeezed between tools
+ * without room for it would fail even so: a tool that lies deep in it goes no deeper, and where that was too late those
+ * that it presses on give way along its force. */
 #include <math.h>
 #include <string.h>
 
 
-#define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
-#define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
-#define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
-#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample that comes into the tool, against it */
-enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
+#define SBI_SWEEP_CLEAR ((sb_real)0.05)            /* of the radius: nearer than this a tool touches */
+#define SBI_SWEEP_ADVANCE ((sb_real)0.5)           /* of the inner radius, in a step that touches */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)           /* of it, after a step */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8)          /* of it, of a sample that comes into the tool, against it */
+#define SBI_SWEEP_FULL ((sb_real)0.3)              /* of it: a tool so deep goes no deeper */
+#define SBI_SWEEP_GIVE ((sb_real)0.125)            /* of it, by which a tool gives way, times how often it had to */
+enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_STAYS = 5 }; /* tries from which on tools go nowhere */
 
 /* ---- faces near a tool ---- */
 
@@ -69266,7 +69465,27 @@ static sb_real sbi_sweep_less(const sbi_touch_step *step)
     sb_real less = 1;
     for (int i = 0; i < step->tries; i++)
         less *= (sb_real)0.5;
-    return step->tries >= SBI_SWEEP_LAST_TRY ? 0 : less;
+    return step->tries >= SBI_SWEEP_STAYS ? 0 : less;
+}
+
+/* How far a tool may go into the body in a step (m): less the deeper it lies, unless it is on its way out. */
+static sb_real sbi_sweep_reach(sb_contact *contact, int number, sb_real way)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real inner = sbi_tool_inner_radius(tool->shape), reach = SBI_SWEEP_ADVANCE * inner, depth = 0, share;
+    for (int e = 0; e < contact->entry_count; e++)
+        if (contact->entries[e].tool == number)
+            depth = sb_max(depth, -contact->entries[e].gap);
+    if (!(depth > 0) || !(way > 0))
+        return reach;
+    share = sb_min((sb_real)1, reach / way);
+    tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, 0);
+    if (!(sbi_sweep_gap(contact, tool->shape, tool->chain_next, &tool->next, sbi_sweep_near(contact, number),
+                        tool->face_count, NULL) < -depth))
+        return reach;
+    return reach * sb_max((sb_real)0, 1 - depth / (SBI_SWEEP_FULL * inner));
 }
 
 /* Share of the way (m) to where it is sent on which a tool is clear of the body. */
@@ -69293,25 +69512,43 @@ static sb_real sbi_sweep_free(sb_contact *contact, int number, sb_real way)
 static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step, sb_real *clear)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real inner = sbi_tool_inner_radius(tool->shape), less = sbi_sweep_less(step);
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left, reach;
     sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
     *clear = 0;
-    if (way <= SBI_SWEEP_ADVANCE * inner || step->dt == 0 || less == 0)
+    if (less == 0 || step->dt == 0)
         return less;
+    reach = sbi_sweep_reach(contact, number, way);
+    if (way <= reach)
+        return less * part;
     *clear = sbi_sweep_free(contact, number, way);
-    return less * sb_min((sb_real)1, *clear + SBI_SWEEP_ADVANCE * inner / way);
+    return less * sb_min(part, *clear + reach / way);
+}
+
+/* A tool that the body pressed on goes along with it. */
+static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
+{
+    sb_pose pose = tool->reached;
+    sb_real size = sb_v3_norm(tool->force), way = SBI_SWEEP_GIVE * (sb_real)times * sbi_tool_inner_radius(tool->shape);
+    if (size > 0 && sbi_tool_get_shape(tool->shape) != SB_TOOL_PLANE)
+        pose.position = sb_v3_madd(pose.position, -way / size, tool->force);
+    return pose;
 }
 
 /* A tool on a spring begins where its way is no longer clear, and may go from there as far as a rigid one goes. */
 static void sbi_sweep_hung(sbi_contact_tool *tool, const sbi_touch_step *step, sb_real clear)
 {
     sbi_contact_spring *spring = &tool->spring;
-    sb_real less = sbi_sweep_less(step), most = less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape);
-    spring->hand_next = step->dt > 0 ? tool->wanted : sbi_pose_between(&spring->hand, &tool->wanted, step->factor);
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left;
+    sb_real most =
+        less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape); /* not `reach`: it may be pushed out */
+    spring->hand_next = sbi_pose_between(&spring->hand, &tool->wanted, step->factor * part);
     spring->hand_balance = sbi_pose_between(&spring->hand, &spring->hand_next, step->level);
     spring->level = step->level;
     spring->limit = most;
-    spring->centre = clear > 0 ? sbi_pose_between(&tool->reached, &tool->wanted, less * clear) : tool->from;
+    spring->centre =
+        clear > 0 ? sbi_pose_between(&tool->reached, &tool->wanted, less * sb_min(part, clear)) : tool->from;
+    if (step->tries > SBI_SWEEP_STAYS)
+        spring->centre = tool->next;
     if (!(spring->turning > 0)) { /* it turns by itself, and what is left is for its way */
         sb_pose turned = spring->centre;
         sb_real turn, share;
@@ -69330,6 +69567,8 @@ static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step
     sb_real clear, share = sbi_sweep_share(contact, number, step, &clear) * step->factor, around = 0;
     tool->from = step->stage > 0 ? tool->stage : tool->reached;
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
+    if (step->tries > SBI_SWEEP_STAYS)
+        tool->next = sbi_sweep_give_way(tool, step->tries - SBI_SWEEP_STAYS);
     tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
     if (sbi_contact_is_hung(tool)) {
         sbi_sweep_hung(tool, step, clear);
@@ -70605,17 +70844,51 @@ static void sbi_contact_commit(void *user)
     sbi_contact_forget_nodes(contact);
 }
 
+/* What the last step remembers goes back to what was kept before. */
+static void sbi_contact_go_back(sb_contact *contact)
+{
+    contact->entry_count = contact->before_count;
+    memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+    contact->pressure_count = contact->before_pressure_count;
+    memcpy(contact->pressures, contact->before_pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+}
+
 static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (contact->is_static) {
-        contact->entry_count = contact->before_count;
-        memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
-        contact->pressure_count = contact->before_pressure_count;
-        memcpy(contact->pressures, contact->before_pressures,
-               (size_t)contact->pressure_count * sizeof *contact->pressures);
-    }
+    if (contact->is_static)
+        sbi_contact_go_back(contact);
     sbi_contact_forget_nodes(contact);
+}
+
+/* ---- steps that are divided ---- */
+
+static void sbi_contact_keep(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_before(contact);
+    memcpy(contact->kept_tools, contact->tools, (size_t)contact->max_tools * sizeof *contact->tools);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_kept[i] = tool->chain_reached[i];
+    }
+    contact->kept_info = contact->info;
+    contact->kept_is_solved = contact->is_solved;
+}
+
+static void sbi_contact_rewind(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_go_back(contact);
+    memcpy(contact->tools, contact->kept_tools, (size_t)contact->max_tools * sizeof *contact->tools);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_reached[i] = tool->chain_kept[i];
+    }
+    contact->info = contact->kept_info;
+    contact->is_solved = contact->kept_is_solved;
 }
 
 SBI_API void sbi_contact_join(sb_contact *contact)
@@ -70632,6 +70905,8 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
     touch->undo = sbi_contact_undo;
+    touch->keep = sbi_contact_keep;
+    touch->rewind = sbi_contact_rewind;
     sbi_body_set_touch(contact->body, touch);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
@@ -70678,7 +70953,8 @@ static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *
                                          sb_error *error)
 {
     size_t count = (size_t)sbi_tool_point_count(tool->shape);
-    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance};
+    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance,
+                          &tool->chain_kept};
     size_t copies = sizeof chains / sizeof *chains;
     sb_vec3 *points;
     if (count == 0)
@@ -71375,6 +71651,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
+    c->kept_tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->kept_tools);
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
     c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
@@ -71454,6 +71731,8 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
     result = sbi_contact_join_state(made, error);
     if (result == SB_OK)
         result = sbi_contact_listen(made, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_substeps(made->body, error);
     if (result != SB_OK) {
         sbi_contact_leave_state(made);
         sbi_contact_release(made);

@@ -8,7 +8,7 @@
 
 /* What sweeps have found. */
 typedef struct tally {
-    int steps, touching, crossings, refused, retries, not_finite, not_undone;
+    int steps, touching, crossings, refused, retries, divided, parts, not_finite, not_undone;
 } tally;
 
 typedef struct sweep {
@@ -18,7 +18,10 @@ typedef struct sweep {
     sb_quat turn[2];
     double dt, speed;
     sb_boundary boundary;
-    sb_vec3 *before; /* [node_count] places before the step */
+    sb_vec3 *before; /* [node_count] places before the step or the part of it */
+    sb_pose before_tool[2];
+    int crossings; /* in the parts of the step */
+    void (*commit)(void *contact);
 } sweep;
 
 static double random_in(unsigned long long *seed, double low, double high) { return check_random_in(seed, low, high); }
@@ -149,19 +152,35 @@ static int crosses(const sweep *s, int tool, const sb_pose *from)
     return 0;
 }
 
-static void take_step(const sweep *s, double share, tally *sum)
+static void keep_places(sweep *s)
 {
-    sb_pose from[2];
+    memcpy(s->before, sb_body_positions(s->p.body), (size_t)s->p.mesh.node_count * sizeof *s->before);
+    for (int t = 0; t < s->tool_count; t++)
+        CHECK_OK(sb_contact_reached(s->p.contact, s->tools[t], &s->before_tool[t], NULL));
+}
+
+static sweep *watched; /* the one whose steps are looked at */
+
+/* In place of the contact's own: looks at each part of a step that is divided. */
+static void watch_commit(void *contact)
+{
+    watched->commit(contact);
+    for (int t = 0; t < watched->tool_count; t++)
+        watched->crossings += crosses(watched, t, &watched->before_tool[t]);
+    keep_places(watched);
+}
+
+static void take_step(sweep *s, double share, tally *sum)
+{
     sb_step_info info;
     sb_contact_info contact;
     uint64_t hash;
     int nodes = s->p.mesh.node_count;
-    for (int t = 0; t < s->tool_count; t++) {
+    for (int t = 0; t < s->tool_count; t++)
         press_move(&s->p, s->tools[t],
                    sb_v3_madd(s->from[t], REAL(share < 1 ? share : 1), sb_v3_sub(s->to[t], s->from[t])), s->turn[t]);
-        CHECK_OK(sb_contact_reached(s->p.contact, s->tools[t], &from[t], NULL));
-    }
-    memcpy(s->before, sb_body_positions(s->p.body), (size_t)nodes * sizeof *s->before);
+    keep_places(s);
+    s->crossings = 0;
     hash = sb_body_state_hash(s->p.body);
     sum->steps++;
     if (sb_body_step(s->p.body, REAL(s->dt), &info) != SB_OK) {
@@ -169,22 +188,27 @@ static void take_step(const sweep *s, double share, tally *sum)
         sum->not_undone += sb_body_state_hash(s->p.body) != hash || !info.error.message[0];
         return;
     }
+    sum->divided += info.substeps > 0;
+    sum->parts += info.substeps;
     contact = sb_contact_get_info(s->p.contact);
     sum->touching += contact.touching > 0;
     sum->retries += contact.retries;
     sum->not_finite += !scene_all_finite(sb_body_positions(s->p.body), nodes) ||
                        !scene_all_finite(sb_body_velocities(s->p.body), nodes);
-    for (int t = 0; t < s->tool_count; t++)
-        sum->crossings += crosses(s, t, &from[t]);
+    sum->crossings += s->crossings;
 }
 
 static void run_sweeps_of(sb_tool_shape shape, int tool_count, int is_free, int hangs, unsigned long long seed)
 {
     int rounds = getenv("CHECK_SLOW") ? atoi(getenv("CHECK_SLOW")) : check_rounds(38);
-    tally sum = {0, 0, 0, 0, 0, 0, 0};
+    tally sum;
+    memset(&sum, 0, sizeof sum);
     for (int i = 0; i < rounds; i++) {
         sweep s = make_sweep(&seed, shape, tool_count, is_free, hangs);
         double way = (double)sb_v3_norm(sb_v3_sub(s.to[0], s.from[0])), done = 0.04;
+        watched = &s;
+        s.commit = s.p.contact->touch.commit;
+        s.p.contact->touch.commit = watch_commit;
         for (int k = 0; k < 16; k++) {
             done += s.speed * s.dt;
             take_step(&s, done / way, &sum);
@@ -194,10 +218,12 @@ static void run_sweeps_of(sb_tool_shape shape, int tool_count, int is_free, int 
     CHECK_INT(sum.crossings, 0);
     CHECK_INT(sum.not_finite, 0);
     CHECK_INT(sum.not_undone, 0);
+    CHECK_INT(sum.refused, 0);
     CHECK(sum.touching > sum.steps / 10);
     if (getenv("CHECK_SLOW"))
-        printf("shape %d, %d tools, free %d: %d steps, %d touch, %d refused, %d retries\n", (int)shape, tool_count,
-               is_free, sum.steps, sum.touching, sum.refused, sum.retries);
+        printf("shape %d, %d tools, free %d: %d steps, %d touch, %d refused, %d retries, %d divided into %d\n",
+               (int)shape, tool_count, is_free, sum.steps, sum.touching, sum.refused, sum.retries, sum.divided,
+               sum.parts);
 }
 
 static void run_sweeps(sb_tool_shape shape, int tool_count, int is_free, unsigned long long seed)

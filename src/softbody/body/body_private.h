@@ -122,8 +122,10 @@ struct sb_body {
     /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
-    struct sbi_state_parts *parts;                      /* what others save with it, see state_part.h; or NULL */
-    struct sbi_touch *touch;                            /* what touches it, see step_touch.h; or NULL */
+    struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
+    struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
+    unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
+    size_t substep_room_size;
     const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
     sb_jobs jobs;
     sb_clock clock;

@@ -5,7 +5,15 @@
 
 #include "step_private.h"
 
-SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch) { body->touch = touch; }
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
+{
+    body->touch = touch;
+    if (touch)
+        return;
+    sbi_free(&body->allocator, body->substep_room);
+    body->substep_room = NULL;
+    body->substep_room_size = 0;
+}
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
 SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
@@ -72,6 +80,7 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
+    told.parts_left = step->dynamic ? step->parts_left : 1;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
@@ -141,7 +150,8 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
 
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
 {
-    if (step->touch->accept(step->touch->user, step->body->displacement))
+    step->touch->refused = !step->touch->accept(step->touch->user, step->body->displacement);
+    if (!step->touch->refused)
         return SB_OK;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");

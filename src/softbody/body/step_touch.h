@@ -28,6 +28,7 @@ typedef struct sbi_touch_step {
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+    int parts_left; /* of a divided step, with this one: it asks for one of so many parts of what is left; else 1 */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
@@ -38,6 +39,7 @@ typedef struct sbi_touch {
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
+    int refused;      /* 1: accept refused the last end of a step; written by the step */
     sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
     double noise;     /* N: norm of what rounding of places makes in them; from begin on */
     /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
@@ -74,8 +76,14 @@ typedef struct sbi_touch {
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);
+    /* A step will be divided: keeps what steps that are done have changed; and goes back to it. Neither can fail. */
+    void (*keep)(void *user);
+    void (*rewind)(void *user);
 } sbi_touch;
 
+/* Room for what a divided step gives back: before something touches the body, and again where more loads or another
+ * mesh need more. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);

@@ -27,8 +27,11 @@
  * once.
  *
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
- * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
- * is taken back and done again with half the tools' way, at last with tools that stay.
+ * most, less the deeper it lies. What it could not make is its lag, made up in the steps to come. A step after which
+ * something may have passed is taken back and done again with half the tools' way, then with tools that stay, then with
+ * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
+ * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
+ * as it was.
  *
  * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
  * balance at the end of each step, whatever the ratio of their stiffness: both are solved together. Its lag is what the

@@ -45,7 +45,7 @@ typedef struct sbi_contact_tool {
     sb_real friction;
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
-    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance, *chain_kept;
     int face_count;              /* of its faces in sb_contact.near */
     sb_pose from;                /* at the start of the step, or of the increment of a static solve */
     sb_pose stage;               /* at the end of the last increment that was done */
@@ -150,9 +150,12 @@ struct sb_contact {
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
-    sbi_contact_entry *before; /* [max_contacts] these two before a static solve, for undo */
+    sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
+    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
+    sb_contact_info kept_info;
+    int kept_is_solved;
     void *memory;
 
     /* of a body whose mesh may change, see contact_live.c */

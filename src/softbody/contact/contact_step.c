@@ -652,17 +652,51 @@ static void sbi_contact_commit(void *user)
     sbi_contact_forget_nodes(contact);
 }
 
+/* What the last step remembers goes back to what was kept before. */
+static void sbi_contact_go_back(sb_contact *contact)
+{
+    contact->entry_count = contact->before_count;
+    memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+    contact->pressure_count = contact->before_pressure_count;
+    memcpy(contact->pressures, contact->before_pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+}
+
 static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (contact->is_static) {
-        contact->entry_count = contact->before_count;
-        memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
-        contact->pressure_count = contact->before_pressure_count;
-        memcpy(contact->pressures, contact->before_pressures,
-               (size_t)contact->pressure_count * sizeof *contact->pressures);
-    }
+    if (contact->is_static)
+        sbi_contact_go_back(contact);
     sbi_contact_forget_nodes(contact);
+}
+
+/* ---- steps that are divided ---- */
+
+static void sbi_contact_keep(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_before(contact);
+    memcpy(contact->kept_tools, contact->tools, (size_t)contact->max_tools * sizeof *contact->tools);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_kept[i] = tool->chain_reached[i];
+    }
+    contact->kept_info = contact->info;
+    contact->kept_is_solved = contact->is_solved;
+}
+
+static void sbi_contact_rewind(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_go_back(contact);
+    memcpy(contact->tools, contact->kept_tools, (size_t)contact->max_tools * sizeof *contact->tools);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_reached[i] = tool->chain_kept[i];
+    }
+    contact->info = contact->kept_info;
+    contact->is_solved = contact->kept_is_solved;
 }
 
 SBI_API void sbi_contact_join(sb_contact *contact)
@@ -679,5 +713,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
     touch->undo = sbi_contact_undo;
+    touch->keep = sbi_contact_keep;
+    touch->rewind = sbi_contact_rewind;
     sbi_body_set_touch(contact->body, touch);
 }

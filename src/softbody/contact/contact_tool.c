@@ -18,7 +18,8 @@ static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *
                                          sb_error *error)
 {
     size_t count = (size_t)sbi_tool_point_count(tool->shape);
-    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance};
+    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance,
+                          &tool->chain_kept};
     size_t copies = sizeof chains / sizeof *chains;
     sb_vec3 *points;
     if (count == 0)
