@@ -704,6 +704,7 @@
 #define sb_contact_set_friction sb_contact_set_friction_f32
 #define sb_contact_wrench sb_contact_wrench_f32
 #define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_coupling sb_contact_coupling_f32
 #define sb_contact_points sb_contact_points_f32
 #define sb_contact_pressures sb_contact_pressures_f32
 #define sb_contact_get_info sb_contact_get_info_f32
@@ -5567,7 +5568,13 @@ typedef struct sb_tool_def {
                              * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
     sb_real friction;       /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
     sb_pose pose;           /* where it stands at first; default the origin, not turned */
-    unsigned cookie;        /* set by sb_default_tool_def; a def made without it is refused */
+    /* The tool hangs on the pose that it is sent to by a spring, and is where the spring and what it touches balance: a
+     * compliant instrument, a hand, a surgeon's wrist. */
+    sb_real coupling_stiffness; /* N/m; 0 (default): none, it goes where it is sent */
+    sb_real coupling_turning;   /* N m/rad about its position; 0 (default): it turns as it is sent to. Needs
+                                 * coupling_stiffness */
+    sb_real max_force;          /* N that the spring pulls with at most, > 0; default SB_REAL_MAX */
+    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
 } sb_tool_def;
 
 SB_API sb_tool_def sb_default_tool_def(void);
@@ -5612,6 +5619,10 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
  * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
  * as it was.
+ *
+ * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
+ * balance at the end of each step, whatever the ratio of their stiffness: both are solved together. Its lag is what the
+ * spring is stretched by.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -5673,6 +5684,11 @@ typedef struct sb_wrench {
 SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool);
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
+
+/* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
+ * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
+ * to. */
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool);
 
 typedef struct sb_contact_point {
     int tool;
@@ -5784,9 +5800,9 @@ typedef struct sb_haptic_info {
 typedef struct sb_haptic sb_haptic;
 
 /* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
- * contact has no such tool; SB_ERROR_UNSUPPORTED: the compiler has no atomics that are known here, so that
- * SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY. *haptic is then
- * untouched. */
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the tool hangs on a spring, or the compiler has no atomics that are
+ * known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY.
+ * *haptic is then untouched. */
 SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
 /* NULL is fine. Neither thread may be in a call. */
 SB_API void sb_haptic_destroy(sb_haptic *haptic);
@@ -6287,6 +6303,10 @@ typedef struct sbi_guest {
     /* [unknown_count + 3 taken_count]: z = (G + A)^-1 r of these rows alone, or what is near: symmetric, positive
      * definite. NULL: it has no rows of its own */
     void (*precondition)(void *user, const double *r, double *z);
+
+    /* 1: it has no unknowns and no forces of its own, only a stiffness between its nodes that counts in what a system
+     * adds: what is in the forces of others. `residual` is then not called. */
+    int is_tangent;
 
     /* optional */
     /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may
@@ -38864,8 +38884,9 @@ SBI_API int sbi_guests_have_sizes(const sbi_guests *guests, int rows)
 static sb_result sbi_guest_check(const sbi_guest *guest, int index, int rows, int *marks, sb_error *error)
 {
     int own = guest->unknown_count > 0 || guest->taken_count > 0;
-    if (!guest->residual || !guest->multiply || (own && !guest->precondition) ||
-        (guest->unknown_count > 0 && !guest->unknown) || (guest->node_count > 0 && !guest->nodes))
+    if ((!guest->residual && !guest->is_tangent) || (guest->is_tangent && own) || !guest->multiply ||
+        (own && !guest->precondition) || (guest->unknown_count > 0 && !guest->unknown) ||
+        (guest->node_count > 0 && !guest->nodes))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "guest %d lacks a call or an array", index);
     for (int k = 0; k < guest->node_count; k++) {
         int node = guest->nodes[k], taken = k < guest->taken_count;
@@ -39019,11 +39040,25 @@ SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real 
         }
 }
 
+/* r -= G x of a guest that is a tangent alone. Prescribed motion is in the forces already. */
+static void sbi_guest_tangent_residual(const sbi_guest_space *space, sbi_guest_work *work, const sb_real *x, sb_real *r)
+{
+    if (!x)
+        return;
+    sbi_guest_gather(space, work, NULL, x, NULL);
+    work->guest->multiply(work->guest->user, work->in, work->out);
+    sbi_guest_scatter(space, work, -1, r);
+}
+
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r)
 {
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
+        if (guest->is_tangent) {
+            sbi_guest_tangent_residual(space, work, x, r);
+            continue;
+        }
         sbi_guest_gather_place(space, work, x ? guest->unknown : work->base, x, held);
         guest->residual(guest->user, work->in, work->out);
         sbi_guest_copy(work->residual, work->out, guest->unknown_count);
@@ -39218,6 +39253,8 @@ SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *li
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
+        if (guest->is_tangent) /* the line is that of the forces it stands for */
+            continue;
         sbi_guest_force(work);
         sbi_guest_gather(space, work, guest->unknown, x, NULL);
         for (int k = 0; k < guest->unknown_count; k++)
@@ -39304,6 +39341,15 @@ SBI_API int sbi_guest_is_deflated(const sbi_guest_space *space, const sb_precond
     return preconditioner && sbi_precond_has_coarse(preconditioner);
 }
 
+/* 1: a guest has unknowns or has taken nodes. */
+static int sbi_guest_have_rows(const sbi_guest_space *space)
+{
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].size > 0)
+            return 1;
+    return 0;
+}
+
 /* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
  *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
  * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays
@@ -39318,6 +39364,10 @@ SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *p
                                     sb_real *z, double size)
 {
     int deflated = sbi_guest_is_deflated(space, preconditioner);
+    if (!sbi_guest_have_rows(space)) {
+        sbi_guest_apply(space, preconditioner, r, z, size);
+        return;
+    }
     memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
     sbi_guest_subtract_block(space, z, space->rest, 1);
     sbi_guest_clear_taken(space, space->rest);
@@ -46234,7 +46284,8 @@ typedef struct sbi_step {
     int done;                /* 1: nothing is left to be solved */
     int iteration;           /* of Newton, from 0 */
     sb_tangent_kind kind;    /* of the tangent in A */
-    sbi_guests guests;       /* solved together with the body */
+    sbi_guests given;        /* guests of the step's caller */
+    sbi_guests guests;       /* solved together with the body: those, and what contact couples */
     int guests_begun;        /* those of them that have begun */
     int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
     struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
@@ -46348,6 +46399,10 @@ typedef struct sbi_touch {
     int refused;      /* 1: accept refused the last end of a step; written by the step */
     sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
     double noise;     /* N: norm of what rounding of places makes in them; from begin on */
+    /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
+     * nodes: there is none. Where constraints eliminate nodes it is left out of K, which is then too stiff: it costs
+     * iterations, not accuracy. */
+    sbi_guest coupling;
     /* room for the step: */
     sb_vec3 *du;     /* (m) what it asks forces at */
     sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
@@ -46356,6 +46411,7 @@ typedef struct sbi_touch {
     sb_vec3 *kept;   /* the right-hand side without contact (N) */
 
     /* written by the step, for who reads */
+    int couples;            /* 1: K in `multiply` has the part of `coupling` in it; never in `add_blocks` */
     int iterations, capped; /* 1: max_iterations ended it */
     sb_real residual;       /* what contact's forces are off by at the end, of the largest force */
 
@@ -46368,7 +46424,7 @@ typedef struct sbi_touch {
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
     /* An increment of a static solve has converged: 1 when it must be solved again with what was remembered of it, for
-     * the round-th time; 0: the increment is done. */
+     * the round-th time; 0: the increment is done; -1: it went too far, a shorter one is to be tried. */
     int (*balance)(void *user, int round);
     /* out [rows] += factor times the forces (N) of the last step or increment that was done. */
     void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
@@ -46388,6 +46444,8 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+/* Takes beforehand what steps need for a coupling of so many nodes. SB_ERROR_MEMORY leaves the body as it was. */
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error);
 /* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,
  * answers to forces rhs [rows] (N), which are changed, to a relative tolerance. With that step's matrix and
  * preconditioner: nothing that makes others may have been asked of the body since. Without guests. Allocates nothing.
@@ -46583,6 +46641,8 @@ SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t 
 #define SB_BODY_PRIVATE_H
 
 
+enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
+
 typedef enum sbi_load_kind {
     SBI_LOAD_PRESSURE = 1,
     SBI_LOAD_SPRINGS = 2,
@@ -46700,6 +46760,7 @@ struct sb_body {
     struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
     unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
     size_t substep_room_size;
+    const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -60425,6 +60486,8 @@ SBI_API void sbi_step_guest_reactions(const sbi_step *step)
     for (int g = 0; g < step->guests.count; g++) {
         sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
         const double *force = work->out + work->guest->unknown_count;
+        if (work->guest->is_tangent)
+            continue;
         sbi_guest_force(work);
         for (int k = 0; k < work->guest->node_count; k++, force += 3) {
             int node = work->guest->nodes[k];
@@ -60474,6 +60537,11 @@ SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
 }
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
+{
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, body->matrix.row_count, 0, nodes, error);
+}
+
 /* ---- between the body's vectors and those of the nodes in touch ---- */
 
 SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
@@ -60498,6 +60566,27 @@ static void sbi_touch_gather(const sbi_step *step, const sb_vec3 *u, const sb_ve
 
 /* ---- begin ---- */
 
+/* The coupling becomes one more guest of the step. */
+static sb_result sbi_step_couple_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    int count = step->given.count;
+    touch->couples = touch->coupling.node_count > 0 && !b->elimination;
+    if (!touch->couples && step->guests.count == count)
+        return SB_OK;
+    if (count >= SBI_STEP_MOST_GUESTS)
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "a step with tools on springs has at most %d needles",
+                        SBI_STEP_MOST_GUESTS - 1);
+    for (int g = 0; g < count; g++)
+        b->step_guests[g] = step->given.list[g];
+    if (touch->couples)
+        b->step_guests[count++] = &touch->coupling;
+    step->guests_begun = 0;
+    step->guests.count = 0;
+    return sbi_step_take_guests(step, b->step_guests, count);
+}
+
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 {
     const sb_body *b = step->body;
@@ -60516,7 +60605,10 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
+    step->touch->coupling.node_count = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_couple_touch(step);
     if (result != SB_OK && step->info->error.result != result)
         return sbi_fail(&step->info->error, result, "contact cannot begin a step");
     return result;
@@ -61851,7 +61943,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
+        step->done = sbi_step_is_converged(step) && (step->given.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -62110,6 +62202,7 @@ static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest 
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
     result = sbi_step_take_guests(step, guests, guest_count);
+    step->given = step->guests;
     return result == SB_OK ? sbi_step_start(step) : result;
 }
 
@@ -62157,14 +62250,16 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
-    fresh.guests = step->guests;
+    fresh.guests = fresh.given = step->given;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
     fresh.parts_left = step->parts_left;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
-    *result = sbi_step_start(step);
+    *result = sbi_step_take_guests(step, step->given.list, step->given.count);
+    if (*result == SB_OK)
+        *result = sbi_step_start(step);
     return 1;
 }
 
@@ -62277,7 +62372,13 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
 static sb_result sbi_static_iterate(sbi_step *step)
 {
     sb_result result = sbi_step_iterate(step, sbi_step_linearise(step));
-    for (int round = 1; result == SB_OK && step->touch && sbi_step_balance_touch(step, round); round++) {
+    for (int round = 1; result == SB_OK && step->touch; round++) {
+        int again = sbi_step_balance_touch(step, round);
+        if (again < 0)
+            return sbi_fail(&step->info->error, SB_ERROR_NOT_CONVERGED,
+                            "a tool on a spring goes too far in one increment: take more load_steps");
+        if (!again)
+            break;
         step->norm = step->last_norm = 0;
         step->iteration = 1; /* contact has begun */
         step->done = 0;
@@ -66725,6 +66826,7 @@ SB_API sb_tool_def sb_default_tool_def(void)
     def.shape = SB_TOOL_SPHERE;
     def.cells = 48;
     def.pose.rotation = sb_quat_identity();
+    def.max_force = SB_REAL_MAX;
     def.cookie = SBI_TOOL_COOKIE;
     return def;
 }
@@ -66822,12 +66924,29 @@ static sb_result sbi_tool_check_not_negative(sb_real value, const char *name, sb
     return SB_OK;
 }
 
+static sb_result sbi_tool_check_spring(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->max_force, "def.max_force", error);
+    if (result == SB_OK && def->max_force == 0)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force is 0: the spring must pull with some force");
+    if (result == SB_OK && def->coupling_turning > 0 && def->coupling_stiffness == 0)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT,
+                          "def.coupling_turning needs def.coupling_stiffness > 0: a tool without it is rigid");
+    return result;
+}
+
 static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
 {
     sb_result result;
     if (def->cookie != SBI_TOOL_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
     result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_spring(def, error);
     if (result == SB_OK)
         result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
     return result == SB_OK ? sbi_tool_check_shape(def, error) : result;
@@ -68826,6 +68945,24 @@ typedef struct sbi_contact_nearest {
     sb_vec3 point, normal; /* m; out of the tool */
 } sbi_contact_nearest;
 
+/* What a tool hangs on. Its torque is 0 where it turns as it is sent to. */
+typedef struct sbi_contact_spring {
+    sb_real stiffness, turning, most; /* N/m, N m/rad, N; stiffness 0: the tool is rigid */
+    sb_pose hand;                     /* its other end, after the last step */
+    sb_vec3 force, torque;            /* N, N m about the tool's position: on the tool, where the last step balances */
+    sb_pose hand_next, hand_balance;  /* of the step: at its end, and where forces balance */
+    sb_vec3 pull, twist;              /* force and torque at the last evaluation */
+    sb_pose hand_done;                /* of the last increment that was done */
+    sb_vec3 pull_done, twist_done;
+    sb_real level;  /* of the step */
+    sb_pose centre; /* of the step: where it begins, and how far (m) it may go from there */
+    sb_real limit;
+    int held;           /* 1: at the last evaluation it went no farther because of that */
+    int first, last;    /* patches */
+    int size;           /* 3 or 6 unknowns; 0: it does not give way, as far as is known */
+    sb_real factor[36]; /* Cholesky's, of stiffness of contact and spring against its motion */
+} sbi_contact_spring;
+
 /* A tool's place in the list. Chains are of capsules, [point count]. */
 typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
@@ -68840,6 +68977,7 @@ typedef struct sbi_contact_tool {
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
+    sbi_contact_spring spring;
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
@@ -68928,6 +69066,7 @@ struct sb_contact {
     sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
+    sb_vec3 *hung_in, *hung_out; /* [node_room] for products */
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
@@ -68975,6 +69114,36 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 /* ---- contact_step.c ---- */
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* An evaluation. renew: bounds of friction become those of here. */
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du; /* by place (m) */
+    int renew;
+    int first, last; /* patches */
+} sbi_contact_work;
+/* The patches of a tool, at its pose of balance. */
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
+
+/* Stress (Pa) of a sample on the body. */
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* ---- contact_hung.c: tools on springs ---- */
+SB_INLINE int sbi_contact_is_hung(const sbi_contact_tool *tool) { return tool->spring.stiffness > 0; }
+/* The patches of the step are there. */
+SBI_API void sbi_contact_begin_hung(sb_contact *contact);
+/* All has been evaluated: tools on springs go to where they balance, and are evaluated there. */
+SBI_API void sbi_contact_settle_hung(sb_contact *contact, const sbi_contact_work *work);
+/* out -= what the stiffness loses since these tools give way, times x; both by place. */
+SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 *x, sb_vec3 *out);
+/* 1: one of them went as far as it may at the last evaluation. */
+SBI_API int sbi_contact_is_held(const sb_contact *contact);
+/* Springs as they are now are those of a step or increment that is done; and these of all that is done. */
+SBI_API void sbi_contact_keep_springs(sb_contact *contact);
+SBI_API void sbi_contact_commit_springs(sb_contact *contact);
 
 /* ---- contact_live.c ---- */
 /* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
@@ -69037,8 +69206,9 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left, &c->touch.way,
-                           &c->touch.kept,  &c->positions, &c->places,       &c->moved};
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
+                           &c->moved,       &c->hung_in,    &c->hung_out};
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
@@ -69240,11 +69410,17 @@ static int *sbi_sweep_near(const sb_contact *contact, int tool)
     return contact->near + (size_t)tool * (size_t)contact->faces->face_room;
 }
 
-static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain)
+/* around: how much farther (m) it may go. */
+static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain,
+                                 sb_real around)
 {
     sbi_contact_tool *tool = contact->tools + number;
     sb_vec3 low, high;
     sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
+    if (around < SB_REAL_MAX / 4) { /* that of a plane has no bounds */
+        low = sb_v3_sub(low, sb_v3(around, around, around));
+        high = sb_v3_add(high, sb_v3(around, around, around));
+    }
     tool->face_count =
         sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
 }
@@ -69283,6 +69459,15 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
     return least;
 }
 
+/* What is left of tools' ways when a step was refused. */
+static sb_real sbi_sweep_less(const sbi_touch_step *step)
+{
+    sb_real less = 1;
+    for (int i = 0; i < step->tries; i++)
+        less *= (sb_real)0.5;
+    return step->tries >= SBI_SWEEP_STAYS ? 0 : less;
+}
+
 /* How far a tool may go into the body in a step (m): less the deeper it lies, unless it is on its way out. */
 static sb_real sbi_sweep_reach(sb_contact *contact, int number, sb_real way)
 {
@@ -69296,30 +69481,19 @@ static sb_real sbi_sweep_reach(sb_contact *contact, int number, sb_real way)
     share = sb_min((sb_real)1, reach / way);
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
-    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, 0);
     if (!(sbi_sweep_gap(contact, tool->shape, tool->chain_next, &tool->next, sbi_sweep_near(contact, number),
                         tool->face_count, NULL) < -depth))
         return reach;
     return reach * sb_max((sb_real)0, 1 - depth / (SBI_SWEEP_FULL * inner));
 }
 
-/* Share of the way to where it is sent that a tool may go: free up to the body, and some into it. */
-static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step)
+/* Share of the way (m) to where it is sent on which a tool is clear of the body. */
+static sb_real sbi_sweep_free(sb_contact *contact, int number, sb_real way)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real share = 0, reach;
-    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
-    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), part = 1 / (sb_real)step->parts_left, less = 1;
-    for (int i = 0; i < step->tries; i++)
-        less *= (sb_real)0.5;
-    if (step->tries >= SBI_SWEEP_STAYS)
-        return 0;
-    if (step->dt == 0)
-        return less;
-    reach = sbi_sweep_reach(contact, number, way);
-    if (way <= reach)
-        return less * part;
-    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted);
+    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), share = 0;
+    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted, 0);
     for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
         sb_pose at = sbi_pose_between(&tool->reached, &tool->wanted, share);
         sb_real gap;
@@ -69330,7 +69504,24 @@ static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_
             break;
         share = gap < way ? share + gap / way : 1; /* without faces the gap has no bound */
     }
-    return less * sb_min(part, share + reach / way);
+    return sb_min((sb_real)1, share);
+}
+
+/* Share of the way to where it is sent that a tool may go: free up to the body, which is the share *clear unless the
+ * way is short, and some into it. */
+static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step, sb_real *clear)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left, reach;
+    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+    *clear = 0;
+    if (less == 0 || step->dt == 0)
+        return less;
+    reach = sbi_sweep_reach(contact, number, way);
+    if (way <= reach)
+        return less * part;
+    *clear = sbi_sweep_free(contact, number, way);
+    return less * sb_min(part, *clear + reach / way);
 }
 
 /* A tool that the body pressed on goes along with it. */
@@ -69343,19 +69534,50 @@ static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
     return pose;
 }
 
+/* A tool on a spring begins where its way is no longer clear, and may go from there as far as a rigid one goes. */
+static void sbi_sweep_hung(sbi_contact_tool *tool, const sbi_touch_step *step, sb_real clear)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left;
+    sb_real most =
+        less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape); /* not `reach`: it may be pushed out */
+    spring->hand_next = sbi_pose_between(&spring->hand, &tool->wanted, step->factor * part);
+    spring->hand_balance = sbi_pose_between(&spring->hand, &spring->hand_next, step->level);
+    spring->level = step->level;
+    spring->limit = most;
+    spring->centre =
+        clear > 0 ? sbi_pose_between(&tool->reached, &tool->wanted, less * sb_min(part, clear)) : tool->from;
+    if (step->tries > SBI_SWEEP_STAYS)
+        spring->centre = tool->next;
+    if (!(spring->turning > 0)) { /* it turns by itself, and what is left is for its way */
+        sb_pose turned = spring->centre;
+        sb_real turn, share;
+        turned.rotation = spring->hand_balance.rotation;
+        turn = sbi_tool_motion(tool->shape, tool->chain_reached, &spring->centre, tool->chain_reached, &turned);
+        share = turn > most / 2 ? most / 2 / turn : 1;
+        spring->centre = sbi_pose_between(&spring->centre, &turned, share);
+        spring->limit = most - share * turn;
+    }
+    tool->next = tool->balance = spring->centre;
+}
+
 static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step *step)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    sb_real clear, share = sbi_sweep_share(contact, number, step, &clear) * step->factor, around = 0;
     tool->from = step->stage > 0 ? tool->stage : tool->reached;
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     if (step->tries > SBI_SWEEP_STAYS)
         tool->next = sbi_sweep_give_way(tool, step->tries - SBI_SWEEP_STAYS);
-    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
+    if (sbi_contact_is_hung(tool)) {
+        sbi_sweep_hung(tool, step, clear);
+        around = tool->spring.limit;
+    }
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
-    tool->way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
-    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+    tool->way = around + sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, around);
 }
 
 /* Places at the start of the step. */
@@ -69376,7 +69598,8 @@ static int sbi_sweep_overreaches(const sb_contact *contact)
 {
     for (int i = 0; contact->is_static && i < contact->max_tools; i++) {
         const sbi_contact_tool *tool = contact->tools + i;
-        if (tool->shape && tool->face_count > 0 && tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
+        if (tool->shape && !sbi_contact_is_hung(tool) && tool->face_count > 0 &&
+            tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
             return i;
     }
     return -1;
@@ -69463,7 +69686,7 @@ SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
         const sbi_contact_tool *tool = contact->tools + i;
         if (!tool->shape)
             continue;
-        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next);
+        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next, 0);
         if (!sbi_sweep_tool_is_safe(contact, i, u))
             return 0;
     }
@@ -69609,6 +69832,360 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
     contact->spare_pressures = contact->pressures;
     contact->pressures = fresh;
     contact->pressure_count = count;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_hung.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_hung: tools that hang on their pose by a spring.
+ *
+ * Such a tool has no mass: it is where the surface and the spring balance. For each displacement x that a step asks
+ * forces at its pose q(x) is found by Newton's method, in 3 or 6 unknowns, so that the forces are those of a tool that
+ * has given way already. What they change by with x is
+ *     K = Kxx - Kxq (Kqq + S)^-1 Kqx,    Kxx = sum w w^T k,  Kxq = -sum w k J,  Kqq = sum J^T k J,
+ * k the stiffness of a sample, J = [1, -r x] how the tool moves there, S that of the spring. Kxx has its blocks in the
+ * matrix; the rest couples all nodes that the tool touches and is multiplied within conjugate gradients. Soft and stiff
+ * springs are then the same to the step: nothing is delayed, and there is nothing to swing.
+ *
+ * In a step the tool may go as far from its centre as a rigid one goes in touch (contact_sweep.c): what would take it
+ * farther, as when it slips off an edge, holds it there until the next step. */
+#include <string.h>
+
+
+enum { SBI_HUNG_MOST = 24, SBI_HUNG_CUTS = 6, SBI_HUNG_ROUNDS = 3, SBI_HUNG_AT_LIMIT = 3 };
+
+#define SBI_HUNG_CLOSE ((sb_real)1e-9) /* imbalance that is none, of the forces in balance */
+#define SBI_HUNG_TURNS ((sb_real)0.3)  /* of the slope at the start, at the end of a way that needs no search */
+
+/* What moves a tool out of balance where it is, and how large the forces are that balance. */
+typedef struct sbi_hung_balance {
+    sb_real b[6];               /* N, N m about its position: of the spring, less those on the surface */
+    sb_real sizes[2], noise[2]; /* N, N m; of rounding */
+} sbi_hung_balance;
+
+SB_INLINE void sbi_hung_put(sb_real *out, sb_vec3 v) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+SB_INLINE sb_vec3 sbi_hung_get(const sb_real *in) { return sb_v3(in[0], in[1], in[2]); }
+
+static sb_vec3 sbi_hung_times(const sb_real k[9], sb_vec3 v)
+{
+    return sb_v3(k[0] * v.x + k[1] * v.y + k[2] * v.z, k[3] * v.x + k[4] * v.y + k[5] * v.z,
+                 k[6] * v.x + k[7] * v.y + k[8] * v.z);
+}
+
+/* ---- the balance ---- */
+
+/* Stiffness of the spring along its pull: less where it pulls with all that it may. */
+static sb_real sbi_hung_stiffness(const sbi_contact_tool *tool)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_real length = sb_v3_norm(sb_v3_sub(spring->hand_balance.position, tool->balance.position));
+    return spring->stiffness * length > spring->most ? spring->most / length : spring->stiffness;
+}
+
+static void sbi_hung_pull(sbi_contact_tool *tool)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sb_vec3 way = sb_v3_sub(spring->hand_balance.position, tool->balance.position);
+    sb_vec3 turn = sbi_pose_turn_to_space(&tool->balance, sbi_pose_rotation(&tool->balance, &spring->hand_balance));
+    spring->pull = sb_v3_scale(sbi_hung_stiffness(tool), way);
+    spring->twist = sb_v3_scale(spring->turning, turn);
+}
+
+/* At the last evaluation. */
+static void sbi_hung_measure(const sb_contact *contact, sbi_contact_tool *tool, sbi_hung_balance *balance)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_vec3 force, torque;
+    sb_real reach = 0;
+    sbi_hung_pull(tool);
+    force = spring->pull, torque = spring->twist;
+    balance->sizes[0] = sb_v3_norm(force), balance->sizes[1] = sb_v3_norm(torque);
+    for (int p = spring->first; p < spring->last; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 f = sb_v3_scale(s->area, sbi_contact_stress(s)), arm = sb_v3_sub(s->point, tool->balance.position);
+            if (s->answer.state == SBI_CONTACT_OFF)
+                continue;
+            force = sb_v3_sub(force, f);
+            torque = sb_v3_sub(torque, sb_v3_cross(arm, f));
+            balance->sizes[0] += sb_v3_norm(f);
+            balance->sizes[1] += sb_v3_norm(arm) * sb_v3_norm(f);
+            reach = sb_max(reach, sb_v3_norm(arm));
+        }
+    }
+    balance->noise[0] = (sb_real)contact->touch.noise;
+    balance->noise[1] = reach * balance->noise[0];
+    sbi_hung_put(balance->b, force);
+    sbi_hung_put(balance->b + 3, torque);
+}
+
+static int sbi_hung_is_balanced(const sbi_contact_tool *tool, const sbi_hung_balance *balance)
+{
+    const sb_real close = sb_max(SBI_HUNG_CLOSE, 16 * SB_EPSILON);
+    for (int i = 0; i < (tool->spring.turning > 0 ? 6 : 3); i++)
+        if (!(sb_abs(balance->b[i]) <= close * balance->sizes[i / 3] + balance->noise[i / 3]))
+            return 0;
+    return 1;
+}
+
+/* ---- Newton's method for the pose ---- */
+
+/* Kqq + S at the last evaluation, factored. */
+static void sbi_hung_factor(const sb_contact *contact, sbi_contact_tool *tool)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    int n = spring->turning > 0 ? 6 : 3;
+    const sb_vec3 units[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    sb_real h[6][6];
+    memset(h, 0, sizeof h);
+    for (int p = spring->first; p < spring->last; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 arm = sb_v3_sub(s->point, tool->balance.position);
+            sb_real k[9];
+            if (s->answer.state == SBI_CONTACT_OFF)
+                continue;
+            sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+            for (int j = 0; j < n; j++) {
+                sb_vec3 f = sbi_hung_times(k, j < 3 ? units[j] : sb_v3_cross(units[j - 3], arm));
+                sb_vec3 t = sb_v3_cross(arm, f);
+                h[0][j] += f.x, h[1][j] += f.y, h[2][j] += f.z;
+                h[3][j] += t.x, h[4][j] += t.y, h[5][j] += t.z;
+            }
+        }
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            spring->factor[n * i + j] = h[i][j] + (i != j ? 0 : i < 3 ? sbi_hung_stiffness(tool) : spring->turning);
+    spring->size = sb_cholesky_factor(spring->factor, n) == 0 ? n : 0;
+}
+
+/* The tool goes a share of a way from a pose, or as far as it may. */
+static void sbi_hung_go(sbi_contact_tool *tool, const sb_pose *from, const sb_real way[6], sb_real share)
+{
+    sb_pose to = *from;
+    sb_real motion;
+    to.position = sb_v3_madd(from->position, share, sbi_hung_get(way));
+    if (tool->spring.turning > 0)
+        to.rotation = sb_quat_normalise(
+            sb_quat_mul(sb_quat_from_rotation_vector(sb_v3_scale(share, sbi_hung_get(way + 3))), from->rotation));
+    motion = sbi_tool_motion(tool->shape, tool->chain_balance, &tool->spring.centre, tool->chain_balance, &to);
+    tool->spring.held = !(motion <= tool->spring.limit);
+    tool->balance = tool->spring.held ? sbi_pose_between(&tool->spring.centre, &to, tool->spring.limit / motion) : to;
+}
+
+static sb_real sbi_hung_slope(const sbi_contact_tool *tool, const sbi_hung_balance *balance, const sb_real way[6])
+{
+    sb_real sum = 0;
+    for (int i = 0; i < tool->spring.size; i++)
+        sum += way[i] * balance->b[i];
+    return sum;
+}
+
+/* Goes along a way whose end would lie behind where the forces balance on it: to there, by false position. */
+static void sbi_hung_search(sb_contact *contact, sbi_contact_tool *tool, const sbi_contact_work *work,
+                            const sb_pose *from, const sb_real way[6], sb_real begin, sbi_hung_balance *balance)
+{
+    sb_real low = 0, high = 1, at_low = begin, at_high = sbi_hung_slope(tool, balance, way);
+    for (int i = 0; i < SBI_HUNG_CUTS; i++) {
+        sb_real share = (low * at_high - high * at_low) / (at_high - at_low), slope;
+        sbi_hung_go(tool, from, way, share);
+        sbi_contact_evaluate_tool(work, tool);
+        sbi_hung_measure(contact, tool, balance);
+        slope = sbi_hung_slope(tool, balance, way);
+        if (sb_abs(slope) <= SBI_HUNG_TURNS * begin)
+            return;
+        if (slope < 0)
+            high = share, at_high = slope, at_low *= (sb_real)0.5;
+        else
+            low = share, at_low = slope, at_high *= (sb_real)0.5;
+    }
+}
+
+/* Finds where the tool balances with bounds of friction as they are. Returns 1 when it was there already. */
+static int sbi_hung_settle(sb_contact *contact, sbi_contact_tool *tool, const sbi_contact_work *work)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sbi_hung_balance balance;
+    int at_limit = 0;
+    sbi_hung_measure(contact, tool, &balance);
+    for (int i = 0; i < SBI_HUNG_MOST; i++) {
+        const sb_pose from = tool->balance;
+        sb_real way[6], begin;
+        if (sbi_hung_is_balanced(tool, &balance))
+            return i == 0;
+        sbi_hung_factor(contact, tool);
+        if (spring->size == 0 || at_limit == SBI_HUNG_AT_LIMIT)
+            return 0;
+        memcpy(way, balance.b, sizeof way);
+        sb_cholesky_solve(spring->factor, spring->size, way);
+        begin = sbi_hung_slope(tool, &balance, way);
+        sbi_hung_go(tool, &from, way, 1);
+        sbi_contact_evaluate_tool(work, tool);
+        sbi_hung_measure(contact, tool, &balance);
+        if (sbi_hung_slope(tool, &balance, way) < -SBI_HUNG_TURNS * begin)
+            sbi_hung_search(contact, tool, work, &from, way, begin, &balance);
+        at_limit += spring->held;
+    }
+    return 0;
+}
+
+/* The pose at the end of the step, where forces balance before it. */
+static sb_pose sbi_hung_further(const sb_pose *from, const sb_pose *balance, sb_real level)
+{
+    sb_pose end = *balance;
+    if (level == 1)
+        return end;
+    end.position = sb_v3_madd(from->position, 1 / level, sb_v3_sub(balance->position, from->position));
+    end.rotation = sb_quat_normalise(sb_quat_mul(
+        from->rotation, sb_quat_from_rotation_vector(sb_v3_scale(1 / level, sbi_pose_rotation(from, balance)))));
+    return end;
+}
+
+SBI_API void sbi_contact_settle_hung(sb_contact *contact, const sbi_contact_work *given)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        sbi_contact_work work = *given;
+        if (!sbi_contact_is_hung(tool))
+            continue;
+        work.renew = 0;
+        for (int round = 0; !sbi_hung_settle(contact, tool, &work) && given->renew && tool->friction > 0; round++) {
+            if (round == SBI_HUNG_ROUNDS)
+                break;
+            sbi_contact_evaluate_tool(given, tool);
+        }
+        sbi_hung_factor(contact, tool);
+        if (tool->spring.held)
+            tool->spring.size = 0;
+        tool->next = sbi_hung_further(&tool->reached, &tool->balance, tool->spring.level);
+    }
+}
+
+/* ---- in the system ---- */
+
+/* out -= Kxq (Kqq + S)^-1 Kqx x of a tool */
+static void sbi_hung_subtract(const sb_contact *contact, const sbi_contact_tool *tool, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_real z[6] = {0, 0, 0, 0, 0, 0};
+    for (int pass = 0; pass < 2; pass++) {
+        for (int p = spring->first; p < spring->last; p++) {
+            const sbi_contact_patch *patch = contact->patches + p;
+            int count = contact->faces->sizes[patch->face];
+            for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+                const sbi_contact_sample *s = contact->samples + i;
+                sb_vec3 arm = sb_v3_sub(s->point, tool->balance.position), f, t;
+                sb_real k[9];
+                if (s->answer.state == SBI_CONTACT_OFF)
+                    continue;
+                sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+                if (pass == 0) {
+                    f = sbi_hung_times(k, sbi_contact_mean(s->weights, patch->nodes, count, x));
+                    t = sb_v3_cross(arm, f);
+                    z[0] += f.x, z[1] += f.y, z[2] += f.z, z[3] += t.x, z[4] += t.y, z[5] += t.z;
+                    continue;
+                }
+                f = sbi_hung_times(k, sb_v3_add(sbi_hung_get(z), sb_v3_cross(sbi_hung_get(z + 3), arm)));
+                for (int a = 0; a < count; a++)
+                    out[patch->nodes[a]] = sb_v3_madd(out[patch->nodes[a]], -s->weights[a], f);
+            }
+        }
+        if (pass == 0) {
+            sb_cholesky_solve(spring->factor, spring->size, z);
+            for (int i = spring->size; i < 6; i++)
+                z[i] = 0;
+        }
+    }
+}
+
+SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 *x, sb_vec3 *out)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        if (sbi_contact_is_hung(contact->tools + t) && contact->tools[t].spring.size > 0)
+            sbi_hung_subtract(contact, contact->tools + t, x, out);
+}
+
+static void sbi_hung_multiply(void *user, const double *x, double *y)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    int count = contact->touch.node_count;
+    for (int k = 0; k < count; k++) {
+        contact->hung_in[k] = sb_v3((sb_real)x[3 * k], (sb_real)x[3 * k + 1], (sb_real)x[3 * k + 2]);
+        contact->hung_out[k] = sb_v3(0, 0, 0);
+    }
+    sbi_contact_subtract_hung(contact, contact->hung_in, contact->hung_out);
+    for (int k = 0; k < count; k++) {
+        y[3 * k] = (double)contact->hung_out[k].x;
+        y[3 * k + 1] = (double)contact->hung_out[k].y;
+        y[3 * k + 2] = (double)contact->hung_out[k].z;
+    }
+}
+
+SBI_API void sbi_contact_begin_hung(sb_contact *contact)
+{
+    sbi_guest *coupling = &contact->touch.coupling;
+    int any = 0;
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].spring.first = contact->tools[t].spring.last = 0;
+    for (int p = contact->patch_count; p-- > 0;) {
+        sbi_contact_spring *spring = &contact->tools[contact->patches[p].tool].spring;
+        spring->last = sbi_max_int(spring->last, p + 1);
+        spring->first = p;
+        any |= sbi_contact_is_hung(contact->tools + contact->patches[p].tool);
+    }
+    coupling->user = contact;
+    coupling->is_tangent = 1;
+    coupling->multiply = sbi_hung_multiply;
+    coupling->nodes = contact->nodes;
+    coupling->node_count = any ? contact->touch.node_count : 0;
+}
+
+/* ---- end ---- */
+
+SBI_API int sbi_contact_is_held(const sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        if (sbi_contact_is_hung(contact->tools + t) && contact->tools[t].spring.held)
+            return 1;
+    return 0;
+}
+
+SBI_API void sbi_contact_keep_springs(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_spring *spring = &contact->tools[t].spring;
+        if (!sbi_contact_is_hung(contact->tools + t))
+            continue;
+        spring->hand_done = spring->hand_next;
+        spring->pull_done = spring->pull;
+        spring->twist_done = spring->twist;
+    }
+}
+
+SBI_API void sbi_contact_commit_springs(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_spring *spring = &contact->tools[t].spring;
+        if (!sbi_contact_is_hung(contact->tools + t))
+            continue;
+        spring->hand = spring->hand_done;
+        spring->force = spring->pull_done;
+        spring->torque = spring->twist_done;
+    }
+}
+
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool)
+{
+    if (!contact || !on_tool)
+        return SB_ERROR_ARGUMENT;
+    if (tool < 0 || tool >= contact->max_tools || !contact->tools[tool].shape)
+        return SB_ERROR_INDEX;
+    on_tool->force = contact->tools[tool].spring.force;
+    on_tool->torque = contact->tools[tool].spring.torque;
+    return SB_OK;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -69881,6 +70458,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
                             contact->max_contacts);
         }
     }
+    sbi_contact_begin_hung(contact);
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
     sbi_contact_remember_pressures(contact);
@@ -69896,12 +70474,6 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 
 /* ---- evaluation ---- */
 
-typedef struct sbi_contact_work {
-    sb_contact *contact;
-    const sb_vec3 *du;
-    int renew;
-} sbi_contact_work;
-
 static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
                                         sbi_contact_sample *s)
 {
@@ -69910,8 +70482,11 @@ static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_
     int count = contact->faces->sizes[patch->face];
     sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
     sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
-    sb_vec3 slip = sb_v3_sub(u, s->carried);
-    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
+    if (sbi_contact_is_hung(tool))
+        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
+    slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(start, u);
     s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
                                &normal);
     s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
@@ -69925,8 +70500,8 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
 {
     const sbi_contact_work *work = (const sbi_contact_work *)user;
     sb_contact *contact = work->contact;
-    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
-    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+    int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
+    for (int p = first; p < last; p++) {
         sbi_contact_patch *patch = contact->patches + p;
         patch->touching = 0;
         for (int i = patch->first; i < patch->first + patch->count; i++) {
@@ -69936,9 +70511,18 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
     }
 }
 
-SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+static void sbi_contact_evaluate_patches(sbi_contact_work *work)
 {
-    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+    int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
+    sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
+}
+
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool)
+{
+    sbi_contact_work own = *work;
+    own.first = tool->spring.first;
+    own.last = tool->spring.last;
+    sbi_contact_evaluate_patches(&own);
 }
 
 /* Forces on the nodes, in the order of samples. */
@@ -69964,11 +70548,13 @@ static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_work work;
-    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
     work.contact = contact;
     work.du = du;
     work.renew = renew;
-    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    work.first = 0;
+    work.last = contact->patch_count;
+    sbi_contact_evaluate_patches(&work);
+    sbi_contact_settle_hung(contact, &work);
     sbi_contact_sum_forces(contact);
     contact->blocks_current = 0;
 }
@@ -70042,6 +70628,8 @@ static void sbi_contact_multiply(void *user, const unsigned char *masked, const 
                 out[patch->nodes[a]] = sb_v3_add(out[patch->nodes[a]], sbi_contact_times(blocks[a * count + b], v));
         }
     }
+    if (contact->touch.couples)
+        sbi_contact_subtract_hung(contact, x, out);
     for (int k = 0; masked && k < contact->touch.node_count; k++)
         out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
 }
@@ -70207,6 +70795,8 @@ static int sbi_contact_balance(void *user, int round)
 {
     sb_contact *contact = (sb_contact *)user;
     sb_real overlap, pushed;
+    if (sbi_contact_is_held(contact))
+        return -1;
     sbi_contact_measure_overlap(contact, &overlap, &pushed);
     if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
         sbi_contact_keep_pressures(contact, 0);
@@ -70217,6 +70807,7 @@ static int sbi_contact_balance(void *user, int round)
     sbi_contact_keep_entries(contact);
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].stage = contact->tools[t].balance;
+    sbi_contact_keep_springs(contact);
     return 0;
 }
 
@@ -70238,7 +70829,9 @@ static void sbi_contact_commit(void *user)
     if (!contact->is_static) {
         sbi_contact_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
+        sbi_contact_keep_springs(contact);
     }
+    sbi_contact_commit_springs(contact);
     for (int t = 0; contact->is_static && t < contact->max_tools; t++)
         contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
@@ -70421,6 +71014,12 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
         result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
     made->wanted = made->next = made->balance = made->reached;
     made->friction = def->friction;
+    made->spring.stiffness = def->coupling_stiffness;
+    made->spring.turning = def->coupling_turning;
+    made->spring.most = def->max_force;
+    made->spring.hand = made->reached;
+    if (result == SB_OK && sbi_contact_is_hung(made))
+        result = sbi_body_reserve_coupling(contact->body, contact->faces->node_room, error);
     return result;
 }
 
@@ -70465,6 +71064,7 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
             contact->pressures[count++] = contact->pressures[i];
     contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+    contact->tools[tool].spring.force = contact->tools[tool].spring.torque = sb_v3(0, 0, 0);
     contact->tools[tool].nearest.known = 0;
     contact->is_solved = 0;
 }
@@ -70511,7 +71111,7 @@ SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_p
         result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
     if (result != SB_OK)
         return result;
-    t->reached = t->wanted = t->next = t->balance = unit;
+    t->reached = t->wanted = t->next = t->balance = t->spring.hand = unit;
     sbi_contact_forget(contact, tool);
     sbi_contact_tell_pose(contact, SBI_CONTACT_PLACE, tool, pose);
     return SB_OK;
@@ -70593,7 +71193,7 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 #include <string.h>
 
 
-enum { SBI_CONTACT_VERSION = 2 };
+enum { SBI_CONTACT_VERSION = 3 }; /* 3: springs of tools */
 
 /* ---- words ---- */
 
@@ -70645,7 +71245,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
+enum { SBI_CONTACT_TOOL_REALS = 37, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -70668,6 +71268,10 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
     sbi_contact_pack_pose(&tool->wanted, reals + 8);
     sbi_contact_pack_vector(tool->force, reals + 15);
     sbi_contact_pack_vector(tool->torque, reals + 18);
+    reals[21] = tool->spring.stiffness, reals[22] = tool->spring.turning, reals[23] = tool->spring.most;
+    sbi_contact_pack_pose(&tool->spring.hand, reals + 24);
+    sbi_contact_pack_vector(tool->spring.force, reals + 31);
+    sbi_contact_pack_vector(tool->spring.torque, reals + 34);
     sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
     for (int i = 0; i < points; i++) {
         sbi_contact_pack_vector(tool->chain_reached[i], reals);
@@ -70731,8 +71335,15 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     read.torque = sb_v3(reals[18], reals[19], reals[20]);
     read.next = read.balance = read.reached;
     read.nearest.known = 0;
+    read.spring.hand = sbi_contact_unpack_pose(reals + 24);
+    read.spring.force = sb_v3(reals[31], reals[32], reals[33]);
+    read.spring.torque = sb_v3(reals[34], reals[35], reals[36]);
+    if (!in->bad &&
+        (reals[21] != tool->spring.stiffness || reals[22] != tool->spring.turning || reals[23] != tool->spring.most))
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state hangs on another spring", number);
     in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
-               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0 ||
+               sb_quat_dot(read.spring.hand.rotation, read.spring.hand.rotation) == 0;
     for (int i = 0; i < points; i++) {
         sbi_contact_get_reals(in, reals, 6);
         if (takes) {
@@ -72700,6 +73311,9 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.contact is NULL: a hand needs the contact of its tool");
     if (sb_contact_reached(def->contact, def->tool, pose, NULL) != SB_OK)
         return sbi_fail(error, SB_ERROR_INDEX, "def.tool is %d: the contact has no such tool", def->tool);
+    if (sbi_contact_is_hung(def->contact->tools + def->tool))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);
     return SB_OK;
 }
 

@@ -16,6 +16,11 @@ SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
 }
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
+{
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, body->matrix.row_count, 0, nodes, error);
+}
+
 /* ---- between the body's vectors and those of the nodes in touch ---- */
 
 SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
@@ -40,6 +45,27 @@ static void sbi_touch_gather(const sbi_step *step, const sb_vec3 *u, const sb_ve
 
 /* ---- begin ---- */
 
+/* The coupling becomes one more guest of the step. */
+static sb_result sbi_step_couple_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    int count = step->given.count;
+    touch->couples = touch->coupling.node_count > 0 && !b->elimination;
+    if (!touch->couples && step->guests.count == count)
+        return SB_OK;
+    if (count >= SBI_STEP_MOST_GUESTS)
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "a step with tools on springs has at most %d needles",
+                        SBI_STEP_MOST_GUESTS - 1);
+    for (int g = 0; g < count; g++)
+        b->step_guests[g] = step->given.list[g];
+    if (touch->couples)
+        b->step_guests[count++] = &touch->coupling;
+    step->guests_begun = 0;
+    step->guests.count = 0;
+    return sbi_step_take_guests(step, b->step_guests, count);
+}
+
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 {
     const sb_body *b = step->body;
@@ -58,7 +84,10 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
+    step->touch->coupling.node_count = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_couple_touch(step);
     if (result != SB_OK && step->info->error.result != result)
         return sbi_fail(&step->info->error, result, "contact cannot begin a step");
     return result;

@@ -13,7 +13,7 @@
 #ifndef SB_STEP_TOUCH_H
 #define SB_STEP_TOUCH_H
 
-#include "../solve/sparse.h"
+#include "../solve/guest.h"
 #include "body.h"
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -42,6 +42,10 @@ typedef struct sbi_touch {
     int refused;      /* 1: accept refused the last end of a step; written by the step */
     sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
     double noise;     /* N: norm of what rounding of places makes in them; from begin on */
+    /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
+     * nodes: there is none. Where constraints eliminate nodes it is left out of K, which is then too stiff: it costs
+     * iterations, not accuracy. */
+    sbi_guest coupling;
     /* room for the step: */
     sb_vec3 *du;     /* (m) what it asks forces at */
     sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
@@ -50,6 +54,7 @@ typedef struct sbi_touch {
     sb_vec3 *kept;   /* the right-hand side without contact (N) */
 
     /* written by the step, for who reads */
+    int couples;            /* 1: K in `multiply` has the part of `coupling` in it; never in `add_blocks` */
     int iterations, capped; /* 1: max_iterations ended it */
     sb_real residual;       /* what contact's forces are off by at the end, of the largest force */
 
@@ -62,7 +67,7 @@ typedef struct sbi_touch {
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
     /* An increment of a static solve has converged: 1 when it must be solved again with what was remembered of it, for
-     * the round-th time; 0: the increment is done. */
+     * the round-th time; 0: the increment is done; -1: it went too far, a shorter one is to be tried. */
     int (*balance)(void *user, int round);
     /* out [rows] += factor times the forces (N) of the last step or increment that was done. */
     void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
@@ -82,6 +87,8 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+/* Takes beforehand what steps need for a coupling of so many nodes. SB_ERROR_MEMORY leaves the body as it was. */
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error);
 /* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,
  * answers to forces rhs [rows] (N), which are changed, to a relative tolerance. With that step's matrix and
  * preconditioner: nothing that makes others may have been asked of the body since. Without guests. Allocates nothing.
