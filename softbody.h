@@ -704,6 +704,7 @@
 #define sb_contact_set_friction sb_contact_set_friction_f32
 #define sb_contact_wrench sb_contact_wrench_f32
 #define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_coupling sb_contact_coupling_f32
 #define sb_contact_points sb_contact_points_f32
 #define sb_contact_pressures sb_contact_pressures_f32
 #define sb_contact_get_info sb_contact_get_info_f32
@@ -5238,7 +5239,8 @@ SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_cou
 typedef struct sb_step_info {
     int newton_iterations;  /* linear systems solved; an iteration whose exact tangent fails solves two */
     int pcg_iterations;     /* of all of them together */
-    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
+    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; parts of a step that contact made divide
+                             * itself (contact.h); otherwise 0 */
     int load_steps;         /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;    /* static: share of load and prescribed motion carried, 1 when done */
     sb_real residual;       /* out-of-balance force relative to the largest force, at the last check; a linearised
@@ -5567,7 +5569,13 @@ typedef struct sb_tool_def {
                              * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
     sb_real friction;       /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
     sb_pose pose;           /* where it stands at first; default the origin, not turned */
-    unsigned cookie;        /* set by sb_default_tool_def; a def made without it is refused */
+    /* The tool hangs on the pose that it is sent to by a spring, and is where the spring and what it touches balance: a
+     * compliant instrument, a hand, a surgeon's wrist. */
+    sb_real coupling_stiffness; /* N/m; 0 (default): none, it goes where it is sent */
+    sb_real coupling_turning;   /* N m/rad about its position; 0 (default): it turns as it is sent to. Needs
+                                 * coupling_stiffness */
+    sb_real max_force;          /* N that the spring pulls with at most, > 0; default SB_REAL_MAX */
+    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
 } sb_tool_def;
 
 SB_API sb_tool_def sb_default_tool_def(void);
@@ -5607,8 +5615,15 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * once.
  *
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
- * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
- * is taken back and done again with half the tools' way, at last with tools that stay.
+ * most, less the deeper it lies. What it could not make is its lag, made up in the steps to come. A step after which
+ * something may have passed is taken back and done again with half the tools' way, then with tools that stay, then with
+ * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
+ * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
+ * as it was.
+ *
+ * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
+ * balance at the end of each step, whatever the ratio of their stiffness: both are solved together. Its lag is what the
+ * spring is stretched by.
  *
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
@@ -5643,8 +5658,8 @@ typedef struct sb_contact_def {
                          * 3 .. 30 is sensible */
     int max_iterations; /* systems of contact in a linearised step, >= 1; default 4 */
     int max_contacts;   /* samples near tools at a time, and as many of pairs, in [64, 2^20]; default 8192: memory is
-                         * taken at creation. Where   there are more, faces get fewer samples for that step (info.thinned)
-                         */
+                         * taken at creation. Where there are more, faces get fewer samples for that step
+                         * (info.thinned) */
     int max_tools;      /* in [1, 64]; default 8 */
     int pairs;          /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
     sb_real pair_friction;         /* Coulomb's mu between organs, >= 0; default 0 */
@@ -5687,6 +5702,11 @@ typedef struct sb_wrench {
 SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool);
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
+
+/* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
+ * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
+ * to. */
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool);
 
 typedef struct sb_contact_point {
     int tool;                      /* -1: two organs */
@@ -5799,9 +5819,9 @@ typedef struct sb_haptic_info {
 typedef struct sb_haptic sb_haptic;
 
 /* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
- * contact has no such tool; SB_ERROR_UNSUPPORTED: the compiler has no atomics that are known here, so that
- * SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY. *haptic is then
- * untouched. */
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the tool hangs on a spring, or the compiler has no atomics that are
+ * known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY.
+ * *haptic is then untouched. */
 SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
 /* NULL is fine. Neither thread may be in a call. */
 SB_API void sb_haptic_destroy(sb_haptic *haptic);
@@ -6302,6 +6322,10 @@ typedef struct sbi_guest {
     /* [unknown_count + 3 taken_count]: z = (G + A)^-1 r of these rows alone, or what is near: symmetric, positive
      * definite. NULL: it has no rows of its own */
     void (*precondition)(void *user, const double *r, double *z);
+
+    /* 1: it has no unknowns and no forces of its own, only a stiffness between its nodes that counts in what a system
+     * adds: what is in the forces of others. `residual` is then not called. */
+    int is_tangent;
 
     /* optional */
     /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may
@@ -38888,8 +38912,9 @@ SBI_API int sbi_guests_have_sizes(const sbi_guests *guests, int rows)
 static sb_result sbi_guest_check(const sbi_guest *guest, int index, int rows, int *marks, sb_error *error)
 {
     int own = guest->unknown_count > 0 || guest->taken_count > 0;
-    if (!guest->residual || !guest->multiply || (own && !guest->precondition) ||
-        (guest->unknown_count > 0 && !guest->unknown) || (guest->node_count > 0 && !guest->nodes))
+    if ((!guest->residual && !guest->is_tangent) || (guest->is_tangent && own) || !guest->multiply ||
+        (own && !guest->precondition) || (guest->unknown_count > 0 && !guest->unknown) ||
+        (guest->node_count > 0 && !guest->nodes))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "guest %d lacks a call or an array", index);
     for (int k = 0; k < guest->node_count; k++) {
         int node = guest->nodes[k], taken = k < guest->taken_count;
@@ -39043,11 +39068,25 @@ SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real 
         }
 }
 
+/* r -= G x of a guest that is a tangent alone. Prescribed motion is in the forces already. */
+static void sbi_guest_tangent_residual(const sbi_guest_space *space, sbi_guest_work *work, const sb_real *x, sb_real *r)
+{
+    if (!x)
+        return;
+    sbi_guest_gather(space, work, NULL, x, NULL);
+    work->guest->multiply(work->guest->user, work->in, work->out);
+    sbi_guest_scatter(space, work, -1, r);
+}
+
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r)
 {
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
+        if (guest->is_tangent) {
+            sbi_guest_tangent_residual(space, work, x, r);
+            continue;
+        }
         sbi_guest_gather_place(space, work, x ? guest->unknown : work->base, x, held);
         guest->residual(guest->user, work->in, work->out);
         sbi_guest_copy(work->residual, work->out, guest->unknown_count);
@@ -39242,6 +39281,8 @@ SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *li
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
+        if (guest->is_tangent) /* the line is that of the forces it stands for */
+            continue;
         sbi_guest_force(work);
         sbi_guest_gather(space, work, guest->unknown, x, NULL);
         for (int k = 0; k < guest->unknown_count; k++)
@@ -39328,6 +39369,15 @@ SBI_API int sbi_guest_is_deflated(const sbi_guest_space *space, const sb_precond
     return preconditioner && sbi_precond_has_coarse(preconditioner);
 }
 
+/* 1: a guest has unknowns or has taken nodes. */
+static int sbi_guest_have_rows(const sbi_guest_space *space)
+{
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].size > 0)
+            return 1;
+    return 0;
+}
+
 /* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
  *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
  * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays
@@ -39342,6 +39392,10 @@ SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *p
                                     sb_real *z, double size)
 {
     int deflated = sbi_guest_is_deflated(space, preconditioner);
+    if (!sbi_guest_have_rows(space)) {
+        sbi_guest_apply(space, preconditioner, r, z, size);
+        return;
+    }
     memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
     sbi_guest_subtract_block(space, z, space->rest, 1);
     sbi_guest_clear_taken(space, space->rest);
@@ -46288,13 +46342,15 @@ typedef struct sbi_step {
     int done;                /* 1: nothing is left to be solved */
     int iteration;           /* of Newton, from 0 */
     sb_tangent_kind kind;    /* of the tangent in A */
-    sbi_guests guests;       /* solved together with the body */
+    sbi_guests given;        /* guests of the step's caller */
+    sbi_guests guests;       /* solved together with the body: those, and what contact couples */
     int guests_begun;        /* those of them that have begun */
     int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
     struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
     int touch_begun;
     int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
                 * have made it fail */
+    int parts_left; /* of a divided step, with this one; else 1 */
 
     /* what is solved */
     sb_real dt;     /* s */
@@ -46367,7 +46423,7 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
  * for the whole increment x' again and again, F and K at the increment x before: a semi-smooth Newton iteration in
  * which forces, tangent A and preconditioner of the tissue are made once. A step of several iterations has F in its
  * residual and K in its tangent like any load's. Between the nodes of each face that it acts on the matrix has blocks
- * already, so that nothing is made anew. What couples nodes of two faces has none: conjugate gradients multiply by it
+ * already, so that nothing is made anew. What links nodes of two faces has none: conjugate gradients multiply by it
  * beside the matrix.
  *
  * It sees its own nodes only: in all calls below arrays are [node_count], in the order of `nodes`. du is the nodes'
@@ -46388,6 +46444,7 @@ typedef struct sbi_touch_step {
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+    int parts_left; /* of a divided step, with this one: it asks for one of so many parts of what is left; else 1 */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
@@ -46398,18 +46455,24 @@ typedef struct sbi_touch {
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
-    int couples;      /* 1: K of it has a part between nodes without a block, see `couple`; stays after the step */
-    sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
-    double noise;     /* N: norm of what rounding of places makes in them; from begin on */
+    int links;   /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
+    int refused; /* 1: accept refused the last end of a step; written by the step */
+    sb_vec3 *force; /* on the nodes (N), at the last evaluation */
+    double noise;   /* N: norm of what rounding of places makes in them; from begin on */
+    /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
+     * nodes: there is none. Where constraints eliminate nodes it is left out of K, which is then too stiff: it costs
+     * iterations, not accuracy. */
+    sbi_guest coupling;
     /* room for the step: */
     sb_vec3 *du;              /* (m) what it asks forces at */
     sb_vec3 *linear;          /* F + K x of the system that is solved (N), without masked axes */
     sb_vec3 *left;            /* the same less K x' (N), x' its solution */
     sb_vec3 *way;             /* x' - x (m) */
     sb_vec3 *kept;            /* the right-hand side without contact (N) */
-    sb_vec3 *whole, *product; /* [rows] where it may couple */
+    sb_vec3 *whole, *product; /* [rows] where there may be links */
 
     /* written by the step, for who reads */
+    int couples;            /* 1: K in `multiply` has the part of `coupling` in it; never in `add_blocks` */
     int iterations, capped; /* 1: max_iterations ended it */
     sb_real residual;       /* what contact's forces are off by at the end, of the largest force */
 
@@ -46422,9 +46485,9 @@ typedef struct sbi_touch {
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
     /* out [rows] += C x [rows], without masked axes: what of K add_blocks leaves out. Returns x.Cx. */
-    double (*couple)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+    double (*multiply_links)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
     /* An increment of a static solve has converged: 1 when it must be solved again with what was remembered of it, for
-     * the round-th time; 0: the increment is done. */
+     * the round-th time; 0: the increment is done; -1: it went too far, a shorter one is to be tried. */
     int (*balance)(void *user, int round);
     /* out [rows] += factor times the forces (N) of the last step or increment that was done. */
     void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
@@ -46433,11 +46496,19 @@ typedef struct sbi_touch {
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);
+    /* A step will be divided: keeps what steps that are done have changed; and goes back to it. Neither can fail. */
+    void (*keep)(void *user);
+    void (*rewind)(void *user);
 } sbi_touch;
 
+/* Room for what a divided step gives back: before something touches the body, and again where more loads or another
+ * mesh need more. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+/* Takes beforehand what steps need for a coupling of so many nodes. SB_ERROR_MEMORY leaves the body as it was. */
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error);
 /* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,
  * answers to forces rhs [rows] (N), which are changed, to a relative tolerance. With that step's matrix and
  * preconditioner: nothing that makes others may have been asked of the body since. Without guests. Allocates nothing.
@@ -46633,6 +46704,8 @@ SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t 
 #define SB_BODY_PRIVATE_H
 
 
+enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
+
 typedef enum sbi_load_kind {
     SBI_LOAD_PRESSURE = 1,
     SBI_LOAD_SPRINGS = 2,
@@ -46748,6 +46821,9 @@ struct sb_body {
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
+    unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
+    size_t substep_room_size;
+    const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -50842,6 +50918,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_assembly_free(&body->assembly, &allocator);
     sb_domain_free(&body->domain);
     sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->substep_room);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
     sbi_free(&allocator, body->extra_start);
@@ -53801,6 +53878,11 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     live->lists = NULL;
     body->parts = old.parts;
     next->parts = NULL;
+    body->touch = old.touch;
+    body->substep_room = old.substep_room;
+    body->substep_room_size = old.substep_room_size;
+    next->touch = NULL;
+    next->substep_room = NULL;
     made->open = live->open;
     made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;
@@ -60173,8 +60255,8 @@ SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increme
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
 SBI_API void sbi_step_add_touch(sbi_step *step);
-/* y += C x, of the system that is solved (see sbi_touch.couple), and x.Cx, for conjugate gradients. */
-SBI_API double sbi_body_couple_touch(void *body, const sb_real *x, sb_real *y);
+/* y += C x, of the system that is solved (see sbi_touch.multiply_links), and x.Cx, for conjugate gradients. */
+SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y);
 /* The same as what a solve takes; and it has it while `extra` is there. */
 SBI_API void sbi_body_lend_touch(sb_body *body, sbi_pcg_extra *extra);
 /* Reactions less its forces on supported axes. */
@@ -60235,6 +60317,9 @@ SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
 SBI_API sb_result sbi_step_linearise(sbi_step *step);
 /* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
 SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
+/* A time step from begin to end, undone where it fails. parts_left: of a divided step, with this one; else 1. */
+SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 int parts_left, sb_step_info *info);
 SBI_API void sbi_step_forget_error(sb_step_info *info);
 /* Sees to it that a failing call says why, whatever failed. */
 SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
@@ -60468,6 +60553,8 @@ SBI_API void sbi_step_guest_reactions(const sbi_step *step)
     for (int g = 0; g < step->guests.count; g++) {
         sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
         const double *force = work->out + work->guest->unknown_count;
+        if (work->guest->is_tangent)
+            continue;
         sbi_guest_force(work);
         for (int k = 0; k < work->guest->node_count; k++, force += 3) {
             int node = work->guest->nodes[k];
@@ -60506,8 +60593,21 @@ SBI_API void sbi_step_undo_guests(sbi_step *step)
 #include <string.h>
 
 
-SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch) { body->touch = touch; }
+SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
+{
+    body->touch = touch;
+    if (touch)
+        return;
+    sbi_free(&body->allocator, body->substep_room);
+    body->substep_room = NULL;
+    body->substep_room_size = 0;
+}
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
+
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
+{
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, body->matrix.row_count, 0, nodes, error);
+}
 
 /* ---- between the body's vectors and those of the nodes in touch ---- */
 
@@ -60533,6 +60633,27 @@ static void sbi_touch_gather(const sbi_step *step, const sb_vec3 *u, const sb_ve
 
 /* ---- begin ---- */
 
+/* The coupling becomes one more guest of the step. */
+static sb_result sbi_step_couple_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    int count = step->given.count;
+    touch->couples = touch->coupling.node_count > 0 && !b->elimination;
+    if (!touch->couples && step->guests.count == count)
+        return SB_OK;
+    if (count >= SBI_STEP_MOST_GUESTS)
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "a step with tools on springs has at most %d needles",
+                        SBI_STEP_MOST_GUESTS - 1);
+    for (int g = 0; g < count; g++)
+        b->step_guests[g] = step->given.list[g];
+    if (touch->couples)
+        b->step_guests[count++] = &touch->coupling;
+    step->guests_begun = 0;
+    step->guests.count = 0;
+    return sbi_step_take_guests(step, b->step_guests, count);
+}
+
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 {
     const sb_body *b = step->body;
@@ -60547,10 +60668,14 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
+    told.parts_left = step->dynamic ? step->parts_left : 1;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
+    step->touch->coupling.node_count = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_couple_touch(step);
     if (result != SB_OK && step->info->error.result != result)
         return sbi_fail(&step->info->error, result, "contact cannot begin a step");
     return result;
@@ -60599,7 +60724,7 @@ SBI_API void sbi_step_add_touch(sbi_step *step)
 }
 
 /* Of a body with constraints T^T C T. */
-static double sbi_touch_couple_condensed(sb_body *b, const sb_real *x, sb_vec3 *y)
+static double sbi_touch_multiply_condensed(sb_body *b, const sb_real *x, sb_vec3 *y)
 {
     const sbi_touch *touch = b->touch;
     double sum;
@@ -60608,26 +60733,26 @@ static double sbi_touch_couple_condensed(sb_body *b, const sb_real *x, sb_vec3 *
     for (int i = 0; i < b->domain.node_count; i++)
         touch->whole[i] = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), touch->whole[i]);
     sbi_elimination_expand(b->elimination, touch->whole, 0);
-    sum = touch->couple(touch->user, NULL, touch->whole, touch->product);
+    sum = touch->multiply_links(touch->user, NULL, touch->whole, touch->product);
     sbi_elimination_reduce(b->elimination, touch->product, touch->product, NULL);
     for (int i = 0; i < b->domain.node_count; i++)
         y[i] = sb_v3_add(y[i], sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), touch->product[i]));
     return sum;
 }
 
-SBI_API double sbi_body_couple_touch(void *body, const sb_real *x, sb_real *y)
+SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y)
 {
     sb_body *b = (sb_body *)body;
     if (b->elimination)
-        return sbi_touch_couple_condensed(b, x, (sb_vec3 *)(void *)y);
-    return b->touch->couple(b->touch->user, b->fixed, (const sb_vec3 *)(const void *)x, (sb_vec3 *)(void *)y);
+        return sbi_touch_multiply_condensed(b, x, (sb_vec3 *)(void *)y);
+    return b->touch->multiply_links(b->touch->user, b->fixed, (const sb_vec3 *)(const void *)x, (sb_vec3 *)(void *)y);
 }
 
 SBI_API void sbi_body_lend_touch(sb_body *b, sbi_pcg_extra *extra)
 {
     extra->user = b;
-    extra->multiply = sbi_body_couple_touch;
-    b->pcg.extra = b->touch && b->touch->couples ? extra : NULL;
+    extra->multiply = sbi_body_multiply_links;
+    b->pcg.extra = b->touch && b->touch->links ? extra : NULL;
 }
 
 /* ---- end ---- */
@@ -60645,7 +60770,8 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
 
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
 {
-    if (step->touch->accept(step->touch->user, step->body->displacement))
+    step->touch->refused = !step->touch->accept(step->touch->user, step->body->displacement);
+    if (!step->touch->refused)
         return SB_OK;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
@@ -61164,8 +61290,8 @@ static int sbi_step_condense(sbi_step *step)
         memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
         sbi_elimination_expand(e, b->work, 1);
         sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
-        if (step->touch && step->touch->couples)
-            (void)step->touch->couple(step->touch->user, NULL, b->work, b->work2);
+        if (step->touch && step->touch->links)
+            (void)step->touch->multiply_links(step->touch->user, NULL, b->work, b->work2);
         for (int i = 0; i < n; i++)
             b->rhs[i] = sb_v3_sub(b->rhs[i], b->work2[i]);
     }
@@ -61352,8 +61478,8 @@ static double sbi_step_touch_rise(const sbi_step *step)
     const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
     double sum = 0;
     sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
-    if (step->touch->couples)
-        (void)sbi_body_couple_touch(b, &b->work[0].x, &b->work2[0].x);
+    if (step->touch->links)
+        (void)sbi_body_multiply_links(b, &b->work[0].x, &b->work2[0].x);
     for (int i = 0; i < b->domain.node_count; i++)
         sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
                (double)b->work[i].z * (double)b->work2[i].z;
@@ -61928,7 +62054,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
+        step->done = sbi_step_is_converged(step) && (step->given.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -61986,7 +62112,7 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 
 /* ---- begin and end ---- */
 
-enum { SBI_STEP_TRIES = 5 }; /* of tools: a half, a quarter, an eighth, a sixteenth of the way, none */
+enum { SBI_STEP_TRIES = 7 }; /* of tools: a half ... a sixteenth of the way, none; giving way a little, and more */
 
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
@@ -62103,6 +62229,7 @@ static int sbi_step_is_tame(const sb_body *b)
 static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_info *info)
 {
     int is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
+    step->parts_left = 1;
     step->body = body;
     step->info = info;
     step->dynamic = 1;
@@ -62175,17 +62302,25 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
     return sbi_step_report(info, result);
 }
 
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 sb_step_info *info, sbi_step *step)
+static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     int parts_left, sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
+    step->parts_left = parts_left;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
     result = sbi_step_take_guests(step, guests, guest_count);
+    step->given = step->guests;
     return result == SB_OK ? sbi_step_start(step) : result;
+}
+
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step)
+{
+    return sbi_step_begin_part(body, dt, guests, guest_count, 1, info, step);
 }
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
@@ -62207,7 +62342,8 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
     return result == SB_ERROR_INVERTED && step->body->integrator == SB_GENERALISED_ALPHA && step->level < 1;
 }
 
-/* Tools may have made the step fail, or have passed through: they go half as far each time, at last they stay. */
+/* Tools may have made the step fail, or have passed through: they go half as far each time, then they stay, at last
+ * they give way. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
     return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
@@ -62225,13 +62361,16 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
-    fresh.guests = step->guests;
+    fresh.guests = fresh.given = step->given;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
+    fresh.parts_left = step->parts_left;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
-    *result = sbi_step_start(step);
+    *result = sbi_step_take_guests(step, step->given.list, step->given.count);
+    if (*result == SB_OK)
+        *result = sbi_step_start(step);
     return 1;
 }
 
@@ -62277,25 +62416,20 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
     return sbi_step_close(&step, SB_OK);
 }
 
-SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     sb_step_info *info)
+SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 int parts_left, sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
     if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
+    result = sbi_step_begin_part(body, dt, guests, guest_count, parts_left, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)
             result = sbi_step_commit(&step);
     } while (sbi_step_begin_again(&step, &result));
     return result == SB_OK ? result : sbi_step_undo(&step, result);
-}
-
-SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
-{
-    return sbi_body_step_with(body, dt, NULL, 0, info);
 }
 
 /* ==== src/softbody/body/step_static.c ==== */
@@ -62349,7 +62483,13 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
 static sb_result sbi_static_iterate(sbi_step *step)
 {
     sb_result result = sbi_step_iterate(step, sbi_step_linearise(step));
-    for (int round = 1; result == SB_OK && step->touch && sbi_step_balance_touch(step, round); round++) {
+    for (int round = 1; result == SB_OK && step->touch; round++) {
+        int again = sbi_step_balance_touch(step, round);
+        if (again < 0)
+            return sbi_fail(&step->info->error, SB_ERROR_NOT_CONVERGED,
+                            "a tool on a spring goes too far in one increment: take more load_steps");
+        if (!again)
+            break;
         step->norm = step->last_norm = 0;
         step->iteration = 1; /* contact has begun */
         step->done = 0;
@@ -65285,6 +65425,157 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
     return result;
 }
 
+/* ==== src/softbody/body/step_substeps.c ==== */
+/* step_substeps: a step that contact refuses is divided: tissue that flies past a tool in a step, which the tool cannot
+ * mend by going less far, is seen on its way in shorter ones.
+ *
+ * Parts are equal: two, four ... up to SBI_SUBSTEPS_MOST, until all of them are taken. Supports and tools go evenly
+ * over them. What the first attempts leave is the state before the call, and where no division helps, the error of the
+ * whole step. The recorder hears of one step: played again it divides itself as it did. */
+
+#include <string.h>
+
+
+enum { SBI_SUBSTEPS_MOST = 16 };
+
+/* ---- room: a snapshot, and behind it the targets of supports ---- */
+
+static size_t sbi_substeps_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
+
+/* 0: more than there can be. */
+static size_t sbi_substeps_size(const sb_body *b)
+{
+    size_t snapshot = sbi_body_snapshot_size(b), size = sbi_substeps_aligned(snapshot);
+    return snapshot && sbi_size_add(&size, (size_t)b->domain.node_count, sizeof(sb_vec3)) ? size : 0;
+}
+
+SBI_API sb_result sbi_body_reserve_substeps(sb_body *b, sb_error *error)
+{
+    size_t needed = sbi_substeps_size(b);
+    unsigned char *room;
+    if (needed && needed <= b->substep_room_size)
+        return SB_OK;
+    room = needed ? (unsigned char *)sbi_alloc(&b->allocator, needed, 1) : NULL;
+    if (!room)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for what a divided step gives back");
+    sbi_free(&b->allocator, b->substep_room);
+    b->substep_room = room;
+    b->substep_room_size = needed;
+    return SB_OK;
+}
+
+/* ---- a divided step ---- */
+
+static void sbi_substeps_keep(sb_body *b, size_t snapshot)
+{
+    sbi_body_snapshot(b, b->substep_room);
+    memcpy(b->substep_room + sbi_substeps_aligned(snapshot), b->target,
+           (size_t)b->domain.node_count * sizeof *b->target);
+    b->touch->keep(b->touch->user);
+}
+
+static void sbi_substeps_rewind(sb_body *b, size_t snapshot)
+{
+    (void)sbi_body_rewind(b, b->substep_room, snapshot, NULL); /* a step changes nothing that would need memory */
+    b->touch->rewind(b->touch->user);
+}
+
+/* Supports go to where the next of `left` parts should take them. */
+static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, int left)
+{
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 goal;
+        memcpy(&goal, kept + (size_t)i * sizeof goal, sizeof goal);
+        b->target[i] =
+            left == 1 ? goal : sb_v3_madd(b->displacement[i], 1 / (sb_real)left, sb_v3_sub(goal, b->displacement[i]));
+    }
+}
+
+/* What all attempts together took. */
+static void sbi_substeps_count(sb_step_info *sum, const sb_step_info *part)
+{
+    sum->newton_iterations += part->newton_iterations;
+    sum->pcg_iterations += part->pcg_iterations;
+    sum->seconds_force += part->seconds_force;
+    sum->seconds_tangent += part->seconds_tangent;
+    sum->seconds_precond += part->seconds_precond;
+    sum->seconds_solve += part->seconds_solve;
+}
+
+/* sum: counts up; the rest is of the last part. */
+static sb_result sbi_substeps_run(sb_body *b, sb_real dt, int parts, size_t snapshot, sb_step_info *sum)
+{
+    const unsigned char *kept = b->substep_room + sbi_substeps_aligned(snapshot);
+    sb_result result = SB_OK;
+    for (int left = parts; left > 0 && result == SB_OK; left--) {
+        sb_step_info part;
+        sbi_substeps_aim(b, kept, left);
+        result = sbi_step_whole(b, dt / (sb_real)parts, NULL, 0, left, &part);
+        sbi_substeps_count(&part, sum);
+        *sum = part;
+    }
+    sum->substeps = parts;
+    return result;
+}
+
+/* A step failed that may succeed in parts. *info: of the whole step. */
+static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, sb_step_info *info)
+{
+    size_t snapshot = sbi_body_snapshot_size(b);
+    sb_step_info sum = *info;
+    if (sbi_body_reserve_substeps(b, NULL) != SB_OK)
+        return result;
+    sbi_substeps_keep(b, snapshot);
+    for (int parts = 2; parts <= SBI_SUBSTEPS_MOST; parts *= 2) {
+        if (sbi_substeps_run(b, dt, parts, snapshot, &sum) == SB_OK) {
+            *info = sum;
+            return SB_OK;
+        }
+        sbi_substeps_rewind(b, snapshot);
+    }
+    sum.error = info->error;
+    sum.load_factor = info->load_factor;
+    sum.substeps = 0;
+    *info = sum;
+    return result;
+}
+
+/* 1: it failed with something that touches the body, or because something may have passed through it. */
+static int sbi_substeps_may_help(const sb_body *b, sb_result result)
+{
+    int is_the_motion = result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
+                        result == SB_ERROR_NOT_CONVERGED;
+    return is_the_motion && (b->touch->touching > 0 || b->touch->refused);
+}
+
+/* ---- a step ---- */
+
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info)
+{
+    sb_step_info own;
+    sb_result result;
+    double begun;
+    if (!body || !body->touch || guest_count > 0)
+        return sbi_step_whole(body, dt, guests, guest_count, 1, info);
+    info = info ? info : &own;
+    begun = sbi_body_now(body);
+    body->touch->touching = body->touch->refused = 0;
+    sbi_body_mute(body);
+    result = sbi_step_whole(body, dt, NULL, 0, 1, info);
+    if (sbi_substeps_may_help(body, result))
+        result = sbi_substeps_divide(body, dt, result, info);
+    sbi_body_unmute(body);
+    info->seconds_total = sbi_body_now(body) - begun;
+    sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
+    return result;
+}
+
+SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    return sbi_body_step_with(body, dt, NULL, 0, info);
+}
+
 /* ==== src/softbody/body/record.c ==== */
 /* record: recordings of calls, and their replay.
  *
@@ -66646,6 +66937,7 @@ SB_API sb_tool_def sb_default_tool_def(void)
     def.shape = SB_TOOL_SPHERE;
     def.cells = 48;
     def.pose.rotation = sb_quat_identity();
+    def.max_force = SB_REAL_MAX;
     def.cookie = SBI_TOOL_COOKIE;
     return def;
 }
@@ -66743,12 +67035,29 @@ static sb_result sbi_tool_check_not_negative(sb_real value, const char *name, sb
     return SB_OK;
 }
 
+static sb_result sbi_tool_check_spring(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->max_force, "def.max_force", error);
+    if (result == SB_OK && def->max_force == 0)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force is 0: the spring must pull with some force");
+    if (result == SB_OK && def->coupling_turning > 0 && def->coupling_stiffness == 0)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT,
+                          "def.coupling_turning needs def.coupling_stiffness > 0: a tool without it is rigid");
+    return result;
+}
+
 static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
 {
     sb_result result;
     if (def->cookie != SBI_TOOL_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
     result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_spring(def, error);
     if (result == SB_OK)
         result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
     return result == SB_OK ? sbi_tool_check_shape(def, error) : result;
@@ -68879,13 +69188,31 @@ typedef struct sbi_contact_nearest {
     sb_vec3 point, normal; /* m; out of the tool */
 } sbi_contact_nearest;
 
+/* What a tool hangs on. Its torque is 0 where it turns as it is sent to. */
+typedef struct sbi_contact_spring {
+    sb_real stiffness, turning, most; /* N/m, N m/rad, N; stiffness 0: the tool is rigid */
+    sb_pose hand;                     /* its other end, after the last step */
+    sb_vec3 force, torque;            /* N, N m about the tool's position: on the tool, where the last step balances */
+    sb_pose hand_next, hand_balance;  /* of the step: at its end, and where forces balance */
+    sb_vec3 pull, twist;              /* force and torque at the last evaluation */
+    sb_pose hand_done;                /* of the last increment that was done */
+    sb_vec3 pull_done, twist_done;
+    sb_real level;  /* of the step */
+    sb_pose centre; /* of the step: where it begins, and how far (m) it may go from there */
+    sb_real limit;
+    int held;           /* 1: at the last evaluation it went no farther because of that */
+    int first, last;    /* patches */
+    int size;           /* 3 or 6 unknowns; 0: it does not give way, as far as is known */
+    sb_real factor[36]; /* Cholesky's, of stiffness of contact and spring against its motion */
+} sbi_contact_spring;
+
 /* A tool's place in the list. Chains are of capsules, [point count]. */
 typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
     sb_real friction;
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
-    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance, *chain_kept;
     int face_count;              /* of its faces in sb_contact.near */
     sb_pose from;                /* at the start of the step, or of the increment of a static solve */
     sb_pose stage;               /* at the end of the last increment that was done */
@@ -68893,6 +69220,7 @@ typedef struct sbi_contact_tool {
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
+    sbi_contact_spring spring;
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
@@ -68981,6 +69309,7 @@ struct sb_contact {
     sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
+    sb_vec3 *hung_in, *hung_out; /* [node_room] for products */
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
@@ -68988,9 +69317,12 @@ struct sb_contact {
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
-    sbi_contact_entry *before; /* [max_contacts] these two before a static solve, for undo */
+    sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
+    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
+    sb_contact_info kept_info;
+    int kept_is_solved;
     void *memory;
 
     sbi_pairs pairs;
@@ -69058,7 +69390,7 @@ SBI_API void sbi_pairs_add_forces(sb_contact *contact, sb_vec3 *force);
 SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
 SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix);
 SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix);
-SBI_API double sbi_pairs_couple(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
 /* 1: nothing has passed through; contact->moved and the faces' boxes are those of the step. */
 SBI_API int sbi_pairs_are_safe(sb_contact *contact);
 
@@ -69086,6 +69418,36 @@ SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
 SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns);
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* An evaluation. renew: bounds of friction become those of here. */
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du; /* by place (m) */
+    int renew;
+    int first, last; /* patches */
+} sbi_contact_work;
+/* The patches of a tool, at its pose of balance. */
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
+
+/* Stress (Pa) of a sample on the body. */
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* ---- contact_hung.c: tools on springs ---- */
+SB_INLINE int sbi_contact_is_hung(const sbi_contact_tool *tool) { return tool->spring.stiffness > 0; }
+/* The patches of the step are there. */
+SBI_API void sbi_contact_begin_hung(sb_contact *contact);
+/* All has been evaluated: tools on springs go to where they balance, and are evaluated there. */
+SBI_API void sbi_contact_settle_hung(sb_contact *contact, const sbi_contact_work *work);
+/* out -= what the stiffness loses since these tools give way, times x; both by place. */
+SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 *x, sb_vec3 *out);
+/* 1: one of them went as far as it may at the last evaluation. */
+SBI_API int sbi_contact_is_held(const sb_contact *contact);
+/* Springs as they are now are those of a step or increment that is done; and these of all that is done. */
+SBI_API void sbi_contact_keep_springs(sb_contact *contact);
+SBI_API void sbi_contact_commit_springs(sb_contact *contact);
 
 /* ---- contact_live.c ---- */
 /* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
@@ -70054,7 +70416,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
 {
     sbi_pairs *pairs = &contact->pairs;
     int nodes = contact->touch.node_count;
-    contact->touch.couples = 0;
+    contact->touch.links = 0;
     pairs->link_count = pairs->saved_count = 0;
     if (!pairs->kinds)
         return SB_OK;
@@ -70289,7 +70651,7 @@ SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *mask
 {
     sbi_pairs *pairs = &contact->pairs;
     pairs->saved_count = pairs->link_count = 0;
-    contact->touch.couples = pairs->active_count > 0;
+    contact->touch.links = pairs->active_count > 0;
     if (pairs->active_count == 0)
         return;
     sbi_pair_make_blocks(contact);
@@ -70325,7 +70687,7 @@ static void sbi_pair_subtract(const int *nodes, const sb_real *weights, int coun
         out[nodes[a]] = sb_v3_madd(out[nodes[a]], -weights[a], sbi_contact_unmasked(masked ? masked[nodes[a]] : 0u, f));
 }
 
-SBI_API double sbi_pairs_couple(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
 {
     const sb_contact *contact = (const sb_contact *)user;
     const sbi_pairs *pairs = &contact->pairs;
@@ -70627,7 +70989,7 @@ SBI_API void sbi_pairs_follow_faces(sb_contact *contact)
     sbi_pairs *pairs = &contact->pairs;
     const sbi_contact_faces *faces = contact->faces;
     int count = 0;
-    pairs->link_count = contact->touch.couples = 0;
+    pairs->link_count = contact->touch.links = 0;
     for (int e = 0; e < pairs->entry_count; e++) {
         sbi_pair_entry entry = pairs->entries[e];
         entry.face = faces->live.moved[entry.face];
@@ -70897,8 +71259,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
 static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left, &c->touch.way,
-                           &c->touch.kept,  &c->positions, &c->places,       &c->moved};
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
+                           &c->moved,       &c->hung_in,    &c->hung_out};
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
@@ -71063,16 +71426,22 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
  * from there on. After the solve no sample may be deeper than 0.6 of it, nor any have come into the tool on a way
  * against it longer than 0.8 of it: a face has a sample within 0.36 radii of any of its points, so that a skeleton that
  * was at least 0.4 inner radii off a face's one side cannot have come as far off its other side. Faces are looked for
- * anew then: tissue may go where its velocity did not point to. */
+ * anew then: tissue may go where its velocity did not point to.
+ *
+ * A step that fails this is done again with less motion of tools, then with none. Tissue that is squeezed between tools
+ * without room for it would fail even so: a tool that lies deep in it goes no deeper, and where that was too late those
+ * that it presses on give way along its force. */
 #include <math.h>
 #include <string.h>
 
 
-#define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
-#define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
-#define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, after a step */
-#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it, of a sample that comes into the tool, against it */
-enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_LAST_TRY = 5 };
+#define SBI_SWEEP_CLEAR ((sb_real)0.05)            /* of the radius: nearer than this a tool touches */
+#define SBI_SWEEP_ADVANCE ((sb_real)0.5)           /* of the inner radius, in a step that touches */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)           /* of it, after a step */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8)          /* of it, of a sample that comes into the tool, against it */
+#define SBI_SWEEP_FULL ((sb_real)0.3)              /* of it: a tool so deep goes no deeper */
+#define SBI_SWEEP_GIVE ((sb_real)0.125)            /* of it, by which a tool gives way, times how often it had to */
+enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_STAYS = 5 }; /* tries from which on tools go nowhere */
 
 /* ---- faces near a tool ---- */
 
@@ -71099,11 +71468,17 @@ static int *sbi_sweep_near(const sb_contact *contact, int tool)
     return contact->near + (size_t)tool * (size_t)contact->faces->face_room;
 }
 
-static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain)
+/* around: how much farther (m) it may go. */
+static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain,
+                                 sb_real around)
 {
     sbi_contact_tool *tool = contact->tools + number;
     sb_vec3 low, high;
     sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
+    if (around < SB_REAL_MAX / 4) { /* that of a plane has no bounds */
+        low = sb_v3_sub(low, sb_v3(around, around, around));
+        high = sb_v3_add(high, sb_v3(around, around, around));
+    }
     tool->face_count =
         sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
 }
@@ -71142,20 +71517,41 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
     return least;
 }
 
-/* Share of the way to where it is sent that a tool may go: free up to the body, and some into it. */
-static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step)
+/* What is left of tools' ways when a step was refused. */
+static sb_real sbi_sweep_less(const sbi_touch_step *step)
 {
-    sbi_contact_tool *tool = contact->tools + number;
-    sb_real inner = sbi_tool_inner_radius(tool->shape), share = 0;
-    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
-    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), less = 1;
+    sb_real less = 1;
     for (int i = 0; i < step->tries; i++)
         less *= (sb_real)0.5;
-    if (step->tries >= SBI_SWEEP_LAST_TRY)
-        return 0;
-    if (way <= SBI_SWEEP_ADVANCE * inner || step->dt == 0)
-        return less;
-    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted);
+    return step->tries >= SBI_SWEEP_STAYS ? 0 : less;
+}
+
+/* How far a tool may go into the body in a step (m): less the deeper it lies, unless it is on its way out. */
+static sb_real sbi_sweep_reach(sb_contact *contact, int number, sb_real way)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real inner = sbi_tool_inner_radius(tool->shape), reach = SBI_SWEEP_ADVANCE * inner, depth = 0, share;
+    for (int e = 0; e < contact->entry_count; e++)
+        if (contact->entries[e].tool == number)
+            depth = sb_max(depth, -contact->entries[e].gap);
+    if (!(depth > 0) || !(way > 0))
+        return reach;
+    share = sb_min((sb_real)1, reach / way);
+    tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, 0);
+    if (!(sbi_sweep_gap(contact, tool->shape, tool->chain_next, &tool->next, sbi_sweep_near(contact, number),
+                        tool->face_count, NULL) < -depth))
+        return reach;
+    return reach * sb_max((sb_real)0, 1 - depth / (SBI_SWEEP_FULL * inner));
+}
+
+/* Share of the way (m) to where it is sent on which a tool is clear of the body. */
+static sb_real sbi_sweep_free(sb_contact *contact, int number, sb_real way)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), share = 0;
+    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted, 0);
     for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
         sb_pose at = sbi_pose_between(&tool->reached, &tool->wanted, share);
         sb_real gap;
@@ -71166,20 +71562,80 @@ static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_
             break;
         share = gap < way ? share + gap / way : 1; /* without faces the gap has no bound */
     }
-    return less * sb_min((sb_real)1, share + SBI_SWEEP_ADVANCE * inner / way);
+    return sb_min((sb_real)1, share);
+}
+
+/* Share of the way to where it is sent that a tool may go: free up to the body, which is the share *clear unless the
+ * way is short, and some into it. */
+static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step, sb_real *clear)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left, reach;
+    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+    *clear = 0;
+    if (less == 0 || step->dt == 0)
+        return less;
+    reach = sbi_sweep_reach(contact, number, way);
+    if (way <= reach)
+        return less * part;
+    *clear = sbi_sweep_free(contact, number, way);
+    return less * sb_min(part, *clear + reach / way);
+}
+
+/* A tool that the body pressed on goes along with it. */
+static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
+{
+    sb_pose pose = tool->reached;
+    sb_real size = sb_v3_norm(tool->force), way = SBI_SWEEP_GIVE * (sb_real)times * sbi_tool_inner_radius(tool->shape);
+    if (size > 0 && sbi_tool_get_shape(tool->shape) != SB_TOOL_PLANE)
+        pose.position = sb_v3_madd(pose.position, -way / size, tool->force);
+    return pose;
+}
+
+/* A tool on a spring begins where its way is no longer clear, and may go from there as far as a rigid one goes. */
+static void sbi_sweep_hung(sbi_contact_tool *tool, const sbi_touch_step *step, sb_real clear)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left;
+    sb_real most =
+        less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape); /* not `reach`: it may be pushed out */
+    spring->hand_next = sbi_pose_between(&spring->hand, &tool->wanted, step->factor * part);
+    spring->hand_balance = sbi_pose_between(&spring->hand, &spring->hand_next, step->level);
+    spring->level = step->level;
+    spring->limit = most;
+    spring->centre =
+        clear > 0 ? sbi_pose_between(&tool->reached, &tool->wanted, less * sb_min(part, clear)) : tool->from;
+    if (step->tries > SBI_SWEEP_STAYS)
+        spring->centre = tool->next;
+    if (!(spring->turning > 0)) { /* it turns by itself, and what is left is for its way */
+        sb_pose turned = spring->centre;
+        sb_real turn, share;
+        turned.rotation = spring->hand_balance.rotation;
+        turn = sbi_tool_motion(tool->shape, tool->chain_reached, &spring->centre, tool->chain_reached, &turned);
+        share = turn > most / 2 ? most / 2 / turn : 1;
+        spring->centre = sbi_pose_between(&spring->centre, &turned, share);
+        spring->limit = most - share * turn;
+    }
+    tool->next = tool->balance = spring->centre;
 }
 
 static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step *step)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    sb_real clear, share = sbi_sweep_share(contact, number, step, &clear) * step->factor, around = 0;
     tool->from = step->stage > 0 ? tool->stage : tool->reached;
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
-    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
+    if (step->tries > SBI_SWEEP_STAYS)
+        tool->next = sbi_sweep_give_way(tool, step->tries - SBI_SWEEP_STAYS);
     tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
+    if (sbi_contact_is_hung(tool)) {
+        sbi_sweep_hung(tool, step, clear);
+        around = tool->spring.limit;
+    }
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
-    tool->way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
-    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+    tool->way = around + sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, around);
 }
 
 /* Places at the start of the step. */
@@ -71200,7 +71656,8 @@ static int sbi_sweep_overreaches(const sb_contact *contact)
 {
     for (int i = 0; contact->is_static && i < contact->max_tools; i++) {
         const sbi_contact_tool *tool = contact->tools + i;
-        if (tool->shape && tool->face_count > 0 && tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
+        if (tool->shape && !sbi_contact_is_hung(tool) && tool->face_count > 0 &&
+            tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
             return i;
     }
     return -1;
@@ -71287,7 +71744,7 @@ SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
         const sbi_contact_tool *tool = contact->tools + i;
         if (!tool->shape)
             continue;
-        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next);
+        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next, 0);
         if (!sbi_sweep_tool_is_safe(contact, i, u))
             return 0;
     }
@@ -71432,6 +71889,360 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
     contact->spare_pressures = contact->pressures;
     contact->pressures = fresh;
     contact->pressure_count = count;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_hung.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_hung: tools that hang on their pose by a spring.
+ *
+ * Such a tool has no mass: it is where the surface and the spring balance. For each displacement x that a step asks
+ * forces at its pose q(x) is found by Newton's method, in 3 or 6 unknowns, so that the forces are those of a tool that
+ * has given way already. What they change by with x is
+ *     K = Kxx - Kxq (Kqq + S)^-1 Kqx,    Kxx = sum w w^T k,  Kxq = -sum w k J,  Kqq = sum J^T k J,
+ * k the stiffness of a sample, J = [1, -r x] how the tool moves there, S that of the spring. Kxx has its blocks in the
+ * matrix; the rest couples all nodes that the tool touches and is multiplied within conjugate gradients. Soft and stiff
+ * springs are then the same to the step: nothing is delayed, and there is nothing to swing.
+ *
+ * In a step the tool may go as far from its centre as a rigid one goes in touch (contact_sweep.c): what would take it
+ * farther, as when it slips off an edge, holds it there until the next step. */
+#include <string.h>
+
+
+enum { SBI_HUNG_MOST = 24, SBI_HUNG_CUTS = 6, SBI_HUNG_ROUNDS = 3, SBI_HUNG_AT_LIMIT = 3 };
+
+#define SBI_HUNG_CLOSE ((sb_real)1e-9) /* imbalance that is none, of the forces in balance */
+#define SBI_HUNG_TURNS ((sb_real)0.3)  /* of the slope at the start, at the end of a way that needs no search */
+
+/* What moves a tool out of balance where it is, and how large the forces are that balance. */
+typedef struct sbi_hung_balance {
+    sb_real b[6];               /* N, N m about its position: of the spring, less those on the surface */
+    sb_real sizes[2], noise[2]; /* N, N m; of rounding */
+} sbi_hung_balance;
+
+SB_INLINE void sbi_hung_put(sb_real *out, sb_vec3 v) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+SB_INLINE sb_vec3 sbi_hung_get(const sb_real *in) { return sb_v3(in[0], in[1], in[2]); }
+
+static sb_vec3 sbi_hung_times(const sb_real k[9], sb_vec3 v)
+{
+    return sb_v3(k[0] * v.x + k[1] * v.y + k[2] * v.z, k[3] * v.x + k[4] * v.y + k[5] * v.z,
+                 k[6] * v.x + k[7] * v.y + k[8] * v.z);
+}
+
+/* ---- the balance ---- */
+
+/* Stiffness of the spring along its pull: less where it pulls with all that it may. */
+static sb_real sbi_hung_stiffness(const sbi_contact_tool *tool)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_real length = sb_v3_norm(sb_v3_sub(spring->hand_balance.position, tool->balance.position));
+    return spring->stiffness * length > spring->most ? spring->most / length : spring->stiffness;
+}
+
+static void sbi_hung_pull(sbi_contact_tool *tool)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sb_vec3 way = sb_v3_sub(spring->hand_balance.position, tool->balance.position);
+    sb_vec3 turn = sbi_pose_turn_to_space(&tool->balance, sbi_pose_rotation(&tool->balance, &spring->hand_balance));
+    spring->pull = sb_v3_scale(sbi_hung_stiffness(tool), way);
+    spring->twist = sb_v3_scale(spring->turning, turn);
+}
+
+/* At the last evaluation. */
+static void sbi_hung_measure(const sb_contact *contact, sbi_contact_tool *tool, sbi_hung_balance *balance)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_vec3 force, torque;
+    sb_real reach = 0;
+    sbi_hung_pull(tool);
+    force = spring->pull, torque = spring->twist;
+    balance->sizes[0] = sb_v3_norm(force), balance->sizes[1] = sb_v3_norm(torque);
+    for (int p = spring->first; p < spring->last; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 f = sb_v3_scale(s->area, sbi_contact_stress(s)), arm = sb_v3_sub(s->point, tool->balance.position);
+            if (s->answer.state == SBI_CONTACT_OFF)
+                continue;
+            force = sb_v3_sub(force, f);
+            torque = sb_v3_sub(torque, sb_v3_cross(arm, f));
+            balance->sizes[0] += sb_v3_norm(f);
+            balance->sizes[1] += sb_v3_norm(arm) * sb_v3_norm(f);
+            reach = sb_max(reach, sb_v3_norm(arm));
+        }
+    }
+    balance->noise[0] = (sb_real)contact->touch.noise;
+    balance->noise[1] = reach * balance->noise[0];
+    sbi_hung_put(balance->b, force);
+    sbi_hung_put(balance->b + 3, torque);
+}
+
+static int sbi_hung_is_balanced(const sbi_contact_tool *tool, const sbi_hung_balance *balance)
+{
+    const sb_real close = sb_max(SBI_HUNG_CLOSE, 16 * SB_EPSILON);
+    for (int i = 0; i < (tool->spring.turning > 0 ? 6 : 3); i++)
+        if (!(sb_abs(balance->b[i]) <= close * balance->sizes[i / 3] + balance->noise[i / 3]))
+            return 0;
+    return 1;
+}
+
+/* ---- Newton's method for the pose ---- */
+
+/* Kqq + S at the last evaluation, factored. */
+static void sbi_hung_factor(const sb_contact *contact, sbi_contact_tool *tool)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    int n = spring->turning > 0 ? 6 : 3;
+    const sb_vec3 units[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    sb_real h[6][6];
+    memset(h, 0, sizeof h);
+    for (int p = spring->first; p < spring->last; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 arm = sb_v3_sub(s->point, tool->balance.position);
+            sb_real k[9];
+            if (s->answer.state == SBI_CONTACT_OFF)
+                continue;
+            sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+            for (int j = 0; j < n; j++) {
+                sb_vec3 f = sbi_hung_times(k, j < 3 ? units[j] : sb_v3_cross(units[j - 3], arm));
+                sb_vec3 t = sb_v3_cross(arm, f);
+                h[0][j] += f.x, h[1][j] += f.y, h[2][j] += f.z;
+                h[3][j] += t.x, h[4][j] += t.y, h[5][j] += t.z;
+            }
+        }
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            spring->factor[n * i + j] = h[i][j] + (i != j ? 0 : i < 3 ? sbi_hung_stiffness(tool) : spring->turning);
+    spring->size = sb_cholesky_factor(spring->factor, n) == 0 ? n : 0;
+}
+
+/* The tool goes a share of a way from a pose, or as far as it may. */
+static void sbi_hung_go(sbi_contact_tool *tool, const sb_pose *from, const sb_real way[6], sb_real share)
+{
+    sb_pose to = *from;
+    sb_real motion;
+    to.position = sb_v3_madd(from->position, share, sbi_hung_get(way));
+    if (tool->spring.turning > 0)
+        to.rotation = sb_quat_normalise(
+            sb_quat_mul(sb_quat_from_rotation_vector(sb_v3_scale(share, sbi_hung_get(way + 3))), from->rotation));
+    motion = sbi_tool_motion(tool->shape, tool->chain_balance, &tool->spring.centre, tool->chain_balance, &to);
+    tool->spring.held = !(motion <= tool->spring.limit);
+    tool->balance = tool->spring.held ? sbi_pose_between(&tool->spring.centre, &to, tool->spring.limit / motion) : to;
+}
+
+static sb_real sbi_hung_slope(const sbi_contact_tool *tool, const sbi_hung_balance *balance, const sb_real way[6])
+{
+    sb_real sum = 0;
+    for (int i = 0; i < tool->spring.size; i++)
+        sum += way[i] * balance->b[i];
+    return sum;
+}
+
+/* Goes along a way whose end would lie behind where the forces balance on it: to there, by false position. */
+static void sbi_hung_search(sb_contact *contact, sbi_contact_tool *tool, const sbi_contact_work *work,
+                            const sb_pose *from, const sb_real way[6], sb_real begin, sbi_hung_balance *balance)
+{
+    sb_real low = 0, high = 1, at_low = begin, at_high = sbi_hung_slope(tool, balance, way);
+    for (int i = 0; i < SBI_HUNG_CUTS; i++) {
+        sb_real share = (low * at_high - high * at_low) / (at_high - at_low), slope;
+        sbi_hung_go(tool, from, way, share);
+        sbi_contact_evaluate_tool(work, tool);
+        sbi_hung_measure(contact, tool, balance);
+        slope = sbi_hung_slope(tool, balance, way);
+        if (sb_abs(slope) <= SBI_HUNG_TURNS * begin)
+            return;
+        if (slope < 0)
+            high = share, at_high = slope, at_low *= (sb_real)0.5;
+        else
+            low = share, at_low = slope, at_high *= (sb_real)0.5;
+    }
+}
+
+/* Finds where the tool balances with bounds of friction as they are. Returns 1 when it was there already. */
+static int sbi_hung_settle(sb_contact *contact, sbi_contact_tool *tool, const sbi_contact_work *work)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sbi_hung_balance balance;
+    int at_limit = 0;
+    sbi_hung_measure(contact, tool, &balance);
+    for (int i = 0; i < SBI_HUNG_MOST; i++) {
+        const sb_pose from = tool->balance;
+        sb_real way[6], begin;
+        if (sbi_hung_is_balanced(tool, &balance))
+            return i == 0;
+        sbi_hung_factor(contact, tool);
+        if (spring->size == 0 || at_limit == SBI_HUNG_AT_LIMIT)
+            return 0;
+        memcpy(way, balance.b, sizeof way);
+        sb_cholesky_solve(spring->factor, spring->size, way);
+        begin = sbi_hung_slope(tool, &balance, way);
+        sbi_hung_go(tool, &from, way, 1);
+        sbi_contact_evaluate_tool(work, tool);
+        sbi_hung_measure(contact, tool, &balance);
+        if (sbi_hung_slope(tool, &balance, way) < -SBI_HUNG_TURNS * begin)
+            sbi_hung_search(contact, tool, work, &from, way, begin, &balance);
+        at_limit += spring->held;
+    }
+    return 0;
+}
+
+/* The pose at the end of the step, where forces balance before it. */
+static sb_pose sbi_hung_further(const sb_pose *from, const sb_pose *balance, sb_real level)
+{
+    sb_pose end = *balance;
+    if (level == 1)
+        return end;
+    end.position = sb_v3_madd(from->position, 1 / level, sb_v3_sub(balance->position, from->position));
+    end.rotation = sb_quat_normalise(sb_quat_mul(
+        from->rotation, sb_quat_from_rotation_vector(sb_v3_scale(1 / level, sbi_pose_rotation(from, balance)))));
+    return end;
+}
+
+SBI_API void sbi_contact_settle_hung(sb_contact *contact, const sbi_contact_work *given)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        sbi_contact_work work = *given;
+        if (!sbi_contact_is_hung(tool))
+            continue;
+        work.renew = 0;
+        for (int round = 0; !sbi_hung_settle(contact, tool, &work) && given->renew && tool->friction > 0; round++) {
+            if (round == SBI_HUNG_ROUNDS)
+                break;
+            sbi_contact_evaluate_tool(given, tool);
+        }
+        sbi_hung_factor(contact, tool);
+        if (tool->spring.held)
+            tool->spring.size = 0;
+        tool->next = sbi_hung_further(&tool->reached, &tool->balance, tool->spring.level);
+    }
+}
+
+/* ---- in the system ---- */
+
+/* out -= Kxq (Kqq + S)^-1 Kqx x of a tool */
+static void sbi_hung_subtract(const sb_contact *contact, const sbi_contact_tool *tool, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_real z[6] = {0, 0, 0, 0, 0, 0};
+    for (int pass = 0; pass < 2; pass++) {
+        for (int p = spring->first; p < spring->last; p++) {
+            const sbi_contact_patch *patch = contact->patches + p;
+            int count = contact->faces->sizes[patch->face];
+            for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+                const sbi_contact_sample *s = contact->samples + i;
+                sb_vec3 arm = sb_v3_sub(s->point, tool->balance.position), f, t;
+                sb_real k[9];
+                if (s->answer.state == SBI_CONTACT_OFF)
+                    continue;
+                sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+                if (pass == 0) {
+                    f = sbi_hung_times(k, sbi_contact_mean(s->weights, patch->nodes, count, x));
+                    t = sb_v3_cross(arm, f);
+                    z[0] += f.x, z[1] += f.y, z[2] += f.z, z[3] += t.x, z[4] += t.y, z[5] += t.z;
+                    continue;
+                }
+                f = sbi_hung_times(k, sb_v3_add(sbi_hung_get(z), sb_v3_cross(sbi_hung_get(z + 3), arm)));
+                for (int a = 0; a < count; a++)
+                    out[patch->nodes[a]] = sb_v3_madd(out[patch->nodes[a]], -s->weights[a], f);
+            }
+        }
+        if (pass == 0) {
+            sb_cholesky_solve(spring->factor, spring->size, z);
+            for (int i = spring->size; i < 6; i++)
+                z[i] = 0;
+        }
+    }
+}
+
+SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 *x, sb_vec3 *out)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        if (sbi_contact_is_hung(contact->tools + t) && contact->tools[t].spring.size > 0)
+            sbi_hung_subtract(contact, contact->tools + t, x, out);
+}
+
+static void sbi_hung_multiply(void *user, const double *x, double *y)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    int count = contact->touch.node_count;
+    for (int k = 0; k < count; k++) {
+        contact->hung_in[k] = sb_v3((sb_real)x[3 * k], (sb_real)x[3 * k + 1], (sb_real)x[3 * k + 2]);
+        contact->hung_out[k] = sb_v3(0, 0, 0);
+    }
+    sbi_contact_subtract_hung(contact, contact->hung_in, contact->hung_out);
+    for (int k = 0; k < count; k++) {
+        y[3 * k] = (double)contact->hung_out[k].x;
+        y[3 * k + 1] = (double)contact->hung_out[k].y;
+        y[3 * k + 2] = (double)contact->hung_out[k].z;
+    }
+}
+
+SBI_API void sbi_contact_begin_hung(sb_contact *contact)
+{
+    sbi_guest *coupling = &contact->touch.coupling;
+    int any = 0;
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].spring.first = contact->tools[t].spring.last = 0;
+    for (int p = contact->patch_count; p-- > 0;) {
+        sbi_contact_spring *spring = &contact->tools[contact->patches[p].tool].spring;
+        spring->last = sbi_max_int(spring->last, p + 1);
+        spring->first = p;
+        any |= sbi_contact_is_hung(contact->tools + contact->patches[p].tool);
+    }
+    coupling->user = contact;
+    coupling->is_tangent = 1;
+    coupling->multiply = sbi_hung_multiply;
+    coupling->nodes = contact->nodes;
+    coupling->node_count = any ? contact->touch.node_count : 0;
+}
+
+/* ---- end ---- */
+
+SBI_API int sbi_contact_is_held(const sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        if (sbi_contact_is_hung(contact->tools + t) && contact->tools[t].spring.held)
+            return 1;
+    return 0;
+}
+
+SBI_API void sbi_contact_keep_springs(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_spring *spring = &contact->tools[t].spring;
+        if (!sbi_contact_is_hung(contact->tools + t))
+            continue;
+        spring->hand_done = spring->hand_next;
+        spring->pull_done = spring->pull;
+        spring->twist_done = spring->twist;
+    }
+}
+
+SBI_API void sbi_contact_commit_springs(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_spring *spring = &contact->tools[t].spring;
+        if (!sbi_contact_is_hung(contact->tools + t))
+            continue;
+        spring->hand = spring->hand_done;
+        spring->force = spring->pull_done;
+        spring->torque = spring->twist_done;
+    }
+}
+
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool)
+{
+    if (!contact || !on_tool)
+        return SB_ERROR_ARGUMENT;
+    if (tool < 0 || tool >= contact->max_tools || !contact->tools[tool].shape)
+        return SB_ERROR_INDEX;
+    on_tool->force = contact->tools[tool].spring.force;
+    on_tool->torque = contact->tools[tool].spring.torque;
+    return SB_OK;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -71712,6 +72523,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         sbi_contact_forget_nodes(contact);
         return result;
     }
+    sbi_contact_begin_hung(contact);
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
     sbi_contact_remember_pressures(contact);
@@ -71728,12 +72540,6 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 
 /* ---- evaluation ---- */
 
-typedef struct sbi_contact_work {
-    sb_contact *contact;
-    const sb_vec3 *du;
-    int renew;
-} sbi_contact_work;
-
 static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
                                         sbi_contact_sample *s)
 {
@@ -71742,8 +72548,11 @@ static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_
     int count = contact->faces->sizes[patch->face];
     sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
     sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
-    sb_vec3 slip = sb_v3_sub(u, s->carried);
-    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
+    if (sbi_contact_is_hung(tool))
+        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
+    slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(start, u);
     s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
                                &normal);
     s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
@@ -71757,8 +72566,8 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
 {
     const sbi_contact_work *work = (const sbi_contact_work *)user;
     sb_contact *contact = work->contact;
-    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
-    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+    int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
+    for (int p = first; p < last; p++) {
         sbi_contact_patch *patch = contact->patches + p;
         patch->touching = 0;
         for (int i = patch->first; i < patch->first + patch->count; i++) {
@@ -71768,9 +72577,18 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
     }
 }
 
-SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+static void sbi_contact_evaluate_patches(sbi_contact_work *work)
 {
-    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+    int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
+    sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
+}
+
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool)
+{
+    sbi_contact_work own = *work;
+    own.first = tool->spring.first;
+    own.last = tool->spring.last;
+    sbi_contact_evaluate_patches(&own);
 }
 
 /* Forces on the nodes, in the order of samples. */
@@ -71797,11 +72615,13 @@ static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_work work;
-    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
     work.contact = contact;
     work.du = du;
     work.renew = renew;
-    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    work.first = 0;
+    work.last = contact->patch_count;
+    sbi_contact_evaluate_patches(&work);
+    sbi_contact_settle_hung(contact, &work);
     sbi_pairs_evaluate(contact, du, renew);
     sbi_contact_sum_forces(contact);
     contact->blocks_current = 0;
@@ -71871,6 +72691,8 @@ static void sbi_contact_multiply(void *user, const unsigned char *masked, const 
         }
     }
     sbi_pairs_multiply(contact, masked, x, out);
+    if (contact->touch.couples)
+        sbi_contact_subtract_hung(contact, x, out);
     for (int k = 0; masked && k < contact->touch.node_count; k++)
         out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
 }
@@ -72042,6 +72864,8 @@ static int sbi_contact_balance(void *user, int round)
 {
     sb_contact *contact = (sb_contact *)user;
     sb_real overlap, pushed;
+    if (sbi_contact_is_held(contact))
+        return -1;
     sbi_contact_measure_overlap(contact, &overlap, &pushed);
     if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
         sbi_contact_keep_pressures(contact, 0);
@@ -72055,6 +72879,7 @@ static int sbi_contact_balance(void *user, int round)
     sbi_contact_keep_entries(contact);
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].stage = contact->tools[t].balance;
+    sbi_contact_keep_springs(contact);
     return 0;
 }
 
@@ -72078,7 +72903,9 @@ static void sbi_contact_commit(void *user)
         sbi_contact_keep_pressures(contact, 1);
         sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
+        sbi_contact_keep_springs(contact);
     }
+    sbi_contact_commit_springs(contact);
     for (int t = 0; contact->is_static && t < contact->max_tools; t++)
         contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
@@ -72091,19 +72918,53 @@ static void sbi_contact_commit(void *user)
     sbi_contact_forget_nodes(contact);
 }
 
+/* What the last step remembers goes back to what was kept before. */
+static void sbi_contact_go_back(sb_contact *contact)
+{
+    contact->entry_count = contact->before_count;
+    memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+    contact->pressure_count = contact->before_pressure_count;
+    memcpy(contact->pressures, contact->before_pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+    sbi_pairs_take_before(contact);
+}
+
 static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (contact->is_static) {
-        contact->entry_count = contact->before_count;
-        memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
-        contact->pressure_count = contact->before_pressure_count;
-        memcpy(contact->pressures, contact->before_pressures,
-               (size_t)contact->pressure_count * sizeof *contact->pressures);
-        sbi_pairs_take_before(contact);
-    }
-    contact->touch.couples = 0;
+    contact->touch.links = 0;
+    if (contact->is_static)
+        sbi_contact_go_back(contact);
     sbi_contact_forget_nodes(contact);
+}
+
+/* ---- steps that are divided ---- */
+
+static void sbi_contact_keep(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_before(contact);
+    memcpy(contact->kept_tools, contact->tools, (size_t)contact->max_tools * sizeof *contact->tools);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_kept[i] = tool->chain_reached[i];
+    }
+    contact->kept_info = contact->info;
+    contact->kept_is_solved = contact->is_solved;
+}
+
+static void sbi_contact_rewind(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_go_back(contact);
+    memcpy(contact->tools, contact->kept_tools, (size_t)contact->max_tools * sizeof *contact->tools);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_reached[i] = tool->chain_kept[i];
+    }
+    contact->info = contact->kept_info;
+    contact->is_solved = contact->kept_is_solved;
 }
 
 SBI_API void sbi_contact_join(sb_contact *contact)
@@ -72115,12 +72976,14 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
-    touch->couple = sbi_pairs_couple;
+    touch->multiply_links = sbi_pairs_multiply_links;
     touch->accept = sbi_contact_accept;
     touch->balance = sbi_contact_balance;
     touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
     touch->undo = sbi_contact_undo;
+    touch->keep = sbi_contact_keep;
+    touch->rewind = sbi_contact_rewind;
     sbi_body_set_touch(contact->body, touch);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
@@ -72167,7 +73030,8 @@ static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *
                                          sb_error *error)
 {
     size_t count = (size_t)sbi_tool_point_count(tool->shape);
-    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance};
+    sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance,
+                          &tool->chain_kept};
     size_t copies = sizeof chains / sizeof *chains;
     sb_vec3 *points;
     if (count == 0)
@@ -72227,6 +73091,12 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
         result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
     made->wanted = made->next = made->balance = made->reached;
     made->friction = def->friction;
+    made->spring.stiffness = def->coupling_stiffness;
+    made->spring.turning = def->coupling_turning;
+    made->spring.most = def->max_force;
+    made->spring.hand = made->reached;
+    if (result == SB_OK && sbi_contact_is_hung(made))
+        result = sbi_body_reserve_coupling(contact->body, contact->faces->node_room, error);
     return result;
 }
 
@@ -72271,6 +73141,7 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
             contact->pressures[count++] = contact->pressures[i];
     contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+    contact->tools[tool].spring.force = contact->tools[tool].spring.torque = sb_v3(0, 0, 0);
     contact->tools[tool].nearest.known = 0;
     contact->is_solved = 0;
 }
@@ -72317,7 +73188,7 @@ SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_p
         result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
     if (result != SB_OK)
         return result;
-    t->reached = t->wanted = t->next = t->balance = unit;
+    t->reached = t->wanted = t->next = t->balance = t->spring.hand = unit;
     sbi_contact_forget(contact, tool);
     sbi_contact_tell_pose(contact, SBI_CONTACT_PLACE, tool, pose);
     return SB_OK;
@@ -72399,7 +73270,7 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 #include <string.h>
 
 
-enum { SBI_CONTACT_VERSION = 2 };
+enum { SBI_CONTACT_VERSION = 3 }; /* 3: springs of tools */
 
 /* ---- words ---- */
 
@@ -72444,7 +73315,7 @@ SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int coun
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
+enum { SBI_CONTACT_TOOL_REALS = 37, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -72467,6 +73338,10 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
     sbi_contact_pack_pose(&tool->wanted, reals + 8);
     sbi_contact_pack_vector(tool->force, reals + 15);
     sbi_contact_pack_vector(tool->torque, reals + 18);
+    reals[21] = tool->spring.stiffness, reals[22] = tool->spring.turning, reals[23] = tool->spring.most;
+    sbi_contact_pack_pose(&tool->spring.hand, reals + 24);
+    sbi_contact_pack_vector(tool->spring.force, reals + 31);
+    sbi_contact_pack_vector(tool->spring.torque, reals + 34);
     sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
     for (int i = 0; i < points; i++) {
         sbi_contact_pack_vector(tool->chain_reached[i], reals);
@@ -72530,8 +73405,15 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     read.torque = sb_v3(reals[18], reals[19], reals[20]);
     read.next = read.balance = read.reached;
     read.nearest.known = 0;
+    read.spring.hand = sbi_contact_unpack_pose(reals + 24);
+    read.spring.force = sb_v3(reals[31], reals[32], reals[33]);
+    read.spring.torque = sb_v3(reals[34], reals[35], reals[36]);
+    if (!in->bad &&
+        (reals[21] != tool->spring.stiffness || reals[22] != tool->spring.turning || reals[23] != tool->spring.most))
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state hangs on another spring", number);
     in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
-               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0 ||
+               sb_quat_dot(read.spring.hand.rotation, read.spring.hand.rotation) == 0;
     for (int i = 0; i < points; i++) {
         sbi_contact_get_reals(in, reals, 6);
         if (takes) {
@@ -72881,6 +73763,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
+    c->kept_tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->kept_tools);
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
     c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
@@ -72969,6 +73852,8 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         result = sbi_pairs_join_state(made, error);
     if (result == SB_OK)
         result = sbi_contact_listen(made, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_substeps(made->body, error);
     if (result != SB_OK) {
         sbi_contact_leave_state(made);
         sbi_contact_release(made);
@@ -74547,6 +75432,9 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.contact is NULL: a hand needs the contact of its tool");
     if (sb_contact_reached(def->contact, def->tool, pose, NULL) != SB_OK)
         return sbi_fail(error, SB_ERROR_INDEX, "def.tool is %d: the contact has no such tool", def->tool);
+    if (sbi_contact_is_hung(def->contact->tools + def->tool))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);
     return SB_OK;
 }
 

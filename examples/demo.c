@@ -1,11 +1,10 @@
-/* demo: an organ lies under gravity, a ball on a rod presses into it and lets go.
+/* demo: an organ lies under gravity, a ball on a rod presses into it, slides and lets go.
  *
  *     demo [ORGAN.vtk|ORGAN.msh|...] [OPTIONS]      demo --help lists the options
  *
- * Without a file the organ is made here. Part of it is held, the ball presses on it from above: surface
- * nodes that it meets stick to it until they would be pulled. Written are frames for ParaView, a picture
- * coloured by stress, and how long a step took. Exit status: 0, 2 wrong usage or a file that cannot be
- * read or written, 3 a step failed. */
+ * Without a file the organ is made here. Part of it is held; the ball is a tool in contact, with friction. Written are
+ * frames for ParaView, a picture coloured by stress, and how long a step took. Exit status: 0, 2 wrong usage or a file
+ * that cannot be read or written, 3 a step failed. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -92,8 +91,8 @@ static void print_help(const settings *defaults)
     option options[OPTION_COUNT];
     list_options(&s, options);
     printf("usage: demo [ORGAN] [OPTIONS]\n\n"
-           "Presses a ball into an organ that lies under gravity. ORGAN: a volume mesh in metres (VTK, VTU,\n"
-           "gmsh, Medit or TetGen); without it a liver-like one is made.\n\n");
+           "A ball presses into an organ that lies under gravity, slides and lets go. ORGAN: a volume mesh in\n"
+           "metres (VTK, VTU, gmsh, Medit or TetGen); without it a liver-like one is made.\n\n");
     options_print(options, OPTION_COUNT);
     printf("\nmaterials:");
     for (int i = 0; i < MATERIAL_COUNT; i++)
@@ -152,39 +151,38 @@ static settings default_settings(const char *folder)
 
 /* ---- the scene ---------------------------------------------------------------------------------- */
 
-/* A ball on a straight path along `direction`. */
+/* A ball that goes along `direction`, and then slides along `aside`. */
 typedef struct tool {
+    int number;                /* in the contact */
     double radius, gap, depth; /* m: of the ball; from the organ before; into it at most */
-    sb_vec3 touch, direction;  /* where it meets the organ, unit vector into it */
+    sb_vec3 touch;             /* where it meets the organ */
+    sb_vec3 direction, aside;  /* unit vectors, into it and along it */
     sb_vec3 centre;
     sb_vec3 force;     /* on the organ (N) */
     double peak_force; /* largest magnitude so far (N) */
-    int contacts;
 } tool;
 
 typedef struct scene {
     sb_mesh mesh;     /* as loaded: the undeformed shape */
     sb_boundary skin; /* its surface; skin.nodes are nodes of the mesh */
     sb_body *body;
+    sb_contact *contact;
     sb_vec3 low, high; /* box of the undeformed shape */
     int fixed_count;
-    sb_vec3 *shape;       /* [mesh.node_count] deformed nodes for files */
-    sb_real *stress;      /* [mesh.node_count] von Mises stress (Pa) */
-    unsigned char *stuck; /* [skin nodes] 1: moves with the ball */
-    sb_vec3 *offsets;     /* [skin nodes] place relative to the ball's centre */
-    sb_vec3 *normals;     /* [skin nodes] */
+    sb_vec3 *shape;   /* [mesh.node_count] deformed nodes for files */
+    sb_real *stress;  /* [mesh.node_count] von Mises stress (Pa) */
+    sb_vec3 *normals; /* [skin nodes] */
     tool ball;
 } scene;
 
 static void free_scene(scene *s)
 {
+    sb_contact_destroy(s->contact);
     sb_body_destroy(s->body);
     sb_boundary_free(&s->skin);
     sb_mesh_free(&s->mesh);
     free(s->shape);
     free(s->stress);
-    free(s->stuck);
-    free(s->offsets);
     free(s->normals);
     memset(s, 0, sizeof *s);
 }
@@ -253,10 +251,8 @@ static int make_mesh(const settings *set, scene *s)
     nodes = (size_t)s->mesh.node_count, skin_nodes = (size_t)s->skin.surface.node_count;
     s->shape = (sb_vec3 *)calloc(nodes, sizeof *s->shape);
     s->stress = (sb_real *)calloc(nodes, sizeof *s->stress);
-    s->stuck = (unsigned char *)calloc(skin_nodes, 1);
-    s->offsets = (sb_vec3 *)calloc(skin_nodes, sizeof *s->offsets);
     s->normals = (sb_vec3 *)calloc(skin_nodes, sizeof *s->normals);
-    return s->shape && s->stress && s->stuck && s->offsets && s->normals ? 0 : complain_memory();
+    return s->shape && s->stress && s->normals ? 0 : complain_memory();
 }
 
 static int compare_reals(const void *a, const void *b)
@@ -308,6 +304,7 @@ static int make_body(const settings *set, scene *s)
 {
     sb_error error;
     sb_body_def def = sb_default_body_def();
+    sb_contact_def contact = sb_default_contact_def();
     def.mesh = &s->mesh;
     def.material = find_material(set->material)->make(REAL(set->young), REAL(set->poisson), REAL(set->density));
     def.single_rotation = s->mesh.element_type == SB_TET10 && def.material.model == SB_COROTATED; /* faster */
@@ -323,6 +320,9 @@ static int make_body(const settings *set, scene *s)
         return complain(&error, EXIT_USAGE);
     if (hold_organ(s) != SB_OK)
         return complain_memory();
+    contact.body = s->body;
+    if (sb_contact_create(&contact, &s->contact, &error) != SB_OK)
+        return complain(&error, EXIT_USAGE);
     print_warnings(s);
     return 0;
 }
@@ -351,9 +351,12 @@ static void update_normals(scene *s)
     }
 }
 
-/* Aims at the upper side of the organ as it lies now, in front of where it is held. */
-static void aim_ball(scene *s)
+/* Puts the ball above the upper side of the organ as it lies now, in front of where it is held. */
+static int aim_ball(scene *s)
 {
+    const double friction = 0.3;
+    sb_tool_def def = sb_default_tool_def();
+    sb_error error;
     const sb_vec3 *x = sb_body_positions(s->body);
     sb_vec3 size = sb_v3_sub(s->high, s->low), normal = sb_v3(0, 0, 1);
     double spot_x = (double)s->low.x + 0.40 * (double)size.x;
@@ -372,9 +375,17 @@ static void aim_ball(scene *s)
         normal = n;
     }
     s->ball.direction = unit(sb_v3_sub(sb_v3(0, 0, -1), normal));
+    s->ball.aside = unit(sb_v3_cross(s->ball.direction, sb_v3(0, 1, 0)));
     s->ball.radius = 0.075 * diagonal;
     s->ball.gap = 0.2 * s->ball.radius;
     s->ball.depth = 0.065 * diagonal;
+    def.radius = REAL(s->ball.radius);
+    def.friction = REAL(friction);
+    def.pose.position = s->ball.centre =
+        sb_v3_madd(s->ball.touch, REAL(-s->ball.gap - s->ball.radius), s->ball.direction);
+    if (sb_contact_add_tool(s->contact, &def, &s->ball.number, &error) != SB_OK)
+        return complain(&error, EXIT_SOLVE);
+    return 0;
 }
 
 /* 0 to 1 with velocity and acceleration 0 at both ends. */
@@ -384,8 +395,8 @@ static double smooth_step(double t)
     return t * t * t * (10 + t * (6 * t - 15));
 }
 
-/* The story, as shares of its length: settle, press, stay, go back, settle. */
-static const double press_begins = 0.24, press_ends = 0.60, return_begins = 0.68, return_ends = 0.92;
+/* The story, as shares of its length: settle, press, slide, go back, settle. */
+static const double press_begins = 0.24, press_ends = 0.54, return_begins = 0.72, return_ends = 0.92;
 
 /* How far the ball has moved along its direction at a moment from 0 to 1; its surface then is at -gap +
  * travel. */
@@ -396,49 +407,26 @@ static double ball_travel(const tool *ball, double moment)
     return (in - out) * (ball->gap + ball->depth);
 }
 
-/* Decides for one skin node whether it moves with the ball: it sticks when the ball reaches it, and lets
- * go when the ball would have to pull it. */
-static sb_result touch_node(scene *s, int i)
-{
-    int node = s->skin.nodes[i];
-    sb_vec3 x = sb_body_positions(s->body)[node], target;
-    if (s->stuck[i] && sb_v3_dot(sb_body_reactions(s->body)[node], s->offsets[i]) < 0) {
-        s->stuck[i] = 0;
-        return sb_body_release_nodes(s->body, &node, 1, SB_XYZ);
-    }
-    if (!s->stuck[i]) {
-        sb_vec3 from_centre = sb_v3_sub(x, s->ball.centre);
-        if ((double)sb_v3_norm(from_centre) >= s->ball.radius || sb_body_supports(s->body)[node])
-            return SB_OK;
-        s->stuck[i] = 1;
-        s->offsets[i] = sb_v3_scale(REAL(s->ball.radius), unit(from_centre));
-    }
-    target = sb_v3_sub(sb_v3_add(s->ball.centre, s->offsets[i]), s->mesh.nodes[node]);
-    return sb_body_prescribe(s->body, &node, 1, SB_XYZ, &target, 1);
-}
-
+/* Where the ball is to be at a moment from 0 to 1. */
 static sb_result move_ball(scene *s, double moment)
 {
     double travel = ball_travel(&s->ball, moment) - s->ball.gap - s->ball.radius;
+    double slide = 0.7 * s->ball.radius * smooth_step((moment - press_ends) / (return_begins - press_ends));
+    sb_pose pose;
     s->ball.centre = sb_v3_madd(s->ball.touch, REAL(travel), s->ball.direction);
-    for (int i = 0; i < s->skin.surface.node_count; i++) {
-        sb_result result = touch_node(s, i);
-        if (result != SB_OK)
-            return result;
-    }
-    return SB_OK;
+    s->ball.centre = sb_v3_madd(s->ball.centre, REAL(slide), s->ball.aside);
+    pose.position = s->ball.centre;
+    pose.rotation = sb_quat_identity();
+    return sb_contact_move_tool(s->contact, s->ball.number, &pose);
 }
 
-/* Sums what the ball exerts on the organ. */
+/* What the ball exerts on the organ. */
 static void read_force(scene *s)
 {
-    s->ball.force = sb_v3(0, 0, 0);
-    s->ball.contacts = 0;
-    for (int i = 0; i < s->skin.surface.node_count; i++)
-        if (s->stuck[i]) {
-            s->ball.force = sb_v3_add(s->ball.force, sb_body_reactions(s->body)[s->skin.nodes[i]]);
-            s->ball.contacts++;
-        }
+    sb_wrench wrench;
+    if (sb_contact_wrench(s->contact, s->ball.number, &wrench) != SB_OK)
+        return; /* it is not there yet */
+    s->ball.force = sb_v3_scale(-1, wrench.force);
     s->ball.peak_force = fmax(s->ball.peak_force, (double)sb_v3_norm(s->ball.force));
 }
 
@@ -602,8 +590,8 @@ static int run_frame(const settings *set, scene *s, int frame, double *seconds, 
 {
     sb_step_info info;
     double start = seconds_now(), moment = (frame + 1.0) / set->frames;
-    if (frame == (int)(press_begins * set->frames))
-        aim_ball(s);
+    if (frame == (int)(press_begins * set->frames) && aim_ball(s))
+        return EXIT_SOLVE;
     if (frame >= (int)(press_begins * set->frames) && move_ball(s, moment) != SB_OK)
         return complain_memory();
     if (sb_body_step(s->body, REAL(set->dt), &info) != SB_OK) {

@@ -308,6 +308,33 @@ static inline void picture_add_capsule(picture *p, sb_vec3 from, sb_vec3 to, dou
     }
 }
 
+/* Adds a box by its middle (m), turn and half extents (m). */
+static inline void picture_add_block(picture *p, sb_vec3 middle, sb_quat turn, sb_vec3 half, picture_colour colour)
+{
+    static const int around[2][3] = {{0, 1, 2}, {0, 2, 3}}; /* corners of a face, counted from one to the next */
+    for (int i = 0; i < 12; i++) {
+        int axis = i / 4, sign = i / 2 % 2 ? 1 : -1;
+        picture_triangle *t = picture_new_triangle(p);
+        if (!t)
+            return;
+        memset(t, 0, sizeof *t);
+        t->colour = colour;
+        t->is_plain = 1;
+        for (int k = 0; k < 3; k++) {
+            int corner = around[i % 2][k];
+            double at[3], normal[3] = {0, 0, 0};
+            at[axis] = normal[axis] = sign;
+            at[(axis + 1) % 3] = corner == 1 || corner == 2 ? 1 : -1;
+            at[(axis + 2) % 3] = corner >= 2 ? 1 : -1;
+            t->corner[k] = picture_from(
+                sb_v3_add(middle, sb_quat_rotate(turn, sb_v3((sb_real)at[0] * half.x, (sb_real)at[1] * half.y,
+                                                             (sb_real)at[2] * half.z))));
+            t->normal[k] =
+                picture_from(sb_quat_rotate(turn, sb_v3((sb_real)normal[0], (sb_real)normal[1], (sb_real)normal[2])));
+        }
+    }
+}
+
 /* ---- projecting --------------------------------------------------------------------------------- */
 
 /* A view toward the viewer at azimuth (degrees from -y, the front, to +x) and elevation; not yet scaled. */

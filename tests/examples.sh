@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle programs, one_body,
-# register_liver and insilico as a user would, with good and bad arguments and files:
+# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle programs, grasp,
+# palpation, one_body, register_liver and insilico as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -441,6 +441,55 @@ expect 2 'is too short for --depth' needle_phantom --depth 0.3
 expect 2 'no-such.vtk' needle_phantom --mesh no-such.vtk
 expect 2 'no-such-folder/x_single.csv' needle_phantom -o no-such-folder/x
 
+# ---- grasp ----
+expect 0 '^usage: grasp' grasp --help
+expect 0 '^slipped=1 pull_out_N=[0-9.]* mu_N=[0-9.]* ratio=[0-9.]* steps=[0-9]* median_ms=[0-9.]*$' grasp --every 20
+check "it slips out when friction is used up" holds "$(last ratio) > 0.93 && $(last ratio) < 1.07"
+check "grasp.png is a picture" is_png grasp.png
+check "a chart of three panels" [ "$(grep -c '<g transform' grasp.svg)" = 3 ]
+check "the table has a row for each step" [ "$(wc -l <grasp.csv | tr -d ' ')" = "$(($(last steps) + 1))" ]
+check "the series names its files" [ "$(grep -c '"name": "grasp_00' grasp.vtk.series)" = "$(($(last steps) / 20))" ]
+pull=$(last pull_out_N)
+expect 0 '^slipped=1' grasp --mu 0.15 -o slippery
+check "half the friction pulls half as much" holds "$(last pull_out_N) < 0.7 * $pull && $(last pull_out_N) > 0.35 * $pull"
+expect 0 'it held; take a longer --way' grasp --way 0.002 -o held
+long expect_data 0 '^slipped=1' grasp volumes/liver_a_tet4_2k.vtk -o organ --young 5000 --poisson 0.45
+expect 2 '--mu needs a number from 0 to' grasp --mu -1
+expect 2 '--speed needs a number from' grasp --speed nan
+expect 2 '--held: would hold what is between the jaws' grasp --held 0.9
+expect 2 'of a jaw needs to be less than' grasp --length 0.001
+expect 2 '--squish is no option' grasp --squish 1
+expect 2 'b.vtk is a second file' grasp a.vtk b.vtk
+expect 2 'no-such.vtk' grasp no-such.vtk
+expect_data 2 'nan_coordinate.vtk:9: ' grasp bad/nan_coordinate.vtk
+expect_data 2 'is a surface' grasp surfaces/liver_a.obj
+expect_data 2 'add --scale 0.001' grasp volumes/liver_a_tet4_2k.vtk --scale 1000
+expect 2 'no-such-folder/x.csv: cannot be written' grasp --way 0.001 -o no-such-folder/x
+
+# ---- palpation ----
+expect 0 '^usage: palpation' palpation --help
+palpate="palpation --cells 10 --grid 9"
+expect 0 '^seen=1 error_mm=[0-9.]* contrast=[0-9.]* over_noise=[0-9.]* points=81$' $palpate -o palpation
+check "it is found where it is" holds "$(last error_mm) < 8"
+check "palpation.png is a picture" is_png palpation.png
+check "a row for each point" [ "$(wc -l <palpation.csv | tr -d ' ')" = 82 ]
+for seed in 1 2 $(long echo 3 4 5); do
+    expect 0 '^seen=[01] error_mm=' $palpate --seed $seed
+    check "seed $seed: it is found where it is" holds "$(last error_mm) < 8"
+done
+expect 0 '^seen=1 error_mm=' $palpate --healthy --grid 7
+expect 0 '^seen=0' $palpate --ratio 1
+long expect_data 0 '^seen=1' palpation volumes/liver_a_tet4_2k.vtk --healthy --size 0.015 --depth 0.018 --grid 9 -o organ
+expect 2 '--grid needs a whole number from 5 to' palpation --grid 2
+expect 2 '--ratio needs a number from' palpation --ratio 0
+expect 2 'has no room there' palpation --depth 0.039
+expect 2 'is smaller than an element' palpation --cells 4 --size 0.001
+expect 2 'needs to be less than the probe' palpation --indent 0.02
+expect 2 'hard is no option\|--hard is no option' palpation --hard
+expect 2 'no-such.vtk' palpation no-such.vtk
+expect_data 2 'is a surface' palpation surfaces/liver_a.obj
+expect 2 'no-such-folder/x.csv: cannot be written' palpation --cells 6 --size 0.012 --grid 5 -o no-such-folder/x
+
 # ---- register_liver ----
 is_near() { # is_near MM FILE FILE: the displacements of two registrations, in their mean
     paste -d ' ' "$2" "$3" | awk -v most="$1" '!/^#/ { sum += sqrt(($2 - $6) ^ 2 + ($3 - $7) ^ 2 + ($4 - $8) ^ 2); n++ }
@@ -528,7 +577,8 @@ expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --meth
 
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
-    needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop"
+    needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
+    palpation"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1
@@ -572,6 +622,8 @@ else
     skip "no /dev/full"
 fi
 if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
+    full_disk x.csv grasp --way 0.001 -o full/x
+    full_disk x.csv palpation --cells 6 --size 0.012 --grid 5 -o full/x
     full_disk x.vtk custom_element -n 1 -o full/x.vtk
     full_disk demo.png demo --no-vtk --frames 10 -o full
     full_disk demo_0000.vtk demo --frames 10 --every 5 -o full

@@ -134,14 +134,13 @@ static void test_held_by_tools(void)
 
 /* ---- a mesh that changes below a tool ---- */
 
-static void test_changes(void)
+/* A slab whose mesh may change, with a sphere that is to press it. */
+static press changing_press(void)
 {
     press p;
     sb_body_def def = sb_default_body_def();
     sb_contact_def contact = sb_default_contact_def();
     sb_tool_def tool = sb_default_tool_def();
-    unsigned long long seed = 11;
-    int changes = 0;
     memset(&p, 0, sizeof p);
     p.mesh = scene_box(SB_TET4, 6, 6, 3, sb_v3(REAL(0.06), REAL(0.06), REAL(0.03)), 0.1);
     def.mesh = &p.mesh;
@@ -159,6 +158,14 @@ static void test_changes(void)
     CHECK_OK(sb_contact_add_tool(p.contact, &tool, &p.tool, NULL));
     tool.pose.position.z = REAL(0.047);
     CHECK_OK(sb_contact_move_tool(p.contact, p.tool, &tool.pose));
+    return p;
+}
+
+static void test_changes(void)
+{
+    press p = changing_press();
+    unsigned long long seed = 11;
+    int changes = 0;
     for (int i = 0; i < 60; i++) {
         follow_op op;
         sb_wrench wrench;
@@ -174,5 +181,33 @@ static void test_changes(void)
     press_free(&p);
 }
 
+/* A state of another mesh makes the body anew: tools press on it all the same. */
+static void test_another_mesh(void)
+{
+    press p = changing_press();
+    unsigned long long seed = 12;
+    size_t size;
+    void *state;
+    sb_wrench before, after;
+    follow_op op;
+    for (int i = 0; i < 20; i++)
+        CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    size = sb_body_state_size(p.body);
+    state = malloc(size);
+    CHECK_OK(sb_body_state_save(p.body, state, size));
+    CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    CHECK_OK(sb_contact_wrench(p.contact, p.tool, &before));
+    for (int i = 0; i < 20; i++)
+        follow_change(p.body, &op, 0, 4, &seed);
+    CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    CHECK_OK(sb_body_state_load(p.body, state, size, NULL));
+    CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    CHECK_OK(sb_contact_wrench(p.contact, p.tool, &after));
+    CHECK(after.force.z > REAL(0.2));
+    CHECK_NEAR(after.force.z, before.force.z, scene_tolerance(1e-9, 1e3));
+    free(state);
+    press_free(&p);
+}
+
 CHECK_SUITE(contact_static, {"Hertz", test_hertz}, {"undo", test_undo}, {"held by tools alone", test_held_by_tools},
-            {"changes of the mesh", test_changes});
+            {"changes of the mesh", test_changes}, {"another mesh", test_another_mesh});

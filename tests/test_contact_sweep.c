@@ -8,7 +8,7 @@
 
 /* What sweeps have found. */
 typedef struct tally {
-    int steps, touching, crossings, refused, retries, not_finite, not_undone;
+    int steps, touching, crossings, refused, retries, divided, parts, not_finite, not_undone;
 } tally;
 
 typedef struct sweep {
@@ -18,7 +18,10 @@ typedef struct sweep {
     sb_quat turn[2];
     double dt, speed;
     sb_boundary boundary;
-    sb_vec3 *before; /* [node_count] places before the step */
+    sb_vec3 *before; /* [node_count] places before the step or the part of it */
+    sb_pose before_tool[2];
+    int crossings; /* in the parts of the step */
+    void (*commit)(void *contact);
 } sweep;
 
 static double random_in(unsigned long long *seed, double low, double high) { return check_random_in(seed, low, high); }
@@ -41,7 +44,7 @@ static sb_vec3 random_direction(unsigned long long *seed)
 
 /* ---- scenes ---- */
 
-static sb_tool_def random_tool(unsigned long long *seed, sb_tool_shape shape, sb_vec3 *chain)
+static sb_tool_def random_tool(unsigned long long *seed, sb_tool_shape shape, int hangs, sb_vec3 *chain)
 {
     sb_tool_def def = sb_default_tool_def();
     def.shape = shape;
@@ -58,6 +61,13 @@ static sb_tool_def random_tool(unsigned long long *seed, sb_tool_shape shape, sb
         double x = random_in(seed, 0.006, 0.02), y = random_in(seed, 0.006, 0.02), z = random_in(seed, 0.006, 0.02);
         def.half = sb_v3(REAL(x), REAL(y), REAL(z));
         def.radius = REAL(random_in(seed, 0.0025, 0.006));
+    }
+    if (hangs) {
+        def.coupling_stiffness = REAL(pow(10, random_in(seed, 0, 4)));
+        if (check_random(seed) < 0.5)
+            def.coupling_turning = REAL(random_in(seed, 1e-5, 1e-3)) * def.coupling_stiffness;
+        if (check_random(seed) < 0.5)
+            def.max_force = REAL(random_in(seed, 0.1, 5));
     }
     return def;
 }
@@ -79,7 +89,7 @@ static press random_body(unsigned long long *seed, int is_free)
 }
 
 /* One tool, or two from both sides, through a point of the body. */
-static sweep make_sweep(unsigned long long *seed, sb_tool_shape shape, int tool_count, int is_free)
+static sweep make_sweep(unsigned long long *seed, sb_tool_shape shape, int tool_count, int is_free, int hangs)
 {
     sweep s;
     sb_vec3 way = random_direction(seed), low, high, size, off, target, chain[3];
@@ -98,7 +108,7 @@ static sweep make_sweep(unsigned long long *seed, sb_tool_shape shape, int tool_
     if (!is_free && way.z < 0)
         way.z = -way.z;
     for (int t = 0; t < tool_count; t++) {
-        sb_tool_def def = random_tool(seed, shape, chain);
+        sb_tool_def def = random_tool(seed, shape, hangs, chain);
         double start = 0.09, end = tool_count > 1 ? 0.01 : -0.05;
         s.turn[t] = sb_quat_from_rotation_vector(random_vector(seed, 2));
         s.from[t] = sb_v3_madd(target, REAL(t == 0 ? start : -start), way);
@@ -142,19 +152,35 @@ static int crosses(const sweep *s, int tool, const sb_pose *from)
     return 0;
 }
 
-static void take_step(const sweep *s, double share, tally *sum)
+static void keep_places(sweep *s)
 {
-    sb_pose from[2];
+    memcpy(s->before, sb_body_positions(s->p.body), (size_t)s->p.mesh.node_count * sizeof *s->before);
+    for (int t = 0; t < s->tool_count; t++)
+        CHECK_OK(sb_contact_reached(s->p.contact, s->tools[t], &s->before_tool[t], NULL));
+}
+
+static sweep *watched; /* the one whose steps are looked at */
+
+/* In place of the contact's own: looks at each part of a step that is divided. */
+static void watch_commit(void *contact)
+{
+    watched->commit(contact);
+    for (int t = 0; t < watched->tool_count; t++)
+        watched->crossings += crosses(watched, t, &watched->before_tool[t]);
+    keep_places(watched);
+}
+
+static void take_step(sweep *s, double share, tally *sum)
+{
     sb_step_info info;
     sb_contact_info contact;
     uint64_t hash;
     int nodes = s->p.mesh.node_count;
-    for (int t = 0; t < s->tool_count; t++) {
+    for (int t = 0; t < s->tool_count; t++)
         press_move(&s->p, s->tools[t],
                    sb_v3_madd(s->from[t], REAL(share < 1 ? share : 1), sb_v3_sub(s->to[t], s->from[t])), s->turn[t]);
-        CHECK_OK(sb_contact_reached(s->p.contact, s->tools[t], &from[t], NULL));
-    }
-    memcpy(s->before, sb_body_positions(s->p.body), (size_t)nodes * sizeof *s->before);
+    keep_places(s);
+    s->crossings = 0;
     hash = sb_body_state_hash(s->p.body);
     sum->steps++;
     if (sb_body_step(s->p.body, REAL(s->dt), &info) != SB_OK) {
@@ -162,22 +188,27 @@ static void take_step(const sweep *s, double share, tally *sum)
         sum->not_undone += sb_body_state_hash(s->p.body) != hash || !info.error.message[0];
         return;
     }
+    sum->divided += info.substeps > 0;
+    sum->parts += info.substeps;
     contact = sb_contact_get_info(s->p.contact);
     sum->touching += contact.touching > 0;
     sum->retries += contact.retries;
     sum->not_finite += !scene_all_finite(sb_body_positions(s->p.body), nodes) ||
                        !scene_all_finite(sb_body_velocities(s->p.body), nodes);
-    for (int t = 0; t < s->tool_count; t++)
-        sum->crossings += crosses(s, t, &from[t]);
+    sum->crossings += s->crossings;
 }
 
-static void run_sweeps(sb_tool_shape shape, int tool_count, int is_free, unsigned long long seed)
+static void run_sweeps_of(sb_tool_shape shape, int tool_count, int is_free, int hangs, unsigned long long seed)
 {
     int rounds = getenv("CHECK_SLOW") ? atoi(getenv("CHECK_SLOW")) : check_rounds(38);
-    tally sum = {0, 0, 0, 0, 0, 0, 0};
+    tally sum;
+    memset(&sum, 0, sizeof sum);
     for (int i = 0; i < rounds; i++) {
-        sweep s = make_sweep(&seed, shape, tool_count, is_free);
+        sweep s = make_sweep(&seed, shape, tool_count, is_free, hangs);
         double way = (double)sb_v3_norm(sb_v3_sub(s.to[0], s.from[0])), done = 0.04;
+        watched = &s;
+        s.commit = s.p.contact->touch.commit;
+        s.p.contact->touch.commit = watch_commit;
         for (int k = 0; k < 16; k++) {
             done += s.speed * s.dt;
             take_step(&s, done / way, &sum);
@@ -187,10 +218,17 @@ static void run_sweeps(sb_tool_shape shape, int tool_count, int is_free, unsigne
     CHECK_INT(sum.crossings, 0);
     CHECK_INT(sum.not_finite, 0);
     CHECK_INT(sum.not_undone, 0);
+    CHECK_INT(sum.refused, 0);
     CHECK(sum.touching > sum.steps / 10);
     if (getenv("CHECK_SLOW"))
-        printf("shape %d, %d tools, free %d: %d steps, %d touch, %d refused, %d retries\n", (int)shape, tool_count,
-               is_free, sum.steps, sum.touching, sum.refused, sum.retries);
+        printf("shape %d, %d tools, free %d: %d steps, %d touch, %d refused, %d retries, %d divided into %d\n",
+               (int)shape, tool_count, is_free, sum.steps, sum.touching, sum.refused, sum.retries, sum.divided,
+               sum.parts);
+}
+
+static void run_sweeps(sb_tool_shape shape, int tool_count, int is_free, unsigned long long seed)
+{
+    run_sweeps_of(shape, tool_count, is_free, 0, seed);
 }
 
 static void test_sphere(void)
@@ -217,5 +255,13 @@ static void test_jaws(void)
     run_sweeps(SB_TOOL_CAPSULES, 2, 1, 8);
 }
 
-CHECK_SUITE(contact_sweep, {"sphere", test_sphere}, {"capsules", test_capsules}, {"box", test_box},
-            {"jaws", test_jaws});
+static void test_hung(void)
+{
+    run_sweeps_of(SB_TOOL_SPHERE, 1, 0, 1, 9);
+    run_sweeps_of(SB_TOOL_CAPSULES, 1, 0, 1, 10);
+    run_sweeps_of(SB_TOOL_BOX, 1, 1, 1, 11);
+    run_sweeps_of(SB_TOOL_CAPSULES, 2, 1, 1, 12);
+}
+
+CHECK_SUITE(contact_sweep, {"sphere", test_sphere}, {"capsules", test_capsules}, {"box", test_box}, {"jaws", test_jaws},
+            {"on springs", test_hung});

@@ -750,6 +750,11 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     live->lists = NULL;
     body->parts = old.parts;
     next->parts = NULL;
+    body->touch = old.touch;
+    body->substep_room = old.substep_room;
+    body->substep_room_size = old.substep_room_size;
+    next->touch = NULL;
+    next->substep_room = NULL;
     made->open = live->open;
     made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;

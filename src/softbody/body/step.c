@@ -44,7 +44,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
+        step->done = sbi_step_is_converged(step) && (step->given.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -102,7 +102,7 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 
 /* ---- begin and end ---- */
 
-enum { SBI_STEP_TRIES = 5 }; /* of tools: a half, a quarter, an eighth, a sixteenth of the way, none */
+enum { SBI_STEP_TRIES = 7 }; /* of tools: a half ... a sixteenth of the way, none; giving way a little, and more */
 
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
@@ -219,6 +219,7 @@ static int sbi_step_is_tame(const sb_body *b)
 static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_info *info)
 {
     int is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
+    step->parts_left = 1;
     step->body = body;
     step->info = info;
     step->dynamic = 1;
@@ -291,17 +292,25 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
     return sbi_step_report(info, result);
 }
 
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 sb_step_info *info, sbi_step *step)
+static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     int parts_left, sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
+    step->parts_left = parts_left;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
     result = sbi_step_take_guests(step, guests, guest_count);
+    step->given = step->guests;
     return result == SB_OK ? sbi_step_start(step) : result;
+}
+
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step)
+{
+    return sbi_step_begin_part(body, dt, guests, guest_count, 1, info, step);
 }
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
@@ -323,7 +332,8 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
     return result == SB_ERROR_INVERTED && step->body->integrator == SB_GENERALISED_ALPHA && step->level < 1;
 }
 
-/* Tools may have made the step fail, or have passed through: they go half as far each time, at last they stay. */
+/* Tools may have made the step fail, or have passed through: they go half as far each time, then they stay, at last
+ * they give way. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
     return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
@@ -341,13 +351,16 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
-    fresh.guests = step->guests;
+    fresh.guests = fresh.given = step->given;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
+    fresh.parts_left = step->parts_left;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
-    *result = sbi_step_start(step);
+    *result = sbi_step_take_guests(step, step->given.list, step->given.count);
+    if (*result == SB_OK)
+        *result = sbi_step_start(step);
     return 1;
 }
 
@@ -393,23 +406,18 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
     return sbi_step_close(&step, SB_OK);
 }
 
-SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     sb_step_info *info)
+SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 int parts_left, sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
     if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
+    result = sbi_step_begin_part(body, dt, guests, guest_count, parts_left, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)
             result = sbi_step_commit(&step);
     } while (sbi_step_begin_again(&step, &result));
     return result == SB_OK ? result : sbi_step_undo(&step, result);
-}
-
-SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
-{
-    return sbi_body_step_with(body, dt, NULL, 0, info);
 }

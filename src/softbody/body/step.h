@@ -8,7 +8,8 @@
 typedef struct sb_step_info {
     int newton_iterations;  /* linear systems solved; an iteration whose exact tangent fails solves two */
     int pcg_iterations;     /* of all of them together */
-    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
+    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; parts of a step that contact made divide
+                             * itself (contact.h); otherwise 0 */
     int load_steps;         /* static: load increments that converged; a time step: 1 */
     sb_real load_factor;    /* static: share of load and prescribed motion carried, 1 when done */
     sb_real residual;       /* out-of-balance force relative to the largest force, at the last check; a linearised

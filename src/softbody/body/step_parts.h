@@ -39,13 +39,15 @@ typedef struct sbi_step {
     int done;                /* 1: nothing is left to be solved */
     int iteration;           /* of Newton, from 0 */
     sb_tangent_kind kind;    /* of the tangent in A */
-    sbi_guests guests;       /* solved together with the body */
+    sbi_guests given;        /* guests of the step's caller */
+    sbi_guests guests;       /* solved together with the body: those, and what contact couples */
     int guests_begun;        /* those of them that have begun */
     int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
     struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
     int touch_begun;
     int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
                 * have made it fail */
+    int parts_left; /* of a divided step, with this one; else 1 */
 
     /* what is solved */
     sb_real dt;     /* s */

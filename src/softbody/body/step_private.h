@@ -67,8 +67,8 @@ SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increme
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
 SBI_API void sbi_step_add_touch(sbi_step *step);
-/* y += C x, of the system that is solved (see sbi_touch.couple), and x.Cx, for conjugate gradients. */
-SBI_API double sbi_body_couple_touch(void *body, const sb_real *x, sb_real *y);
+/* y += C x, of the system that is solved (see sbi_touch.multiply_links), and x.Cx, for conjugate gradients. */
+SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y);
 /* The same as what a solve takes; and it has it while `extra` is there. */
 SBI_API void sbi_body_lend_touch(sb_body *body, sbi_pcg_extra *extra);
 /* Reactions less its forces on supported axes. */
@@ -129,6 +129,9 @@ SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
 SBI_API sb_result sbi_step_linearise(sbi_step *step);
 /* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
 SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
+/* A time step from begin to end, undone where it fails. parts_left: of a divided step, with this one; else 1. */
+SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 int parts_left, sb_step_info *info);
 SBI_API void sbi_step_forget_error(sb_step_info *info);
 /* Sees to it that a failing call says why, whatever failed. */
 SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);

@@ -139,8 +139,8 @@ static int sbi_step_condense(sbi_step *step)
         memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
         sbi_elimination_expand(e, b->work, 1);
         sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
-        if (step->touch && step->touch->couples)
-            (void)step->touch->couple(step->touch->user, NULL, b->work, b->work2);
+        if (step->touch && step->touch->links)
+            (void)step->touch->multiply_links(step->touch->user, NULL, b->work, b->work2);
         for (int i = 0; i < n; i++)
             b->rhs[i] = sb_v3_sub(b->rhs[i], b->work2[i]);
     }

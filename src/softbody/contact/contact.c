@@ -88,6 +88,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
+    c->kept_tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->kept_tools);
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
     c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
@@ -176,6 +177,8 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         result = sbi_pairs_join_state(made, error);
     if (result == SB_OK)
         result = sbi_contact_listen(made, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_substeps(made->body, error);
     if (result != SB_OK) {
         sbi_contact_leave_state(made);
         sbi_contact_release(made);

@@ -27,8 +27,15 @@
  * once.
  *
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
- * most. What it could not make is its lag, made up in the steps to come. A step after which something may have passed
- * is taken back and done again with half the tools' way, at last with tools that stay.
+ * most, less the deeper it lies. What it could not make is its lag, made up in the steps to come. A step after which
+ * something may have passed is taken back and done again with half the tools' way, then with tools that stay, then with
+ * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
+ * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
+ * as it was.
+ *
+ * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
+ * balance at the end of each step, whatever the ratio of their stiffness: both are solved together. Its lag is what the
+ * spring is stretched by.
  *
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
@@ -65,8 +72,8 @@ typedef struct sb_contact_def {
                          * 3 .. 30 is sensible */
     int max_iterations; /* systems of contact in a linearised step, >= 1; default 4 */
     int max_contacts;   /* samples near tools at a time, and as many of pairs, in [64, 2^20]; default 8192: memory is
-                         * taken at creation. Where   there are more, faces get fewer samples for that step (info.thinned)
-                         */
+                         * taken at creation. Where there are more, faces get fewer samples for that step
+                         * (info.thinned) */
     int max_tools;      /* in [1, 64]; default 8 */
     int pairs;          /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
     sb_real pair_friction;         /* Coulomb's mu between organs, >= 0; default 0 */
@@ -109,6 +116,11 @@ typedef struct sb_wrench {
 SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrench *on_tool);
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
+
+/* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
+ * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
+ * to. */
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool);
 
 typedef struct sb_contact_point {
     int tool;                      /* -1: two organs */

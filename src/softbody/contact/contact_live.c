@@ -30,8 +30,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
 static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left, &c->touch.way,
-                           &c->touch.kept,  &c->positions, &c->places,       &c->moved};
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
+                           &c->moved,       &c->hung_in,    &c->hung_out};
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));

@@ -258,7 +258,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
 {
     sbi_pairs *pairs = &contact->pairs;
     int nodes = contact->touch.node_count;
-    contact->touch.couples = 0;
+    contact->touch.links = 0;
     pairs->link_count = pairs->saved_count = 0;
     if (!pairs->kinds)
         return SB_OK;
@@ -493,7 +493,7 @@ SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *mask
 {
     sbi_pairs *pairs = &contact->pairs;
     pairs->saved_count = pairs->link_count = 0;
-    contact->touch.couples = pairs->active_count > 0;
+    contact->touch.links = pairs->active_count > 0;
     if (pairs->active_count == 0)
         return;
     sbi_pair_make_blocks(contact);
@@ -529,7 +529,7 @@ static void sbi_pair_subtract(const int *nodes, const sb_real *weights, int coun
         out[nodes[a]] = sb_v3_madd(out[nodes[a]], -weights[a], sbi_contact_unmasked(masked ? masked[nodes[a]] : 0u, f));
 }
 
-SBI_API double sbi_pairs_couple(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
 {
     const sb_contact *contact = (const sb_contact *)user;
     const sbi_pairs *pairs = &contact->pairs;

@@ -209,7 +209,7 @@ SBI_API void sbi_pairs_follow_faces(sb_contact *contact)
     sbi_pairs *pairs = &contact->pairs;
     const sbi_contact_faces *faces = contact->faces;
     int count = 0;
-    pairs->link_count = contact->touch.couples = 0;
+    pairs->link_count = contact->touch.links = 0;
     for (int e = 0; e < pairs->entry_count; e++) {
         sbi_pair_entry entry = pairs->entries[e];
         entry.face = faces->live.moved[entry.face];

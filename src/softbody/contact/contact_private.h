@@ -22,13 +22,31 @@ typedef struct sbi_contact_nearest {
     sb_vec3 point, normal; /* m; out of the tool */
 } sbi_contact_nearest;
 
+/* What a tool hangs on. Its torque is 0 where it turns as it is sent to. */
+typedef struct sbi_contact_spring {
+    sb_real stiffness, turning, most; /* N/m, N m/rad, N; stiffness 0: the tool is rigid */
+    sb_pose hand;                     /* its other end, after the last step */
+    sb_vec3 force, torque;            /* N, N m about the tool's position: on the tool, where the last step balances */
+    sb_pose hand_next, hand_balance;  /* of the step: at its end, and where forces balance */
+    sb_vec3 pull, twist;              /* force and torque at the last evaluation */
+    sb_pose hand_done;                /* of the last increment that was done */
+    sb_vec3 pull_done, twist_done;
+    sb_real level;  /* of the step */
+    sb_pose centre; /* of the step: where it begins, and how far (m) it may go from there */
+    sb_real limit;
+    int held;           /* 1: at the last evaluation it went no farther because of that */
+    int first, last;    /* patches */
+    int size;           /* 3 or 6 unknowns; 0: it does not give way, as far as is known */
+    sb_real factor[36]; /* Cholesky's, of stiffness of contact and spring against its motion */
+} sbi_contact_spring;
+
 /* A tool's place in the list. Chains are of capsules, [point count]. */
 typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
     sb_real friction;
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
-    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance, *chain_kept;
     int face_count;              /* of its faces in sb_contact.near */
     sb_pose from;                /* at the start of the step, or of the increment of a static solve */
     sb_pose stage;               /* at the end of the last increment that was done */
@@ -36,6 +54,7 @@ typedef struct sbi_contact_tool {
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
+    sbi_contact_spring spring;
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
@@ -124,6 +143,7 @@ struct sb_contact {
     sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
+    sb_vec3 *hung_in, *hung_out; /* [node_room] for products */
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
@@ -131,9 +151,12 @@ struct sb_contact {
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
     int pressure_count;
-    sbi_contact_entry *before; /* [max_contacts] these two before a static solve, for undo */
+    sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
+    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
+    sb_contact_info kept_info;
+    int kept_is_solved;
     void *memory;
 
     sbi_pairs pairs;
@@ -201,7 +224,7 @@ SBI_API void sbi_pairs_add_forces(sb_contact *contact, sb_vec3 *force);
 SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
 SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix);
 SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix);
-SBI_API double sbi_pairs_couple(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
 /* 1: nothing has passed through; contact->moved and the faces' boxes are those of the step. */
 SBI_API int sbi_pairs_are_safe(sb_contact *contact);
 
@@ -229,6 +252,36 @@ SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
 SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns);
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* An evaluation. renew: bounds of friction become those of here. */
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du; /* by place (m) */
+    int renew;
+    int first, last; /* patches */
+} sbi_contact_work;
+/* The patches of a tool, at its pose of balance. */
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
+
+/* Stress (Pa) of a sample on the body. */
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* ---- contact_hung.c: tools on springs ---- */
+SB_INLINE int sbi_contact_is_hung(const sbi_contact_tool *tool) { return tool->spring.stiffness > 0; }
+/* The patches of the step are there. */
+SBI_API void sbi_contact_begin_hung(sb_contact *contact);
+/* All has been evaluated: tools on springs go to where they balance, and are evaluated there. */
+SBI_API void sbi_contact_settle_hung(sb_contact *contact, const sbi_contact_work *work);
+/* out -= what the stiffness loses since these tools give way, times x; both by place. */
+SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 *x, sb_vec3 *out);
+/* 1: one of them went as far as it may at the last evaluation. */
+SBI_API int sbi_contact_is_held(const sb_contact *contact);
+/* Springs as they are now are those of a step or increment that is done; and these of all that is done. */
+SBI_API void sbi_contact_keep_springs(sb_contact *contact);
+SBI_API void sbi_contact_commit_springs(sb_contact *contact);
 
 /* ---- contact_live.c ---- */
 /* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */

@@ -5,7 +5,7 @@
 #include "../base/bytes.h"
 #include "contact_private.h"
 
-enum { SBI_CONTACT_VERSION = 2 };
+enum { SBI_CONTACT_VERSION = 3 }; /* 3: springs of tools */
 
 /* ---- words ---- */
 
@@ -50,7 +50,7 @@ SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int coun
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
+enum { SBI_CONTACT_TOOL_REALS = 37, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -73,6 +73,10 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
     sbi_contact_pack_pose(&tool->wanted, reals + 8);
     sbi_contact_pack_vector(tool->force, reals + 15);
     sbi_contact_pack_vector(tool->torque, reals + 18);
+    reals[21] = tool->spring.stiffness, reals[22] = tool->spring.turning, reals[23] = tool->spring.most;
+    sbi_contact_pack_pose(&tool->spring.hand, reals + 24);
+    sbi_contact_pack_vector(tool->spring.force, reals + 31);
+    sbi_contact_pack_vector(tool->spring.torque, reals + 34);
     sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
     for (int i = 0; i < points; i++) {
         sbi_contact_pack_vector(tool->chain_reached[i], reals);
@@ -136,8 +140,15 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     read.torque = sb_v3(reals[18], reals[19], reals[20]);
     read.next = read.balance = read.reached;
     read.nearest.known = 0;
+    read.spring.hand = sbi_contact_unpack_pose(reals + 24);
+    read.spring.force = sb_v3(reals[31], reals[32], reals[33]);
+    read.spring.torque = sb_v3(reals[34], reals[35], reals[36]);
+    if (!in->bad &&
+        (reals[21] != tool->spring.stiffness || reals[22] != tool->spring.turning || reals[23] != tool->spring.most))
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state hangs on another spring", number);
     in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
-               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0 ||
+               sb_quat_dot(read.spring.hand.rotation, read.spring.hand.rotation) == 0;
     for (int i = 0; i < points; i++) {
         sbi_contact_get_reals(in, reals, 6);
         if (takes) {

@@ -274,6 +274,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         sbi_contact_forget_nodes(contact);
         return result;
     }
+    sbi_contact_begin_hung(contact);
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
     sbi_contact_remember_pressures(contact);
@@ -290,12 +291,6 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 
 /* ---- evaluation ---- */
 
-typedef struct sbi_contact_work {
-    sb_contact *contact;
-    const sb_vec3 *du;
-    int renew;
-} sbi_contact_work;
-
 static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
                                         sbi_contact_sample *s)
 {
@@ -304,8 +299,11 @@ static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_
     int count = contact->faces->sizes[patch->face];
     sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
     sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
-    sb_vec3 slip = sb_v3_sub(u, s->carried);
-    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
+    if (sbi_contact_is_hung(tool))
+        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
+    slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(start, u);
     s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
                                &normal);
     s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
@@ -319,8 +317,8 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
 {
     const sbi_contact_work *work = (const sbi_contact_work *)user;
     sb_contact *contact = work->contact;
-    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
-    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+    int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
+    for (int p = first; p < last; p++) {
         sbi_contact_patch *patch = contact->patches + p;
         patch->touching = 0;
         for (int i = patch->first; i < patch->first + patch->count; i++) {
@@ -330,9 +328,18 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
     }
 }
 
-SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+static void sbi_contact_evaluate_patches(sbi_contact_work *work)
 {
-    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+    int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
+    sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
+}
+
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool)
+{
+    sbi_contact_work own = *work;
+    own.first = tool->spring.first;
+    own.last = tool->spring.last;
+    sbi_contact_evaluate_patches(&own);
 }
 
 /* Forces on the nodes, in the order of samples. */
@@ -359,11 +366,13 @@ static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_work work;
-    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
     work.contact = contact;
     work.du = du;
     work.renew = renew;
-    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    work.first = 0;
+    work.last = contact->patch_count;
+    sbi_contact_evaluate_patches(&work);
+    sbi_contact_settle_hung(contact, &work);
     sbi_pairs_evaluate(contact, du, renew);
     sbi_contact_sum_forces(contact);
     contact->blocks_current = 0;
@@ -433,6 +442,8 @@ static void sbi_contact_multiply(void *user, const unsigned char *masked, const 
         }
     }
     sbi_pairs_multiply(contact, masked, x, out);
+    if (contact->touch.couples)
+        sbi_contact_subtract_hung(contact, x, out);
     for (int k = 0; masked && k < contact->touch.node_count; k++)
         out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
 }
@@ -604,6 +615,8 @@ static int sbi_contact_balance(void *user, int round)
 {
     sb_contact *contact = (sb_contact *)user;
     sb_real overlap, pushed;
+    if (sbi_contact_is_held(contact))
+        return -1;
     sbi_contact_measure_overlap(contact, &overlap, &pushed);
     if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
         sbi_contact_keep_pressures(contact, 0);
@@ -617,6 +630,7 @@ static int sbi_contact_balance(void *user, int round)
     sbi_contact_keep_entries(contact);
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].stage = contact->tools[t].balance;
+    sbi_contact_keep_springs(contact);
     return 0;
 }
 
@@ -640,7 +654,9 @@ static void sbi_contact_commit(void *user)
         sbi_contact_keep_pressures(contact, 1);
         sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
+        sbi_contact_keep_springs(contact);
     }
+    sbi_contact_commit_springs(contact);
     for (int t = 0; contact->is_static && t < contact->max_tools; t++)
         contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
@@ -653,19 +669,53 @@ static void sbi_contact_commit(void *user)
     sbi_contact_forget_nodes(contact);
 }
 
+/* What the last step remembers goes back to what was kept before. */
+static void sbi_contact_go_back(sb_contact *contact)
+{
+    contact->entry_count = contact->before_count;
+    memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
+    contact->pressure_count = contact->before_pressure_count;
+    memcpy(contact->pressures, contact->before_pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+    sbi_pairs_take_before(contact);
+}
+
 static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (contact->is_static) {
-        contact->entry_count = contact->before_count;
-        memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
-        contact->pressure_count = contact->before_pressure_count;
-        memcpy(contact->pressures, contact->before_pressures,
-               (size_t)contact->pressure_count * sizeof *contact->pressures);
-        sbi_pairs_take_before(contact);
-    }
-    contact->touch.couples = 0;
+    contact->touch.links = 0;
+    if (contact->is_static)
+        sbi_contact_go_back(contact);
     sbi_contact_forget_nodes(contact);
+}
+
+/* ---- steps that are divided ---- */
+
+static void sbi_contact_keep(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_keep_before(contact);
+    memcpy(contact->kept_tools, contact->tools, (size_t)contact->max_tools * sizeof *contact->tools);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_kept[i] = tool->chain_reached[i];
+    }
+    contact->kept_info = contact->info;
+    contact->kept_is_solved = contact->is_solved;
+}
+
+static void sbi_contact_rewind(void *user)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_contact_go_back(contact);
+    memcpy(contact->tools, contact->kept_tools, (size_t)contact->max_tools * sizeof *contact->tools);
+    for (int t = 0; t < contact->max_tools; t++) {
+        const sbi_contact_tool *tool = contact->tools + t;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_reached[i] = tool->chain_kept[i];
+    }
+    contact->info = contact->kept_info;
+    contact->is_solved = contact->kept_is_solved;
 }
 
 SBI_API void sbi_contact_join(sb_contact *contact)
@@ -677,11 +727,13 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
-    touch->couple = sbi_pairs_couple;
+    touch->multiply_links = sbi_pairs_multiply_links;
     touch->accept = sbi_contact_accept;
     touch->balance = sbi_contact_balance;
     touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
     touch->undo = sbi_contact_undo;
+    touch->keep = sbi_contact_keep;
+    touch->rewind = sbi_contact_rewind;
     sbi_body_set_touch(contact->body, touch);
 }

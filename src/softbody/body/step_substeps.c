@@ -1,0 +1,152 @@
+/* step_substeps: a step that contact refuses is divided: tissue that flies past a tool in a step, which the tool cannot
+ * mend by going less far, is seen on its way in shorter ones.
+ *
+ * Parts are equal: two, four ... up to SBI_SUBSTEPS_MOST, until all of them are taken. Supports and tools go evenly
+ * over them. What the first attempts leave is the state before the call, and where no division helps, the error of the
+ * whole step. The recorder hears of one step: played again it divides itself as it did. */
+#include "step_touch.h"
+
+#include <string.h>
+
+#include "state_part.h"
+#include "step_private.h"
+
+enum { SBI_SUBSTEPS_MOST = 16 };
+
+/* ---- room: a snapshot, and behind it the targets of supports ---- */
+
+static size_t sbi_substeps_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
+
+/* 0: more than there can be. */
+static size_t sbi_substeps_size(const sb_body *b)
+{
+    size_t snapshot = sbi_body_snapshot_size(b), size = sbi_substeps_aligned(snapshot);
+    return snapshot && sbi_size_add(&size, (size_t)b->domain.node_count, sizeof(sb_vec3)) ? size : 0;
+}
+
+SBI_API sb_result sbi_body_reserve_substeps(sb_body *b, sb_error *error)
+{
+    size_t needed = sbi_substeps_size(b);
+    unsigned char *room;
+    if (needed && needed <= b->substep_room_size)
+        return SB_OK;
+    room = needed ? (unsigned char *)sbi_alloc(&b->allocator, needed, 1) : NULL;
+    if (!room)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for what a divided step gives back");
+    sbi_free(&b->allocator, b->substep_room);
+    b->substep_room = room;
+    b->substep_room_size = needed;
+    return SB_OK;
+}
+
+/* ---- a divided step ---- */
+
+static void sbi_substeps_keep(sb_body *b, size_t snapshot)
+{
+    sbi_body_snapshot(b, b->substep_room);
+    memcpy(b->substep_room + sbi_substeps_aligned(snapshot), b->target,
+           (size_t)b->domain.node_count * sizeof *b->target);
+    b->touch->keep(b->touch->user);
+}
+
+static void sbi_substeps_rewind(sb_body *b, size_t snapshot)
+{
+    (void)sbi_body_rewind(b, b->substep_room, snapshot, NULL); /* a step changes nothing that would need memory */
+    b->touch->rewind(b->touch->user);
+}
+
+/* Supports go to where the next of `left` parts should take them. */
+static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, int left)
+{
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 goal;
+        memcpy(&goal, kept + (size_t)i * sizeof goal, sizeof goal);
+        b->target[i] =
+            left == 1 ? goal : sb_v3_madd(b->displacement[i], 1 / (sb_real)left, sb_v3_sub(goal, b->displacement[i]));
+    }
+}
+
+/* What all attempts together took. */
+static void sbi_substeps_count(sb_step_info *sum, const sb_step_info *part)
+{
+    sum->newton_iterations += part->newton_iterations;
+    sum->pcg_iterations += part->pcg_iterations;
+    sum->seconds_force += part->seconds_force;
+    sum->seconds_tangent += part->seconds_tangent;
+    sum->seconds_precond += part->seconds_precond;
+    sum->seconds_solve += part->seconds_solve;
+}
+
+/* sum: counts up; the rest is of the last part. */
+static sb_result sbi_substeps_run(sb_body *b, sb_real dt, int parts, size_t snapshot, sb_step_info *sum)
+{
+    const unsigned char *kept = b->substep_room + sbi_substeps_aligned(snapshot);
+    sb_result result = SB_OK;
+    for (int left = parts; left > 0 && result == SB_OK; left--) {
+        sb_step_info part;
+        sbi_substeps_aim(b, kept, left);
+        result = sbi_step_whole(b, dt / (sb_real)parts, NULL, 0, left, &part);
+        sbi_substeps_count(&part, sum);
+        *sum = part;
+    }
+    sum->substeps = parts;
+    return result;
+}
+
+/* A step failed that may succeed in parts. *info: of the whole step. */
+static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, sb_step_info *info)
+{
+    size_t snapshot = sbi_body_snapshot_size(b);
+    sb_step_info sum = *info;
+    if (sbi_body_reserve_substeps(b, NULL) != SB_OK)
+        return result;
+    sbi_substeps_keep(b, snapshot);
+    for (int parts = 2; parts <= SBI_SUBSTEPS_MOST; parts *= 2) {
+        if (sbi_substeps_run(b, dt, parts, snapshot, &sum) == SB_OK) {
+            *info = sum;
+            return SB_OK;
+        }
+        sbi_substeps_rewind(b, snapshot);
+    }
+    sum.error = info->error;
+    sum.load_factor = info->load_factor;
+    sum.substeps = 0;
+    *info = sum;
+    return result;
+}
+
+/* 1: it failed with something that touches the body, or because something may have passed through it. */
+static int sbi_substeps_may_help(const sb_body *b, sb_result result)
+{
+    int is_the_motion = result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
+                        result == SB_ERROR_NOT_CONVERGED;
+    return is_the_motion && (b->touch->touching > 0 || b->touch->refused);
+}
+
+/* ---- a step ---- */
+
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info)
+{
+    sb_step_info own;
+    sb_result result;
+    double begun;
+    if (!body || !body->touch || guest_count > 0)
+        return sbi_step_whole(body, dt, guests, guest_count, 1, info);
+    info = info ? info : &own;
+    begun = sbi_body_now(body);
+    body->touch->touching = body->touch->refused = 0;
+    sbi_body_mute(body);
+    result = sbi_step_whole(body, dt, NULL, 0, 1, info);
+    if (sbi_substeps_may_help(body, result))
+        result = sbi_substeps_divide(body, dt, result, info);
+    sbi_body_unmute(body);
+    info->seconds_total = sbi_body_now(body) - begun;
+    sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
+    return result;
+}
+
+SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    return sbi_body_step_with(body, dt, NULL, 0, info);
+}

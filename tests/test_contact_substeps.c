@@ -1,0 +1,247 @@
+/* test_contact_substeps: steps in which tissue flies past a tool, or is squeezed without room, are divided or tools
+ * give way: they succeed, and where nothing helps all is as it was. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/contact/contact_private.h"
+
+#include "contact_scene.h"
+
+static sb_body_def soft_def(void)
+{
+    sb_body_def def = sb_default_body_def();
+    def.material = sb_material_corotated(REAL(5e3), REAL(0.4), 1000);
+    def.damping_stiffness = REAL(0.005);
+    return def;
+}
+
+static void throw_body(press *p)
+{
+    sb_vec3 *v = (sb_vec3 *)calloc((size_t)p->mesh.node_count, sizeof *v);
+    for (int i = 0; i < p->mesh.node_count; i++)
+        v[i].z = -3;
+    CHECK_OK(sb_body_set_velocities(p->body, v));
+    free(v);
+}
+
+/* A free cube that flies at a small sphere, which stays, at 3 m/s: 50 mm in a step of 60 Hz. */
+static press flying(sb_integrator integrator)
+{
+    sb_body_def def = soft_def();
+    sb_tool_def tool = press_sphere(0.006, 0.2, sb_v3(REAL(0.011), REAL(0.009), REAL(-0.03)));
+    press p;
+    def.integrator = integrator;
+    p = press_make(scene_box(SB_TET4, 3, 3, 3, sb_v3(REAL(0.02), REAL(0.02), REAL(0.02)), 0.2), def,
+                   sb_default_contact_def());
+    CHECK_INT(press_add(&p, &tool), 0);
+    throw_body(&p);
+    return p;
+}
+
+/* Mean velocity of the nodes. */
+static double falls(const press *p)
+{
+    double sum = 0;
+    for (int i = 0; i < p->mesh.node_count; i++)
+        sum += (double)sb_body_velocities(p->body)[i].z;
+    return sum / p->mesh.node_count;
+}
+
+static int same_places(const press *a, const press *b)
+{
+    size_t size = (size_t)a->mesh.node_count * sizeof(sb_vec3);
+    return memcmp(sb_body_positions(a->body), sb_body_positions(b->body), size) == 0 &&
+           memcmp(sb_body_velocities(a->body), sb_body_velocities(b->body), size) == 0;
+}
+
+/* A divided step is what steps of a part of its length are, and lets nothing through. */
+static void test_flying(void)
+{
+    const sb_integrator integrators[] = {SB_EULER, SB_GENERALISED_ALPHA, SB_NEWMARK};
+    const sb_real dt = REAL(1.0 / 60);
+    for (int k = 0; k < 3; k++) {
+        press p = flying(integrators[k]), by_hand = flying(integrators[k]);
+        int divided = 0;
+        for (int i = 0; i < 30; i++) {
+            sb_step_info info;
+            CHECK_OK(sb_body_step(p.body, dt, &info));
+            divided += info.substeps > 0;
+            for (int part = 0; part < (info.substeps ? info.substeps : 1); part++)
+                CHECK_OK(sb_body_step(by_hand.body, info.substeps ? dt / (sb_real)info.substeps : dt, NULL));
+            CHECK(same_places(&p, &by_hand));
+        }
+        CHECK(divided > 0);
+        CHECK(falls(&p) > -2); /* it was stopped, some of it at least */
+        press_free(&p);
+        press_free(&by_hand);
+    }
+}
+
+/* Supports reach their targets at the end of a divided step, evenly on the way. */
+static void test_supports(void)
+{
+    press p;
+    sb_step_info info;
+    sb_tool_def tool = press_sphere(0.006, 0, sb_v3(REAL(0.02), REAL(0.02), REAL(-0.0062)));
+    sb_vec3 goal = sb_v3(0, REAL(0.003), REAL(-0.008));
+    int divided = 0;
+    p = press_make(scene_box(SB_TET4, 4, 4, 2, sb_v3(REAL(0.04), REAL(0.04), REAL(0.02)), 0.1), soft_def(),
+                   sb_default_contact_def());
+    scene_fix_plane(p.body, &p.mesh, 2, 0.02, SB_XYZ);
+    CHECK_INT(press_add(&p, &tool), 0);
+    for (int i = 0; i < 6; i++) {
+        sb_vec3 at = sb_v3_scale((sb_real)(i + 1), goal);
+        at.z = i < 3 ? at.z : REAL(-0.024);
+        for (int n = 0; n < p.mesh.node_count; n++)
+            if (p.mesh.nodes[n].z > REAL(0.0199))
+                CHECK_OK(sb_body_prescribe(p.body, &n, 1, SB_XYZ, &at, 1));
+        CHECK_OK(sb_body_step(p.body, REAL(0.01), &info));
+        divided += info.substeps > 0;
+        for (int n = 0; n < p.mesh.node_count; n++)
+            if (p.mesh.nodes[n].z > REAL(0.0199)) {
+                sb_vec3 place = sb_v3_add(p.mesh.nodes[n], at);
+                CHECK(sb_v3_norm(sb_v3_sub(place, sb_body_positions(p.body)[n])) < 1e-6);
+            }
+    }
+    CHECK(divided > 0);
+    press_free(&p);
+}
+
+/* ---- nothing helps ---- */
+
+static int (*own_accept)(void *contact, const sb_vec3 *u);
+static int refusals, asked;
+
+/* Refuses all ends of steps but each third, or all. */
+static int refusing_accept(void *contact, const sb_vec3 *u)
+{
+    asked++;
+    return own_accept(contact, u) && refusals > 1 && asked % refusals == 0;
+}
+
+static void test_taken_back(void)
+{
+    press p = flying(SB_EULER), other = flying(SB_EULER);
+    for (int i = 0; i < 12; i++) {
+        sb_step_info info;
+        uint64_t hash = sb_body_state_hash(p.body);
+        sb_wrench before = press_wrench(&p, 0), after;
+        sb_contact_info told = sb_contact_get_info(p.contact), now;
+        own_accept = p.contact->touch.accept;
+        p.contact->touch.accept = refusing_accept;
+        refusals = i % 2 ? 1 : 9; /* of eight tries of the first part, and of those that follow, some succeed */
+        asked = i;
+        if (sb_body_step(p.body, REAL(0.01), &info) != SB_OK) {
+            CHECK_INT(info.error.result, SB_ERROR_DIVERGED);
+            CHECK_INT(info.substeps, 0);
+        } else {
+            CHECK_INT(refusals, 9);
+        }
+        p.contact->touch.accept = own_accept;
+        if (info.error.result != SB_OK) {
+            CHECK(sb_body_state_hash(p.body) == hash);
+            after = press_wrench(&p, 0);
+            now = sb_contact_get_info(p.contact);
+            CHECK(memcmp(&before, &after, sizeof before) == 0);
+            CHECK(told.touching == now.touching && told.retries == now.retries);
+            CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+            CHECK_OK(sb_body_step(other.body, REAL(0.01), NULL));
+            CHECK(same_places(&p, &other));
+        } else {
+            break;
+        }
+    }
+    press_free(&p);
+    press_free(&other);
+}
+
+/* Loads that came after the contact need more room: where there is no memory the step fails as a whole step does. */
+static void test_no_memory(void)
+{
+    scene_memory memory = {0, 0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    sb_body_def def = soft_def();
+    sb_tool_def tool = press_sphere(0.006, 0.2, sb_v3(REAL(0.011), REAL(0.009), REAL(-0.03)));
+    sb_step_info info;
+    uint64_t hash;
+    press p;
+    int load, nodes[3] = {0, 1, 2}, failed = 0;
+    sb_real stiffness = 1;
+    def.allocator = allocator;
+    p = press_make(scene_box(SB_TET4, 3, 3, 3, sb_v3(REAL(0.02), REAL(0.02), REAL(0.02)), 0.2), def,
+                   sb_default_contact_def());
+    CHECK_INT(press_add(&p, &tool), 0);
+    throw_body(&p);
+    CHECK_OK(sb_body_add_springs(p.body, nodes, 3, &stiffness, 1, p.mesh.nodes, &load, NULL));
+    for (int i = 0; i < 8; i++) {
+        hash = sb_body_state_hash(p.body);
+        memory.fail_from = memory.calls + 1;
+        if (sb_body_step(p.body, REAL(1.0 / 60), &info) != SB_OK) {
+            failed++;
+            CHECK_INT(info.error.result, SB_ERROR_DIVERGED);
+            CHECK(sb_body_state_hash(p.body) == hash);
+            memory.fail_from = 0;
+            CHECK_OK(sb_body_step(p.body, REAL(1.0 / 60), &info));
+        }
+        memory.fail_from = 0;
+    }
+    CHECK_INT(failed, 1);
+    press_free(&p);
+    CHECK_INT(memory.live, 0);
+}
+
+static void test_recorded(void)
+{
+    press p = flying(SB_EULER), other = flying(SB_EULER);
+    sb_recording *recording = NULL;
+    sb_recording_report report;
+    int divided = 0;
+    CHECK_OK(sb_recording_start(p.body, 1, NULL, &recording, NULL));
+    for (int i = 0; i < 10; i++) {
+        sb_step_info info;
+        CHECK_OK(sb_body_step(p.body, REAL(1.0 / 60), &info));
+        divided += info.substeps > 0;
+    }
+    sb_recording_stop(recording);
+    CHECK_OK(sb_recording_replay(recording, other.body, &report));
+    CHECK_INT(report.steps, 10);
+    CHECK(divided > 0);
+    CHECK(same_places(&p, &other));
+    sb_recording_destroy(recording);
+    press_free(&p);
+    press_free(&other);
+}
+
+/* Two jaws are sent to where they leave no room for what is between them. */
+static void test_squeezed_to_nothing(void)
+{
+    for (int free_body = 0; free_body < 2; free_body++) {
+        press p = press_make(scene_box(SB_TET4, 3, 3, 3, sb_v3(REAL(0.02), REAL(0.02), REAL(0.02)), 0.2), soft_def(),
+                             sb_default_contact_def());
+        sb_vec3 half = sb_v3(REAL(0.015), REAL(0.015), REAL(0.005));
+        sb_tool_def jaw = press_box(half, 0.002, 0.5, sb_v3(REAL(0.01), REAL(0.01), REAL(-0.008)));
+        double most = 0;
+        if (!free_body)
+            scene_fix_plane(p.body, &p.mesh, 0, 0, SB_XYZ);
+        CHECK_INT(press_add(&p, &jaw), 0);
+        jaw.pose.position.z = REAL(0.028);
+        CHECK_INT(press_add(&p, &jaw), 1);
+        for (int i = 0; i < 200; i++) {
+            double close = i < 60 ? i * 0.0003 : i < 140 ? 0.018 : 0.018 - (i - 140) * 0.0006;
+            press_move(&p, 0, sb_v3(REAL(0.01), REAL(0.01), REAL(-0.008 + close)), sb_quat_identity());
+            press_move(&p, 1, sb_v3(REAL(0.01), REAL(0.01), REAL(0.028 - close)), sb_quat_identity());
+            CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+            most = fmax(most, (double)sb_v3_norm(press_wrench(&p, 0).force));
+        }
+        CHECK(scene_all_finite(sb_body_positions(p.body), p.mesh.node_count));
+        if (!CHECK(most > 0.1 && most < 400))
+            printf("  squeezed by %g N\n", most);
+        for (int i = 0; i < 200; i++)
+            CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+        for (int n = 0; n < p.mesh.node_count && !free_body; n++)
+            CHECK(sb_v3_norm(sb_v3_sub(sb_body_positions(p.body)[n], p.mesh.nodes[n])) < REAL(1e-4));
+        press_free(&p);
+    }
+}
+
+CHECK_SUITE(contact_substeps, {"flying", test_flying}, {"supports", test_supports}, {"taken back", test_taken_back},
+            {"no memory", test_no_memory}, {"recorded", test_recorded},
+            {"squeezed to nothing", test_squeezed_to_nothing});
