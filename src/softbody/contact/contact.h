@@ -122,6 +122,20 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
  * to. */
 SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool);
 
+/* What two jaws hold between them. */
+typedef struct sb_grip {
+    sb_vec3
+        axis; /* unit, from the first jaw's push to the other's: the way the first one presses; 0: nothing is held */
+    sb_real force; /* N along the axis that both press with: the lesser of the two */
+    sb_vec3 place; /* m: middle of the two tools' positions */
+    sb_wrench net; /* what the body does to both together: the load on the grip, its torque about `place` */
+    sb_real
+        sticking; /* share of the pushes, in [0, 1], at points that friction holds; 0: it slips, or nothing is held */
+    sb_real used; /* load across the axis, of the most that friction holds: at 1 it slips out */
+} sb_grip;
+/* Reads two tools as one grip: any two, whatever holds them. SB_ERROR_INDEX: no such tool, or twice the same. */
+SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, sb_grip *grip);
+
 typedef struct sb_contact_point {
     int tool;                      /* -1: two organs */
     int element;                   /* cell behind the face */
