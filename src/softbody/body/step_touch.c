@@ -135,6 +135,38 @@ SBI_API void sbi_step_add_touch(sbi_step *step)
     }
 }
 
+/* Of a body with constraints T^T C T. */
+static double sbi_touch_multiply_condensed(sb_body *b, const sb_real *x, sb_vec3 *y)
+{
+    const sbi_touch *touch = b->touch;
+    double sum;
+    memcpy(touch->whole, x, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    memset(touch->product, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    for (int i = 0; i < b->domain.node_count; i++)
+        touch->whole[i] = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), touch->whole[i]);
+    sbi_elimination_expand(b->elimination, touch->whole, 0);
+    sum = touch->multiply_links(touch->user, NULL, touch->whole, touch->product);
+    sbi_elimination_reduce(b->elimination, touch->product, touch->product, NULL);
+    for (int i = 0; i < b->domain.node_count; i++)
+        y[i] = sb_v3_add(y[i], sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), touch->product[i]));
+    return sum;
+}
+
+SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y)
+{
+    sb_body *b = (sb_body *)body;
+    if (b->elimination)
+        return sbi_touch_multiply_condensed(b, x, (sb_vec3 *)(void *)y);
+    return b->touch->multiply_links(b->touch->user, b->fixed, (const sb_vec3 *)(const void *)x, (sb_vec3 *)(void *)y);
+}
+
+SBI_API void sbi_body_lend_touch(sb_body *b, sbi_pcg_extra *extra)
+{
+    extra->user = b;
+    extra->multiply = sbi_body_multiply_links;
+    b->pcg.extra = b->touch && b->touch->links ? extra : NULL;
+}
+
 /* ---- end ---- */
 
 SBI_API void sbi_step_touch_reactions(const sbi_step *step)
@@ -178,6 +210,7 @@ SBI_API sb_result sbi_body_solve_column(sb_body *b, sb_vec3 *rhs, sb_vec3 *x, sb
 {
     sbi_elimination *e = b->elimination;
     sb_pcg_options options = sb_default_pcg_options();
+    sbi_pcg_extra extra;
     sb_result result;
     options.tolerance = (double)tolerance;
     options.max_iterations = b->max_iterations;
@@ -188,8 +221,10 @@ SBI_API sb_result sbi_body_solve_column(sb_body *b, sb_vec3 *rhs, sb_vec3 *x, sb
         x[i] = sb_v3(0, 0, 0);
         rhs[i] = sbi_body_pick_axes(sbi_body_held(b, i), x[i], rhs[i]);
     }
+    sbi_body_lend_touch(b, &extra);
     result = sb_pcg_solve(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &rhs[0].x, &x[0].x, &options,
                           &b->pcg, NULL);
+    b->pcg.extra = NULL;
     if (e)
         sbi_elimination_expand(e, x, 0);
     return result == SB_ERROR_NOT_CONVERGED ? SB_OK : result;

@@ -6,7 +6,8 @@
  * for the whole increment x' again and again, F and K at the increment x before: a semi-smooth Newton iteration in
  * which forces, tangent A and preconditioner of the tissue are made once. A step of several iterations has F in its
  * residual and K in its tangent like any load's. Between the nodes of each face that it acts on the matrix has blocks
- * already, so that nothing is made anew.
+ * already, so that nothing is made anew. What links nodes of two faces has none: conjugate gradients multiply by it
+ * beside the matrix.
  *
  * It sees its own nodes only: in all calls below arrays are [node_count], in the order of `nodes`. du is the nodes'
  * displacement since the start of the step. */
@@ -39,19 +40,21 @@ typedef struct sbi_touch {
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
-    int refused;      /* 1: accept refused the last end of a step; written by the step */
-    sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
-    double noise;     /* N: norm of what rounding of places makes in them; from begin on */
+    int links;   /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
+    int refused; /* 1: accept refused the last end of a step; written by the step */
+    sb_vec3 *force; /* on the nodes (N), at the last evaluation */
+    double noise;   /* N: norm of what rounding of places makes in them; from begin on */
     /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
      * nodes: there is none. Where constraints eliminate nodes it is left out of K, which is then too stiff: it costs
      * iterations, not accuracy. */
     sbi_guest coupling;
     /* room for the step: */
-    sb_vec3 *du;     /* (m) what it asks forces at */
-    sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
-    sb_vec3 *left;   /* the same less K x' (N), x' its solution */
-    sb_vec3 *way;    /* x' - x (m) */
-    sb_vec3 *kept;   /* the right-hand side without contact (N) */
+    sb_vec3 *du;              /* (m) what it asks forces at */
+    sb_vec3 *linear;          /* F + K x of the system that is solved (N), without masked axes */
+    sb_vec3 *left;            /* the same less K x' (N), x' its solution */
+    sb_vec3 *way;             /* x' - x (m) */
+    sb_vec3 *kept;            /* the right-hand side without contact (N) */
+    sb_vec3 *whole, *product; /* [rows] where there may be links */
 
     /* written by the step, for who reads */
     int couples;            /* 1: K in `multiply` has the part of `coupling` in it; never in `add_blocks` */
@@ -66,6 +69,8 @@ typedef struct sbi_touch {
     /* matrix += K without masked axes; and what it was before, to the bit. */
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* out [rows] += C x [rows], without masked axes: what of K add_blocks leaves out. Returns x.Cx. */
+    double (*multiply_links)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
     /* An increment of a static solve has converged: 1 when it must be solved again with what was remembered of it, for
      * the round-th time; 0: the increment is done; -1: it went too far, a shorter one is to be tried. */
     int (*balance)(void *user, int round);

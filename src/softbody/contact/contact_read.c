@@ -12,6 +12,7 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
         sb_contact_point *point = points + e;
         memset(point, 0, sizeof *point);
         point->tool = entry->tool;
+        point->other_element = point->other_face = -1;
         point->element = contact->faces->elements[entry->face];
         point->face = contact->faces->sides[entry->face];
         point->sticks = entry->sticks;
@@ -21,7 +22,9 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
         point->normal = entry->normal;
         point->force = entry->force;
     }
-    return contact->entry_count;
+    for (int e = 0; points && e < contact->pairs.entry_count && contact->entry_count + e < capacity; e++)
+        sbi_pairs_read_point(contact, e, points + contact->entry_count + e);
+    return contact->entry_count + contact->pairs.entry_count;
 }
 
 SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures)
@@ -41,6 +44,7 @@ SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressu
         for (int a = 0; a < faces->sizes[entry->face]; a++)
             pressures[list[a]] += weights[a] * push;
     }
+    sbi_pairs_add_pushes(contact, pressures);
     for (int i = 0; i < nodes; i++) {
         sb_real area = sbi_contact_node_area(faces, i);
         pressures[i] = area > 0 ? pressures[i] / area : 0;
