@@ -1,5 +1,6 @@
 /* test_contact_series: contact against tables: Hertz for finer meshes and other depths, the ripple of what slides over
- * coarse faces, and blocks against differences of forces. CHECK_SLOW=1: the finest meshes too. */
+ * coarse faces, blocks against differences of forces, and
+ * energy. CHECK_SLOW=1: the finest meshes too. */
 #define SB_SPLIT_BUILD
 #include "../src/softbody/contact/contact_private.h"
 
@@ -280,5 +281,52 @@ static void test_tangent(void)
     }
 }
 
+/* ---- energy ---------------------------------------------------------------------------------------------------- */
+
+/* A cube without supports thrown at a tool that does not move, for a second: what is in it never exceeds what it was
+ * thrown with. Returns the largest share. test_contact_hostile has cubes that fall and come to rest. */
+static double thrown(const sb_tool_def *def, sb_integrator integrator)
+{
+    sb_body_def body = sb_default_body_def();
+    sb_vec3 *velocities;
+    sb_energy energy;
+    double start, most = 0;
+    press p;
+    body.material = sb_material_corotated(REAL(2e4), REAL(0.4), 1000);
+    body.integrator = integrator;
+    body.spectral_radius = REAL(0.5);
+    body.damping_stiffness = REAL(0.003);
+    body.tolerance = REAL(1e-6);
+    p = press_make(scene_box(SB_TET4, 4, 4, 4, sb_v3(REAL(0.03), REAL(0.03), REAL(0.03)), 0.1), body, press_exact());
+    press_add(&p, def);
+    velocities = (sb_vec3 *)calloc((size_t)p.mesh.node_count, sizeof *velocities);
+    for (int i = 0; i < p.mesh.node_count; i++)
+        velocities[i] = sb_v3(REAL(0.1), 0, REAL(-0.5));
+    CHECK_OK(sb_body_set_velocities(p.body, velocities));
+    CHECK_OK(sb_body_energy(p.body, &energy));
+    start = (double)energy.kinetic;
+    for (int i = 0; i < 200; i++) {
+        CHECK_OK(sb_body_step(p.body, REAL(0.005), NULL));
+        CHECK_OK(sb_body_energy(p.body, &energy));
+        most = fmax(most, (double)energy.kinetic + (double)energy.elastic);
+    }
+    CHECK((double)energy.kinetic < 0.9 * start); /* it has hit */
+    free(velocities);
+    press_free(&p);
+    return most / start;
+}
+
+static void test_thrown(void)
+{
+    sb_tool_def sphere = press_sphere(0.015, 0.4, sb_v3(REAL(0.02), REAL(0.015), REAL(-0.02)));
+    sb_tool_def box =
+        press_box(sb_v3(REAL(0.02), REAL(0.02), REAL(0.01)), 0.004, 0.4, sb_v3(REAL(0.03), REAL(0.015), REAL(-0.03)));
+    box.pose.rotation = sb_quat_from_rotation_vector(sb_v3(REAL(0.3), REAL(0.4), 0));
+    CHECK(thrown(&sphere, SB_EULER) <= 1 + scene_tolerance(1e-6, 1e3));
+    CHECK(thrown(&box, SB_EULER) <= 1 + scene_tolerance(1e-6, 1e3));
+    CHECK(thrown(&sphere, SB_GENERALISED_ALPHA) <= 1.001);
+    CHECK(thrown(&box, SB_GENERALISED_ALPHA) <= 1.001);
+}
+
 CHECK_SUITE(contact_series, {"Hertz", test_hertz}, {"slope", test_slope}, {"ripple", test_ripple},
-            {"tangent", test_tangent});
+            {"tangent", test_tangent}, {"thrown", test_thrown});
