@@ -38,7 +38,7 @@ static const char *const column_names[COLUMNS] = {"time_s", "grip_N",  "pull_N",
 
 typedef struct work {
     const settings *set;
-    organ organ;
+    organ scene;
     double length, width; /* m, of a jaw: along the pull, across it */
     sb_vec3 out;          /* outward, the way of the pull */
     sb_vec3 place;        /* between the jaws (m) */
@@ -68,31 +68,31 @@ static int make_mesh(work *w)
     const settings *s = w->set;
     int n[3];
     sb_error error;
-    w->organ = organ_named(program_name);
+    w->scene = organ_named(program_name);
     if (s->organ) {
-        int status = organ_load(&w->organ, s->organ, s->scale);
-        return status ? status : organ_make_skin(&w->organ);
+        int status = organ_load(&w->scene, s->organ, s->scale);
+        return status ? status : organ_make_skin(&w->scene);
     }
     for (int k = 0; k < 3; k++) { /* cells about as long as they are wide, two at least through the thickness */
         double cell = s->flap[1] / s->cells;
         n[k] = (int)fmax(k == 2 ? 2 : 1, floor(s->flap[k] / cell + 0.5));
     }
     if (sb_mesh_beam(SB_TET4, n[0], n[1], n[2], sb_v3(REAL(s->flap[0]), REAL(s->flap[1]), REAL(s->flap[2])), NULL,
-                     &w->organ.mesh, &error) != SB_OK)
-        return organ_complain_of(&w->organ, "the flap", &error, ORGAN_USAGE);
-    return organ_make_skin(&w->organ);
+                     &w->scene.mesh, &error) != SB_OK)
+        return organ_complain_of(&w->scene, "the flap", &error, ORGAN_USAGE);
+    return organ_make_skin(&w->scene);
 }
 
 /* Heights (z, m) between which the organ is where a jaw with these half extents would close. Returns the share of the
  * jaw's face that has organ before it. */
 static double find_heights(const organ *o, sb_vec3 at, sb_vec3 half, double *low, double *high)
 {
-    enum { RAYS = 9 };
+    const int rays = 9; /* along each side */
     sb_real reach = o->high.z - o->low.z;
     int hits = 0;
     *low = HUGE_VAL, *high = -HUGE_VAL;
-    for (int i = 0; i < RAYS * RAYS; i++) {
-        double u = (2.0 * (i % RAYS) + 1) / RAYS - 1, v = (2.0 * (int)(i / RAYS) + 1) / RAYS - 1;
+    for (int i = 0; i < rays * rays; i++) {
+        double u = (2.0 * (i % rays) + 1) / rays - 1, v = (2.0 * (int)(i / rays) + 1) / rays - 1;
         sb_vec3 from = sb_v3(at.x + REAL(u) * half.x, at.y + REAL(v) * half.y, o->high.z + reach);
         sb_surface_hit hit;
         if (!sb_surface_ray(o->skin, from, sb_v3(0, 0, -1), SB_REAL_MAX, &hit))
@@ -103,7 +103,7 @@ static double find_heights(const organ *o, sb_vec3 at, sb_vec3 half, double *low
         if (sb_surface_ray(o->skin, from, sb_v3(0, 0, 1), SB_REAL_MAX, &hit))
             *low = fmin(*low, (double)hit.point.z);
     }
-    return hits / (double)(RAYS * RAYS);
+    return hits / (double)(rays * rays);
 }
 
 static sb_vec3 jaw_half(const work *w, sb_vec3 out)
@@ -115,7 +115,7 @@ static sb_vec3 jaw_half(const work *w, sb_vec3 out)
 /* Jaws as long and wide as asked for, else as suits the organ. */
 static int choose_jaws(work *w)
 {
-    const organ *o = &w->organ;
+    const organ *o = &w->scene;
     double longest = fmax((double)(o->high.x - o->low.x), (double)(o->high.y - o->low.y));
     w->length = w->set->length > 0 ? w->set->length : w->set->organ ? 0.15 * longest : 0.8 * w->set->flap[1];
     w->width = w->set->width > 0 ? w->set->width : w->set->organ ? 0.15 * longest : 1.2 * w->set->flap[1];
@@ -127,7 +127,7 @@ static int choose_jaws(work *w)
 /* Looks at one place of the rim, where the organ ends to `out` between the heights that a jaw's width takes. */
 static void try_place(work *w, sb_vec3 out, double across)
 {
-    const organ *o = &w->organ;
+    const organ *o = &w->scene;
     const sb_mesh *skin = &o->boundary.surface;
     const double least_cover = 0.6; /* of a jaw's face */
     sb_vec3 half = jaw_half(w, out), at;
@@ -154,7 +154,7 @@ static void try_place(work *w, sb_vec3 out, double across)
 static int find_place(work *w)
 {
     enum { PLACES = 21 };
-    const organ *o = &w->organ;
+    const organ *o = &w->scene;
     w->heights = HUGE_VAL;
     for (int k = 0; k < PLACES; k++)
         for (int end = 0; end < 4; end++) {
@@ -170,7 +170,7 @@ static int find_place(work *w)
 /* Holds what is farthest from the jaws. */
 static int hold_far_end(const work *w)
 {
-    const organ *o = &w->organ;
+    const organ *o = &w->scene;
     sb_real least = SB_REAL_MAX, most = -SB_REAL_MAX, limit;
     sb_error error;
     for (int i = 0; i < o->mesh.node_count; i++) {
@@ -204,7 +204,7 @@ static int make_scene(work *w)
     body.damping_stiffness = REAL(0.01);
     contact.max_contacts = w->point_room = 1 << 15;
     if (!status)
-        status = organ_make_body(&w->organ, &body, &contact);
+        status = organ_make_body(&w->scene, &body, &contact);
     if (!status)
         status = hold_far_end(w);
     for (int j = 0; j < 2 && !status; j++) {
@@ -214,14 +214,14 @@ static int make_scene(work *w)
         jaw.radius = REAL(0.75 * (double)w->half.z);
         jaw.friction = REAL(s->mu);
         jaw.pose.position = jaw_place(w, j);
-        status = organ_add_tool(&w->organ, &jaw, &w->jaws[j]);
+        status = organ_add_tool(&w->scene, &jaw, &w->jaws[j]);
     }
     return status;
 }
 
 static int take_memory(work *w)
 {
-    size_t nodes = (size_t)w->organ.mesh.node_count;
+    size_t nodes = (size_t)w->scene.mesh.node_count;
     double squeeze = w->set->squeeze * w->heights / 2 + gap;
     w->room =
         (int)((squeeze + w->set->lift + w->set->way) / w->set->speed / w->set->dt + 2 * hold_time / w->set->dt) + 8;
@@ -235,10 +235,10 @@ static int take_memory(work *w)
     w->points = (sb_contact_point *)calloc((size_t)w->point_room, sizeof *w->points);
     for (int c = 0; c < COLUMNS; c++)
         if (!w->columns[c])
-            return organ_complain_memory(&w->organ);
+            return organ_complain_memory(&w->scene);
     return w->milliseconds && w->gripped && w->gripped_at && w->peak_places && w->peak_stress && w->points
                ? 0
-               : organ_complain_memory(&w->organ);
+               : organ_complain_memory(&w->scene);
 }
 
 /* ---- readings -------------------------------------------------------------------------------------------------- */
@@ -246,7 +246,7 @@ static int take_memory(work *w)
 /* What friction of both jaws holds at most (N): mu times the sum of what presses on each sample. */
 static double friction_bound(work *w)
 {
-    int count = sb_contact_points(w->organ.contact, w->points, w->point_room);
+    int count = sb_contact_points(w->scene.contact, w->points, w->point_room);
     double pressed = 0;
     for (int i = 0; i < count && i < w->point_room; i++)
         pressed += fabs((double)sb_v3_dot(w->points[i].force, w->points[i].normal));
@@ -258,7 +258,7 @@ static double slip(const work *w)
 {
     double sum = 0;
     for (int k = 0; k < w->gripped_count; k++) {
-        sb_vec3 moved = sb_v3_sub(sb_body_positions(w->organ.body)[w->gripped[k]], w->gripped_at[k]);
+        sb_vec3 moved = sb_v3_sub(sb_body_positions(w->scene.body)[w->gripped[k]], w->gripped_at[k]);
         sum += (double)sb_v3_dot(w->out, sb_v3_sub(w->shift, moved));
     }
     return w->gripped_count ? sum / w->gripped_count : 0;
@@ -267,7 +267,7 @@ static double slip(const work *w)
 /* Remembers which nodes the jaws press on now that they have closed. */
 static int mark_gripped(work *w)
 {
-    const organ *o = &w->organ;
+    const organ *o = &w->scene;
     if (sb_contact_pressures(o->contact, o->numbers) != SB_OK)
         return organ_complain_memory(o);
     w->gripped_count = 0;
@@ -281,20 +281,20 @@ static int mark_gripped(work *w)
 
 static void keep_peak(work *w)
 {
-    memcpy(w->peak_places, sb_body_positions(w->organ.body), (size_t)w->organ.mesh.node_count * sizeof(sb_vec3));
-    sb_body_nodal_von_mises(w->organ.body, w->peak_stress);
+    memcpy(w->peak_places, sb_body_positions(w->scene.body), (size_t)w->scene.mesh.node_count * sizeof(sb_vec3));
+    sb_body_nodal_von_mises(w->scene.body, w->peak_stress);
     for (int j = 0; j < 2; j++)
         w->peak_jaws[j] = jaw_place(w, j);
 }
 
 static void read_step(work *w)
 {
-    sb_contact_info info = sb_contact_get_info(w->organ.contact);
+    sb_contact_info info = sb_contact_get_info(w->scene.contact);
     sb_wrench wrench[2];
     sb_vec3 both;
     double row[COLUMNS];
     for (int j = 0; j < 2; j++)
-        sb_contact_wrench(w->organ.contact, w->jaws[j], &wrench[j]);
+        sb_contact_wrench(w->scene.contact, w->jaws[j], &wrench[j]);
     both = sb_v3_add(wrench[0].force, wrench[1].force);
     row[TIME] = (w->steps + 1) * w->set->dt;
     row[GRIP] = 0.5 * (double)(wrench[0].force.z - wrench[1].force.z);
@@ -322,17 +322,17 @@ static int step(work *w, const char *words)
         sb_pose pose;
         pose.position = jaw_place(w, j);
         pose.rotation = sb_quat_identity();
-        sb_contact_move_tool(w->organ.contact, w->jaws[j], &pose);
+        sb_contact_move_tool(w->scene.contact, w->jaws[j], &pose);
     }
-    status = organ_step(&w->organ, w->set->dt);
+    status = organ_step(&w->scene, w->set->dt);
     if (status)
         return status;
     read_step(w);
-    w->milliseconds[w->steps] = 1e3 * w->organ.seconds;
+    w->milliseconds[w->steps] = 1e3 * w->scene.seconds;
     progress_show((double)w->steps / w->room, words);
     w->steps++;
     if (w->set->every > 0 && w->steps % w->set->every == 0)
-        status = organ_write_frame(&w->organ, w->set->out);
+        status = organ_write_frame(&w->scene, w->set->out);
     return status;
 }
 
@@ -371,7 +371,7 @@ static int pull(work *w)
         status = step(w, "pulling");
         if (!status && w->columns[SLIP][w->steps - 1] > 0.5e3 * w->length)
             break;
-        if (!status && sb_contact_get_info(w->organ.contact).touching == 0)
+        if (!status && sb_contact_get_info(w->scene.contact).touching == 0)
             break;
     }
     return status;
@@ -385,7 +385,7 @@ static int run_steps(work *w)
     if (!status)
         status = mark_gripped(w);
     if (!status && w->gripped_count == 0)
-        status = organ_complain(&w->organ, "the jaws", "have closed on nothing: take more --squeeze", ORGAN_USAGE);
+        status = organ_complain(&w->scene, "the jaws", "have closed on nothing: take more --squeeze", ORGAN_USAGE);
     if (!status && w->set->lift > 0)
         status = travel(w, w->set->lift, sb_v3(0, 0, 1), NULL, "lifting");
     if (!status)
@@ -404,13 +404,13 @@ static int write_table(work *w)
     sb_output out;
     snprintf(path, sizeof path, "%s.csv", w->set->out);
     if (sb_output_open(&out, path, NULL) != SB_OK)
-        return organ_complain_file(&w->organ, path);
+        return organ_complain_file(&w->scene, path);
     for (int c = 0; c < COLUMNS; c++)
         fprintf(out.file, "%s%s", column_names[c], c + 1 < COLUMNS ? "," : "\n");
     for (int i = 0; i < w->steps; i++)
         for (int c = 0; c < COLUMNS; c++)
             fprintf(out.file, "%.6g%s", w->columns[c][i], c + 1 < COLUMNS ? "," : "\n");
-    return sb_output_close(&out, NULL) == SB_OK ? 0 : organ_complain_file(&w->organ, path);
+    return sb_output_close(&out, NULL) == SB_OK ? 0 : organ_complain_file(&w->scene, path);
 }
 
 static int write_chart(work *w)
@@ -429,16 +429,16 @@ static int write_chart(work *w)
     panel = plot_add_panel(&p, "points that stick", "time (s)", "share");
     plot_add_curve(panel, "sticking", w->columns[TIME], w->columns[STICKING], w->steps);
     snprintf(path, sizeof path, "%s.svg", w->set->out);
-    return plot_save_svg(&p, path) ? 0 : organ_complain_file(&w->organ, path);
+    return plot_save_svg(&p, path) ? 0 : organ_complain_file(&w->scene, path);
 }
 
 /* Upper end of the colours: 98 % of the skin is below it. */
 static double colour_limit(const work *w)
 {
-    int count = w->organ.boundary.surface.node_count;
+    int count = w->scene.boundary.surface.node_count;
     double *values = (double *)malloc((size_t)count * sizeof *values), limit = 0;
     for (int i = 0; values && i < count; i++)
-        values[i] = (double)w->peak_stress[w->organ.boundary.nodes[i]];
+        values[i] = (double)w->peak_stress[w->scene.boundary.nodes[i]];
     if (values) {
         organ_median(values, count);
         limit = values[(size_t)count * 98 / 100];
@@ -453,41 +453,41 @@ static int draw_picture(work *w)
     double limit = colour_limit(w), highest = 0;
     char path[ORGAN_PATH + 32], title[128], details[160];
     picture p;
-    for (int i = 0; i < w->organ.boundary.surface.node_count; i++)
-        highest = fmax(highest, (double)w->peak_stress[w->organ.boundary.nodes[i]]);
+    for (int i = 0; i < w->scene.boundary.surface.node_count; i++)
+        highest = fmax(highest, (double)w->peak_stress[w->scene.boundary.nodes[i]]);
     picture_begin(&p, width, height);
-    organ_draw(&w->organ, &p, w->peak_places, w->peak_stress, limit);
+    organ_draw(&w->scene, &p, w->peak_places, w->peak_stress, limit);
     for (int j = 0; j < 2; j++)
         picture_add_block(&p, w->peak_jaws[j], sb_quat_identity(), w->half, picture_web(0x9aa5b1));
     picture_render(&p, 28, 24);
     picture_colour_bar(&p, "von Mises stress", "kPa", 0, 1e-3 * limit, 1e-3 * highest);
     picture_length_bar(&p);
     snprintf(title, sizeof title, "Gripped with %.2f N, pulled with %.2f N", w->columns[GRIP][w->steps - 1], w->peak);
-    snprintf(details, sizeof details, "%d %s, E %.4g kPa, nu %.3g, mu %.3g", w->organ.mesh.element_count,
-             sb_element_name(w->organ.mesh.element_type), 1e-3 * w->set->young, w->set->poisson, w->set->mu);
+    snprintf(details, sizeof details, "%d %s, E %.4g kPa, nu %.3g, mu %.3g", w->scene.mesh.element_count,
+             sb_element_name(w->scene.mesh.element_type), 1e-3 * w->set->young, w->set->poisson, w->set->mu);
     picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), title);
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
     snprintf(path, sizeof path, "%s.png", w->set->out);
-    return organ_save_picture(&w->organ, &p, path);
+    return organ_save_picture(&w->scene, &p, path);
 }
 
 static int write_frames(work *w)
 {
-    return w->organ.frames ? organ_write_series(&w->organ, w->set->out, w->set->every * w->set->dt) : 0;
+    return w->scene.frames ? organ_write_series(&w->scene, w->set->out, w->set->every * w->set->dt) : 0;
 }
 
 static int print_summary(work *w)
 {
     int last = w->steps - 1,
-        slipped = w->columns[SLIP][last] > 0.5e3 * w->length || sb_contact_get_info(w->organ.contact).touching == 0;
+        slipped = w->columns[SLIP][last] > 0.5e3 * w->length || sb_contact_get_info(w->scene.contact).touching == 0;
     printf("organ       %s: %d nodes, %d %s; %.1f mm thick between jaws of %.0f x %.0f mm\n",
-           w->set->organ ? w->set->organ : "a flap", w->organ.mesh.node_count, w->organ.mesh.element_count,
-           sb_element_name(w->organ.mesh.element_type), 1e3 * w->heights, 1e3 * w->length, 1e3 * w->width);
+           w->set->organ ? w->set->organ : "a flap", w->scene.mesh.node_count, w->scene.mesh.element_count,
+           sb_element_name(w->scene.mesh.element_type), 1e3 * w->heights, 1e3 * w->length, 1e3 * w->width);
     printf("grip        %d nodes between the jaws, pulled over %.1f mm%s\n", w->gripped_count,
            1e3 * (double)sb_v3_dot(w->out, w->shift), slipped ? ": it slipped out" : ": it held; take a longer --way");
     printf("written     %s.csv, %s.svg, %s.png", w->set->out, w->set->out, w->set->out);
-    if (w->organ.frames)
-        printf(", %s_0000.vtk to _%04d.vtk; ParaView opens %s.vtk.series", w->set->out, w->organ.frames - 1,
+    if (w->scene.frames)
+        printf(", %s_0000.vtk to _%04d.vtk; ParaView opens %s.vtk.series", w->set->out, w->scene.frames - 1,
                w->set->out);
     printf("\nslipped=%d pull_out_N=%.4g mu_N=%.4g ratio=%.3f steps=%d median_ms=%.2f\n", slipped, w->peak,
            w->peak_bound, w->peak_bound > 0 ? w->peak / w->peak_bound : 0, w->steps,
@@ -497,7 +497,7 @@ static int print_summary(work *w)
 
 static void release(work *w)
 {
-    organ_free(&w->organ);
+    organ_free(&w->scene);
     for (int c = 0; c < COLUMNS; c++)
         free(w->columns[c]);
     free(w->milliseconds);

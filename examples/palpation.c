@@ -42,7 +42,7 @@ typedef struct spot {
 
 typedef struct work {
     const settings *set;
-    organ organ;
+    organ scene;
     int tool;
     double x, y, size, depth; /* of the tumour: shares of the organ's box, m, m */
     sb_vec3 entry, tumour;    /* m: on the skin above it; its middle */
@@ -63,15 +63,15 @@ static int make_mesh(work *w)
     const settings *s = w->set;
     int status;
     sb_error error;
-    w->organ = organ_named(program_name);
+    w->scene = organ_named(program_name);
     if (s->organ) {
-        status = organ_load(&w->organ, s->organ, s->scale);
-        return status ? status : organ_make_skin(&w->organ);
+        status = organ_load(&w->scene, s->organ, s->scale);
+        return status ? status : organ_make_skin(&w->scene);
     }
     if (sb_mesh_beam(SB_TET4, s->cells, s->cells, (int)fmax(2, floor(0.4 * s->cells + 0.5)),
-                     sb_v3(REAL(0.1), REAL(0.1), REAL(0.04)), NULL, &w->organ.mesh, &error) != SB_OK)
-        return organ_complain_of(&w->organ, "the slab", &error, ORGAN_USAGE);
-    return organ_make_skin(&w->organ);
+                     sb_v3(REAL(0.1), REAL(0.1), REAL(0.04)), NULL, &w->scene.mesh, &error) != SB_OK)
+        return organ_complain_of(&w->scene, "the slab", &error, ORGAN_USAGE);
+    return organ_make_skin(&w->scene);
 }
 
 /* Evenly spread in [0, 1), the same on every machine. */
@@ -120,8 +120,8 @@ static int choose_place(work *w)
             w->size = s->size * (0.8 + 0.5 * chance(&seed));
             w->depth = s->depth * (0.8 + 0.4 * chance(&seed));
         }
-        at = in_box(&w->organ, w->x, w->y);
-        if (look_down(&w->organ, (double)at.x, (double)at.y, &at, &out, &thickness) && thickness > w->depth + w->size &&
+        at = in_box(&w->scene, w->x, w->y);
+        if (look_down(&w->scene, (double)at.x, (double)at.y, &at, &out, &thickness) && thickness > w->depth + w->size &&
             (!s->seed || out.z > REAL(0.8))) {
             w->entry = at;
             w->tumour = sb_v3_madd(at, REAL(-w->depth), out);
@@ -130,7 +130,7 @@ static int choose_place(work *w)
         if (!s->seed)
             break;
     }
-    return organ_complain(&w->organ, "the tumour", "has no room there: choose another place, --size or --depth",
+    return organ_complain(&w->scene, "the tumour", "has no room there: choose another place, --size or --depth",
                           ORGAN_USAGE);
 }
 
@@ -146,20 +146,20 @@ static sb_vec3 element_middle(const sb_mesh *mesh, int element)
 /* Elements whose middle is in the tumour become a region of their own. */
 static int plant_tumour(work *w)
 {
-    sb_mesh *mesh = &w->organ.mesh;
+    sb_mesh *mesh = &w->scene.mesh;
     int status = choose_place(w);
     if (status)
         return status;
     if (!mesh->regions)
         mesh->regions = (int *)malloc((size_t)mesh->element_count * sizeof(int));
     if (!mesh->regions)
-        return organ_complain_memory(&w->organ);
+        return organ_complain_memory(&w->scene);
     for (int e = 0; e < mesh->element_count; e++) {
         mesh->regions[e] = (double)sb_v3_norm(sb_v3_sub(element_middle(mesh, e), w->tumour)) < w->size;
         w->tumour_cells += mesh->regions[e];
     }
     if (w->tumour_cells == 0)
-        return organ_complain(&w->organ, "the tumour", "is smaller than an element: take a larger --size", ORGAN_USAGE);
+        return organ_complain(&w->scene, "the tumour", "is smaller than an element: take a larger --size", ORGAN_USAGE);
     return 0;
 }
 
@@ -201,18 +201,18 @@ static int make_scene(work *w)
     body.tolerance = REAL(3e-3);
     body.max_iterations = 5000;
     contact.max_iterations = 8;
-    status = organ_make_body(&w->organ, &body, &contact);
+    status = organ_make_body(&w->scene, &body, &contact);
     if (!status)
-        status = hold_below(&w->organ);
+        status = hold_below(&w->scene);
     probe.radius = REAL(s->probe);
-    probe.pose.position = sb_v3(w->organ.low.x, w->organ.low.y, w->organ.high.z + REAL(10 * s->probe));
-    return status ? status : organ_add_tool(&w->organ, &probe, &w->tool);
+    probe.pose.position = sb_v3(w->scene.low.x, w->scene.low.y, w->scene.high.z + REAL(10 * s->probe));
+    return status ? status : organ_add_tool(&w->scene, &probe, &w->tool);
 }
 
 /* Points that a probe reaches from above, on tissue that is thick enough and not held. */
 static int lay_grid(work *w)
 {
-    const organ *o = &w->organ;
+    const organ *o = &w->scene;
     int n = w->set->grid;
     for (int i = 0; i < n * n; i++) {
         spot *p = w->spots + i;
@@ -246,15 +246,15 @@ static int press(work *w, const spot *p, double *force)
     sb_pose pose = probe_at(w, p, -clear);
     sb_wrench wrench;
     sb_error error;
-    sb_body_reset(w->organ.body);
-    if (sb_contact_place_tool(w->organ.contact, w->tool, &pose, &error) != SB_OK)
-        return organ_complain_of(&w->organ, "the probe", &error, ORGAN_FAILED);
+    sb_body_reset(w->scene.body);
+    if (sb_contact_place_tool(w->scene.contact, w->tool, &pose, &error) != SB_OK)
+        return organ_complain_of(&w->scene, "the probe", &error, ORGAN_FAILED);
     for (int i = 1; i <= strides + SETTLING && !status; i++) {
         pose = probe_at(w, p, w->set->indentation * (i < strides ? i : strides) / strides);
-        sb_contact_move_tool(w->organ.contact, w->tool, &pose);
-        status = organ_step(&w->organ, slow);
+        sb_contact_move_tool(w->scene.contact, w->tool, &pose);
+        status = organ_step(&w->scene, slow);
     }
-    sb_contact_wrench(w->organ.contact, w->tool, &wrench);
+    sb_contact_wrench(w->scene.contact, w->tool, &wrench);
     *force = (double)sb_v3_dot(wrench.force, p->out);
     return status;
 }
@@ -283,8 +283,8 @@ static int map_forces(work *w)
     sb_error error;
     if (status || !s->healthy)
         return status;
-    if (sb_body_set_region_material(w->organ.body, 1, &healthy, &error) != SB_OK)
-        return organ_complain_of(&w->organ, "the organ", &error, ORGAN_FAILED);
+    if (sb_body_set_region_material(w->scene.body, 1, &healthy, &error) != SB_OK)
+        return organ_complain_of(&w->scene, "the organ", &error, ORGAN_FAILED);
     return press_all(w, 1);
 }
 
@@ -400,7 +400,7 @@ static int write_table(work *w)
     sb_output out;
     snprintf(path, sizeof path, "%s.csv", w->set->out);
     if (sb_output_open(&out, path, NULL) != SB_OK)
-        return organ_complain_file(&w->organ, path);
+        return organ_complain_file(&w->scene, path);
     fprintf(out.file, "x_mm,y_mm,z_mm,force_N,background_N\n");
     for (int i = 0; i < w->set->grid * w->set->grid; i++) {
         const spot *p = w->spots + i;
@@ -408,7 +408,7 @@ static int write_table(work *w)
             fprintf(out.file, "%.4g,%.4g,%.4g,%.6g,%.6g\n", 1e3 * (double)p->at.x, 1e3 * (double)p->at.y,
                     1e3 * (double)p->at.z, p->force, p->background);
     }
-    return sb_output_close(&out, NULL) == SB_OK ? 0 : organ_complain_file(&w->organ, path);
+    return sb_output_close(&out, NULL) == SB_OK ? 0 : organ_complain_file(&w->scene, path);
 }
 
 /* Force at a place of the skin, from the points around it; 0 where none is near. */
@@ -416,7 +416,7 @@ static double force_at(const work *w, sb_vec3 at)
 {
     int n = w->set->grid;
     double reach =
-        1.1 * fmax((double)(w->organ.high.x - w->organ.low.x), (double)(w->organ.high.y - w->organ.low.y)) / n;
+        1.1 * fmax((double)(w->scene.high.x - w->scene.low.x), (double)(w->scene.high.y - w->scene.low.y)) / n;
     double sum = 0, weights = 0;
     for (int i = 0; i < n * n; i++) {
         double distance = w->spots[i].known ? (double)sb_v3_norm(sb_v3_sub(at, w->spots[i].at)) / reach : 1;
@@ -429,7 +429,7 @@ static double force_at(const work *w, sb_vec3 at)
 
 static void draw_pin(picture *p, const work *w, sb_vec3 at, unsigned colour)
 {
-    double size = (double)sb_v3_norm(sb_v3_sub(w->organ.high, w->organ.low));
+    double size = (double)sb_v3_norm(sb_v3_sub(w->scene.high, w->scene.low));
     sb_vec3 top = sb_v3(at.x, at.y, at.z + REAL(0.09 * size));
     picture_add_capsule(p, at, top, 0.004 * size, picture_web(colour));
     picture_add_capsule(p, top, top, 0.012 * size, picture_web(colour));
@@ -449,12 +449,12 @@ static int draw_picture(work *w)
     step = most > least ? picture_round_down((most - least) / 3) : 1; /* the map's ends are round numbers */
     least = step * floor(least / step);
     high = step * ceil(most / step);
-    for (int i = 0; i < w->organ.mesh.node_count; i++) {
-        double force = force_at(w, w->organ.mesh.nodes[i]);
-        w->organ.numbers[i] = REAL(fmax(0, force - least));
+    for (int i = 0; i < w->scene.mesh.node_count; i++) {
+        double force = force_at(w, w->scene.mesh.nodes[i]);
+        w->scene.numbers[i] = REAL(fmax(0, force - least));
     }
     picture_begin(&p, width, height);
-    organ_draw(&w->organ, &p, w->organ.mesh.nodes, w->organ.numbers, high - least);
+    organ_draw(&w->scene, &p, w->scene.mesh.nodes, w->scene.numbers, high - least);
     draw_pin(&p, w, w->entry, 0x009e73);
     draw_pin(&p, w, w->found, 0x0072b2);
     picture_render(&p, 20, 55);
@@ -467,13 +467,13 @@ static int draw_picture(work *w)
     picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), title);
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
     snprintf(path, sizeof path, "%s.png", w->set->out);
-    return organ_save_picture(&w->organ, &p, path);
+    return organ_save_picture(&w->scene, &p, path);
 }
 
 static int print_summary(work *w)
 {
     printf("organ       %s: %d nodes, %d %s, E %.4g Pa\n", w->set->organ ? w->set->organ : "a slab",
-           w->organ.mesh.node_count, w->organ.mesh.element_count, sb_element_name(w->organ.mesh.element_type),
+           w->scene.mesh.node_count, w->scene.mesh.element_count, sb_element_name(w->scene.mesh.element_type),
            w->set->young);
     printf("tumour      %.1f mm wide, %.1f mm deep at (%.1f, %.1f) mm, %.3g times as stiff, %d elements\n",
            2e3 * w->size, 1e3 * w->depth, 1e3 * (double)w->entry.x, 1e3 * (double)w->entry.y, w->set->ratio,
@@ -499,7 +499,7 @@ static int run(const settings *set)
     w->set = set;
     for (size_t i = 0; i < sizeof stages / sizeof stages[0] && !status; i++)
         status = stages[i](w);
-    organ_free(&w->organ);
+    organ_free(&w->scene);
     free(w);
     return status;
 }

@@ -226,12 +226,6 @@ static void watch_contact(sb_contact *contact)
     touch->commit = watch_commit;
 }
 
-static void watch_forget(void)
-{
-    watched.begin = watched.evaluate = watched.blocks = watched.accept = watched.commit = 0;
-    watched.evaluations = 0;
-}
-
 /* A body with tools, and one of the same mesh that feels the same forces. */
 typedef struct pair {
     sb_mesh mesh;
@@ -371,17 +365,18 @@ typedef struct pair_sums {
 
 static void print_pair(const char *name, pair_sums *s)
 {
+    const double count = STEPS;
     median(s->with, STEPS);
     median(s->without, STEPS);
     printf("%-18s with %6.2f ms least %6.2f median, without %6.2f %6.2f, ratio %.2f %.2f; %.2f systems of %.2f PCG "
            "iterations (without %.2f), %.0f samples near, %.0f touch, capped %.0f %%\n",
            name, 1e3 * s->with[0], 1e3 * s->with[STEPS / 2], 1e3 * s->without[0], 1e3 * s->without[STEPS / 2],
-           s->with[0] / s->without[0], s->with[STEPS / 2] / s->without[STEPS / 2], s->systems / STEPS,
-           s->iterations / s->systems, s->twin_iterations / STEPS, s->candidates / STEPS, s->touching / STEPS,
-           100 * s->capped / STEPS);
+           s->with[0] / s->without[0], s->with[STEPS / 2] / s->without[STEPS / 2], s->systems / count,
+           s->iterations / s->systems, s->twin_iterations / count, s->candidates / count, s->touching / count,
+           100 * s->capped / count);
     printf("    us a step: begin %.0f, evaluate %.0f (%.1f times), blocks %.0f, accept %.0f, commit %.0f\n",
-           1e6 * watched.begin / STEPS, 1e6 * watched.evaluate / STEPS, (double)watched.evaluations / STEPS,
-           1e6 * watched.blocks / STEPS, 1e6 * watched.accept / STEPS, 1e6 * watched.commit / STEPS);
+           1e6 * watched.begin / count, 1e6 * watched.evaluate / count, (double)watched.evaluations / count,
+           1e6 * watched.blocks / count, 1e6 * watched.accept / count, 1e6 * watched.commit / count);
     fflush(stdout);
 }
 
@@ -437,7 +432,7 @@ enum { PRESSED = 40 }; /* steps until tools are as deep as they go */
 static sb_pose press_down(const pair *p, int tool, int step)
 {
     sb_pose pose = p->poses[tool];
-    pose.position.z -= REAL(0.0055 * (step < PRESSED ? step : PRESSED) / PRESSED);
+    pose.position.z -= REAL(0.0055 * (step < PRESSED ? step : PRESSED) / (double)PRESSED);
     return pose;
 }
 
@@ -518,7 +513,7 @@ static void time_publish(void)
     median(steps, STEPS);
     median(frames, STEPS);
     printf("%-18s %6.0f us least %6.0f median, %.3f of a step in the mean\n", "haptic_publish", 1e6 * frames[0],
-           1e6 * frames[STEPS / 2], sum / STEPS);
+           1e6 * frames[STEPS / 2], sum / (double)STEPS);
     sb_haptic_destroy(haptic);
     free_pair(&p);
 }
@@ -585,7 +580,7 @@ static grip_place find_grip(const sb_mesh *mesh, const sb_body *body)
 static sb_pose grip_and_drag(const pair *p, int tool, int step)
 {
     sb_pose pose = p->poses[tool];
-    double closed = 0.2 * (grip.high - grip.low) * (step < PRESSED ? step : PRESSED) / PRESSED;
+    double closed = 0.2 * (grip.high - grip.low) * (step < PRESSED ? step : PRESSED) / (double)PRESSED;
     pose.position.z += REAL(tool == 0 ? -closed : closed);
     pose.position = sb_v3_madd(pose.position, REAL(0.0001 * (step > PRESSED ? step - PRESSED : 0)), grip.out);
     return pose;
