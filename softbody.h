@@ -704,6 +704,7 @@
 #define sb_contact_set_friction sb_contact_set_friction_f32
 #define sb_contact_wrench sb_contact_wrench_f32
 #define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_stiffness sb_contact_stiffness_f32
 #define sb_contact_coupling sb_contact_coupling_f32
 #define sb_contact_grip sb_contact_grip_f32
 #define sb_contact_points sb_contact_points_f32
@@ -5704,6 +5705,13 @@ SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrenc
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
 
+/* k[i][j]: what component i of the wrench (force, then torque about the tool's position, which goes along) would change
+ * by if the tool had gone farther along axis j (m), or turned (rad) about axis j - 3 through its position, with the
+ * tissue giving way as in the last step: N/m, N, N m. What slips keeps its bound, and normals their directions. Of a
+ * tool on a spring that of the surface alone. Six linear solves to 1e-3, which allocate nothing. 0 where nothing
+ * touches. SB_ERROR_STATE: something was done since the last step or static solve (a state loaded, a tool placed), so
+ * that its system is gone. */
+SB_API sb_result sb_contact_stiffness(sb_contact *contact, int tool, sb_real k[6][6]);
 /* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
  * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
  * to. */
@@ -73680,6 +73688,87 @@ SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressu
     return SB_OK;
 }
 
+/* ---- stiffness ---- */
+
+#define SBI_CONTACT_COLUMN_TOLERANCE ((sb_real)1e-3)
+
+/* How a point of a tool moves by its unknown j. */
+static sb_vec3 sbi_contact_unit_way(int j, sb_vec3 arm)
+{
+    sb_vec3 unit = sb_v3((sb_real)(j % 3 == 0), (sb_real)(j % 3 == 1), (sb_real)(j % 3 == 2));
+    return j < 3 ? unit : sb_v3_cross(unit, arm);
+}
+
+/* Force on the body of an entry whose tool moves by `way` against the tissue. */
+static sb_vec3 sbi_contact_way_force(const sbi_contact_entry *entry, sb_vec3 way)
+{
+    sb_real k[9];
+    sbi_contact_stiffness(&entry->answer, entry->normal, entry->area, k);
+    return sb_v3(k[0] * way.x + k[1] * way.y + k[2] * way.z, k[3] * way.x + k[4] * way.y + k[5] * way.z,
+                 k[6] * way.x + k[7] * way.y + k[8] * way.z);
+}
+
+/* rhs = what a tool's way along j loads the nodes with. */
+static void sbi_contact_load_column(const sb_contact *contact, int tool, int j, sb_vec3 *rhs)
+{
+    memset(rhs, 0, (size_t)sb_body_node_count(contact->body) * sizeof *rhs);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
+        sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), force;
+        if (entry->tool != tool)
+            continue;
+        force = sbi_contact_way_force(entry, sbi_contact_unit_way(j, arm));
+        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
+            rhs[nodes[a]] = sb_v3_madd(rhs[nodes[a]], weights[a], force);
+    }
+}
+
+/* Column j of k, the tissue following by x. */
+static void sbi_contact_read_column(const sb_contact *contact, int tool, int j, const sb_vec3 *x, sb_real k[6][6])
+{
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), follows, force, torque;
+        if (entry->tool != tool)
+            continue;
+        follows = sbi_contact_mean(sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample),
+                                   sbi_contact_face_nodes(contact->faces, entry->face),
+                                   contact->faces->sizes[entry->face], x);
+        force = sbi_contact_way_force(entry, sb_v3_sub(sbi_contact_unit_way(j, arm), follows));
+        torque = sb_v3_cross(arm, force);
+        k[0][j] -= force.x, k[1][j] -= force.y, k[2][j] -= force.z;
+        k[3][j] -= torque.x, k[4][j] -= torque.y, k[5][j] -= torque.z;
+    }
+}
+
+static int sbi_contact_has_tool(const sb_contact *contact, int tool)
+{
+    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape != NULL;
+}
+
+SB_API sb_result sb_contact_stiffness(sb_contact *contact, int tool, sb_real k[6][6])
+{
+    if (!contact || !k)
+        return SB_ERROR_ARGUMENT;
+    if (!sbi_contact_has_tool(contact, tool))
+        return SB_ERROR_INDEX;
+    if (!contact->is_solved || contact->faces_old)
+        return SB_ERROR_STATE;
+    memset(k, 0, 36 * sizeof(sb_real));
+    for (int j = 0; j < 6; j++) {
+        sb_result result;
+        sbi_contact_load_column(contact, tool, j, contact->hung_in);
+        result =
+            sbi_body_solve_column(contact->body, contact->hung_in, contact->hung_out, SBI_CONTACT_COLUMN_TOLERANCE);
+        if (result != SB_OK)
+            return result;
+        sbi_contact_read_column(contact, tool, j, contact->hung_out, k);
+    }
+    return SB_OK;
+}
+
 /* ---- a grip ---- */
 
 /* Sums over what a jaw touches. */
@@ -73714,11 +73803,6 @@ static void sbi_grip_add_wrench(const sbi_contact_tool *tool, sb_vec3 place, sb_
     sum->torque = sb_v3_add(sum->torque, sb_v3_sub(sb_v3_cross(arm, force), tool->torque));
 }
 
-static int sbi_grip_has_tool(const sb_contact *contact, int tool)
-{
-    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape != NULL;
-}
-
 SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, sb_grip *grip)
 {
     sbi_grip_sum a, b;
@@ -73726,7 +73810,7 @@ SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, 
     sb_real size, load;
     if (!contact || !grip)
         return SB_ERROR_ARGUMENT;
-    if (jaw == other || !sbi_grip_has_tool(contact, jaw) || !sbi_grip_has_tool(contact, other))
+    if (jaw == other || !sbi_contact_has_tool(contact, jaw) || !sbi_contact_has_tool(contact, other))
         return SB_ERROR_INDEX;
     memset(grip, 0, sizeof *grip);
     grip->place = sb_v3_scale((sb_real)0.5,
