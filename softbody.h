@@ -5629,9 +5629,9 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
- * organ only where they are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a surface
- * that is folded from the start, do not. A step in which something may have passed through is refused like that of a
- * tool.
+ * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
+ * surface that is folded from the start, do not. A step in which something may have passed through is refused like that
+ * of a tool.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -69125,7 +69125,6 @@ typedef struct sbi_pairs {
     int *organs;               /* of each face */
     sb_real *thickness;        /* m behind the face's middle, no more than it matters */
     sb_vec3 *centres;          /* m */
-    sb_real *radii;            /* m: no corner is farther from the centre */
     sb_vec3 *rest_normals;     /* out of the body */
     sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
     int *organ_counts;         /* [nodes] */
@@ -69768,7 +69767,7 @@ SBI_API sb_real sbi_closest_meeting(const sb_vec3 *x, const sb_vec3 *v, sb_vec3 
 
 /* Faces look at each other when their normals have a product below this. */
 #define SBI_NEAR_FACING ((sb_real)-0.25)
-/* Faces of one organ do not touch when they are nearer than this at rest, in lengths of a face. */
+/* Faces of one organ do not touch when their middles are nearer than this at rest, in lengths of a face. */
 #define SBI_NEAR_APART ((sb_real)2)
 /* Thickness matters up to so many lengths of the organ's faces. */
 #define SBI_NEAR_THICKEST ((sb_real)4)
@@ -69799,14 +69798,10 @@ static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *
     const int *n = sbi_contact_face_nodes(faces, face);
     int corners = faces->kinds[faces->sizes[face]].corners, organ = contact->body->node_component[n[0]];
     sb_vec3 centre = {0, 0, 0};
-    sb_real radius = 0;
     for (int a = 0; a < corners; a++)
         centre = sb_v3_madd(centre, 1 / (sb_real)corners, rest[n[a]]);
-    for (int a = 0; a < corners; a++)
-        radius = sb_max(radius, sb_v3_norm(sb_v3_sub(rest[n[a]], centre)));
     pairs->organs[face] = organ;
     pairs->centres[face] = centre;
-    pairs->radii[face] = radius;
     pairs->rest_normals[face] = sbi_near_unit(sbi_near_vector(faces, face, rest));
     pairs->slot_of[face] = -1;
     pairs->organ_lengths[organ] += faces->lengths[face];
@@ -69952,8 +69947,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
     if (!same)
         return 1;
     apart = sb_v3_sub(pairs->centres[face], pairs->centres[other]);
-    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]) +
-            pairs->radii[face] + pairs->radii[other];
+    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]);
     return sb_v3_dot(apart, apart) > least * least;
 }
 
@@ -71262,7 +71256,6 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->organ_counts = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     p->organ_lengths = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     p->thickness = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
-    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
