@@ -15,7 +15,8 @@
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
-#   make soak       SOAK_STEPS=1000000 per element and SOAK_HOURS=24 per simulated hand, or SOAK_SECONDS=20 for all of each
+#   make soak       SOAK_STEPS=1000000 per element, SOAK_HOURS=24 per simulated hand, SOAK_SWEEPS=1000000 of tools through
+#                   bodies, or SOAK_SECONDS=20 for all of each
 #   make coverage   lines of the header that the suite runs, room by room
 #   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
@@ -398,9 +399,11 @@ build/soak: tests/soak.c $(HEADERS) tests/check.h tests/scene.h build/flags $(LI
 build/soak_haptic: tests/soak_haptic.c $(HEADERS) tests/check.h tests/haptic_hand.h build/flags
 	$(CC) -std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES) $< -lm -o $@
 
-soak: build/soak build/soak_haptic
+SWEEP_KINDS = 12 # of tests/test_contact_sweep.c
+soak: build/soak build/soak_haptic build/double/tests
 	tests/total.sh "SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak" \
-	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak_haptic"
+	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak_haptic" \
+	    "CHECK_SLOW=$$(($(or $(SOAK_SWEEPS),1000000) / $(SWEEP_KINDS) + 1)) CHECK_SECONDS='$(SOAK_SECONDS)' build/double/tests contact_sweep"
 
 # gcc's counters; functions that every unit has of its own count as run when one of them was.
 COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)

@@ -290,11 +290,38 @@ static void grip_step(const grip *g, double pull, double dt)
     CHECK_OK(sb_body_step(g->p.body, REAL(dt), NULL));
 }
 
+static sb_grip grip_read(const grip *g)
+{
+    sb_grip read;
+    memset(&read, 0, sizeof read);
+    CHECK_OK(sb_contact_grip(g->p.contact, g->jaws[0], g->jaws[1], &read));
+    return read;
+}
+
+/* What the jaws read of a pull that they hold. */
+static void check_grip_holds(const grip *g, double pull)
+{
+    sb_grip read = grip_read(g), back;
+    CHECK_NEAR(read.axis.z, -1, 1e-3);
+    CHECK_NEAR(2 * g->mu * (double)read.force, grip_bound(g), 1e-2 * grip_bound(g));
+    CHECK_NEAR(read.net.force.x, pull, 1e-3 * pull);
+    CHECK_NEAR(read.net.force.z, 0, 1e-3 * pull);
+    CHECK_NEAR(read.used, pull / grip_bound(g), 0.02); /* the flap has become thinner, the grip weaker */
+    CHECK(read.sticking > REAL(0.5));
+    CHECK_NEAR(read.place.z, 0.003, 1e-9);
+    CHECK_OK(sb_contact_grip(g->p.contact, g->jaws[1], g->jaws[0], &back));
+    CHECK_NEAR(back.axis.z, -(double)read.axis.z, 1e-6);
+    CHECK_NEAR(back.force, read.force, 1e-6 * (double)read.force);
+    CHECK_RESULT(sb_contact_grip(g->p.contact, g->jaws[0], g->jaws[0], &back), SB_ERROR_INDEX);
+    CHECK_RESULT(sb_contact_grip(g->p.contact, g->jaws[0], 7, &back), SB_ERROR_INDEX);
+}
+
 /* Pulled at half of what friction holds nothing creeps; pulled ever more the flap slips out when all is used up. */
 static void test_grip(void)
 {
     grip g = grip_make();
     double pull, place, last = 0;
+    CHECK(grip_read(&g).force == 0 && grip_read(&g).sticking == 0);
     for (int i = 1; i <= 100; i++) {
         grip_close(&g, 0.0004 * (i < 20 ? i : 20) / 20);
         grip_step(&g, 0, 0.02);
@@ -306,6 +333,7 @@ static void test_grip(void)
     for (int i = 0; i < 150; i++)
         grip_step(&g, pull, 0.02);
     CHECK_NEAR(grip_place(&g), place, 1e-6);
+    check_grip_holds(&g, pull);
     pull = 0.8 * grip_bound(&g);
     for (int i = 0; i < 1000 && last < 2e-5; i++) {
         double before = grip_place(&g);
@@ -314,6 +342,8 @@ static void test_grip(void)
     }
     CHECK(last >= 2e-5);
     CHECK_NEAR(pull / grip_bound(&g), 1, 0.02);
+    CHECK_NEAR(grip_read(&g).used, 1, 0.03);
+    CHECK(grip_read(&g).sticking < REAL(0.1));
     press_free(&g.p);
 }
 

@@ -3,7 +3,8 @@
 #include "contact_scene.h"
 #include "image.h"
 
-/* A slab with a sphere that slides on it, a bent chain that lies on it, and a box that presses its side. */
+/* A slab with a sphere that slides on it, a bent chain that lies on it, and a box that presses its side; the last two
+ * hang on springs. */
 typedef struct play {
     press p;
     int tools[3], workers;
@@ -32,6 +33,9 @@ static void play_make(play *s, sb_element_type type, int workers, sb_material ma
     defs[1].point_count = 3;
     defs[2] =
         press_box(sb_v3(REAL(0.005), REAL(0.01), REAL(0.01)), 0.004, 0.5, sb_v3(REAL(0.086), REAL(0.035), REAL(0.012)));
+    defs[2].coupling_stiffness = REAL(200); /* both kinds of springs */
+    defs[2].coupling_turning = REAL(0.02);
+    defs[1].coupling_stiffness = REAL(1000);
     for (int t = 0; t < 3; t++)
         s->tools[t] = press_add(&s->p, defs + t);
 }

@@ -7,6 +7,8 @@
 #include "body_guest.h"
 #include "elimination.h"
 
+enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
+
 typedef enum sbi_load_kind {
     SBI_LOAD_PRESSURE = 1,
     SBI_LOAD_SPRINGS = 2,
@@ -124,6 +126,7 @@ struct sb_body {
     struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
     unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
     size_t substep_room_size;
+    const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
     sb_jobs jobs;
     sb_clock clock;
 

@@ -44,7 +44,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
+        step->done = sbi_step_is_converged(step) && (step->given.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -303,6 +303,7 @@ static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest 
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
     result = sbi_step_take_guests(step, guests, guest_count);
+    step->given = step->guests;
     return result == SB_OK ? sbi_step_start(step) : result;
 }
 
@@ -350,14 +351,16 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
-    fresh.guests = step->guests;
+    fresh.guests = fresh.given = step->given;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
     fresh.parts_left = step->parts_left;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
-    *result = sbi_step_start(step);
+    *result = sbi_step_take_guests(step, step->given.list, step->given.count);
+    if (*result == SB_OK)
+        *result = sbi_step_start(step);
     return 1;
 }
 

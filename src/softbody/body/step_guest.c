@@ -226,6 +226,8 @@ SBI_API void sbi_step_guest_reactions(const sbi_step *step)
     for (int g = 0; g < step->guests.count; g++) {
         sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
         const double *force = work->out + work->guest->unknown_count;
+        if (work->guest->is_tangent)
+            continue;
         sbi_guest_force(work);
         for (int k = 0; k < work->guest->node_count; k++, force += 3) {
             int node = work->guest->nodes[k];

@@ -39,7 +39,8 @@ typedef struct sbi_step {
     int done;                /* 1: nothing is left to be solved */
     int iteration;           /* of Newton, from 0 */
     sb_tangent_kind kind;    /* of the tangent in A */
-    sbi_guests guests;       /* solved together with the body */
+    sbi_guests given;        /* guests of the step's caller */
+    sbi_guests guests;       /* solved together with the body: those, and what contact couples */
     int guests_begun;        /* those of them that have begun */
     int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
     struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */

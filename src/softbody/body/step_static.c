@@ -51,7 +51,13 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
 static sb_result sbi_static_iterate(sbi_step *step)
 {
     sb_result result = sbi_step_iterate(step, sbi_step_linearise(step));
-    for (int round = 1; result == SB_OK && step->touch && sbi_step_balance_touch(step, round); round++) {
+    for (int round = 1; result == SB_OK && step->touch; round++) {
+        int again = sbi_step_balance_touch(step, round);
+        if (again < 0)
+            return sbi_fail(&step->info->error, SB_ERROR_NOT_CONVERGED,
+                            "a tool on a spring goes too far in one increment: take more load_steps");
+        if (!again)
+            break;
         step->norm = step->last_norm = 0;
         step->iteration = 1; /* contact has begun */
         step->done = 0;

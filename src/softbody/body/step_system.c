@@ -139,6 +139,8 @@ static int sbi_step_condense(sbi_step *step)
         memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
         sbi_elimination_expand(e, b->work, 1);
         sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+        if (step->touch && step->touch->links)
+            (void)step->touch->multiply_links(step->touch->user, NULL, b->work, b->work2);
         for (int i = 0; i < n; i++)
             b->rhs[i] = sb_v3_sub(b->rhs[i], b->work2[i]);
     }
@@ -194,12 +196,17 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int cur
     sb_pcg_options options = sb_default_pcg_options();
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
+    sbi_pcg_extra extra;
     sb_result result;
+    b->pcg.extra = NULL;
+    if (step->touch)
+        sbi_body_lend_touch(b, &extra);
     options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
                                   &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
+    b->pcg.extra = NULL;
     info->pcg_iterations += pcg.iterations;
     if (step->linearised)
         info->residual = (sb_real)pcg.residual;

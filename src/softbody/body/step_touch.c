@@ -16,6 +16,11 @@ SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
 }
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
+{
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, body->matrix.row_count, 0, nodes, error);
+}
+
 /* ---- between the body's vectors and those of the nodes in touch ---- */
 
 SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
@@ -40,6 +45,27 @@ static void sbi_touch_gather(const sbi_step *step, const sb_vec3 *u, const sb_ve
 
 /* ---- begin ---- */
 
+/* The coupling becomes one more guest of the step. */
+static sb_result sbi_step_couple_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    int count = step->given.count;
+    touch->couples = touch->coupling.node_count > 0 && !b->elimination;
+    if (!touch->couples && step->guests.count == count)
+        return SB_OK;
+    if (count >= SBI_STEP_MOST_GUESTS)
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "a step with tools on springs has at most %d needles",
+                        SBI_STEP_MOST_GUESTS - 1);
+    for (int g = 0; g < count; g++)
+        b->step_guests[g] = step->given.list[g];
+    if (touch->couples)
+        b->step_guests[count++] = &touch->coupling;
+    step->guests_begun = 0;
+    step->guests.count = 0;
+    return sbi_step_take_guests(step, b->step_guests, count);
+}
+
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 {
     const sb_body *b = step->body;
@@ -58,7 +84,10 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
+    step->touch->coupling.node_count = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_couple_touch(step);
     if (result != SB_OK && step->info->error.result != result)
         return sbi_fail(&step->info->error, result, "contact cannot begin a step");
     return result;
@@ -106,6 +135,38 @@ SBI_API void sbi_step_add_touch(sbi_step *step)
     }
 }
 
+/* Of a body with constraints T^T C T. */
+static double sbi_touch_multiply_condensed(sb_body *b, const sb_real *x, sb_vec3 *y)
+{
+    const sbi_touch *touch = b->touch;
+    double sum;
+    memcpy(touch->whole, x, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    memset(touch->product, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    for (int i = 0; i < b->domain.node_count; i++)
+        touch->whole[i] = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), touch->whole[i]);
+    sbi_elimination_expand(b->elimination, touch->whole, 0);
+    sum = touch->multiply_links(touch->user, NULL, touch->whole, touch->product);
+    sbi_elimination_reduce(b->elimination, touch->product, touch->product, NULL);
+    for (int i = 0; i < b->domain.node_count; i++)
+        y[i] = sb_v3_add(y[i], sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), touch->product[i]));
+    return sum;
+}
+
+SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y)
+{
+    sb_body *b = (sb_body *)body;
+    if (b->elimination)
+        return sbi_touch_multiply_condensed(b, x, (sb_vec3 *)(void *)y);
+    return b->touch->multiply_links(b->touch->user, b->fixed, (const sb_vec3 *)(const void *)x, (sb_vec3 *)(void *)y);
+}
+
+SBI_API void sbi_body_lend_touch(sb_body *b, sbi_pcg_extra *extra)
+{
+    extra->user = b;
+    extra->multiply = sbi_body_multiply_links;
+    b->pcg.extra = b->touch && b->touch->links ? extra : NULL;
+}
+
 /* ---- end ---- */
 
 SBI_API void sbi_step_touch_reactions(const sbi_step *step)
@@ -149,6 +210,7 @@ SBI_API sb_result sbi_body_solve_column(sb_body *b, sb_vec3 *rhs, sb_vec3 *x, sb
 {
     sbi_elimination *e = b->elimination;
     sb_pcg_options options = sb_default_pcg_options();
+    sbi_pcg_extra extra;
     sb_result result;
     options.tolerance = (double)tolerance;
     options.max_iterations = b->max_iterations;
@@ -159,8 +221,10 @@ SBI_API sb_result sbi_body_solve_column(sb_body *b, sb_vec3 *rhs, sb_vec3 *x, sb
         x[i] = sb_v3(0, 0, 0);
         rhs[i] = sbi_body_pick_axes(sbi_body_held(b, i), x[i], rhs[i]);
     }
+    sbi_body_lend_touch(b, &extra);
     result = sb_pcg_solve(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &rhs[0].x, &x[0].x, &options,
                           &b->pcg, NULL);
+    b->pcg.extra = NULL;
     if (e)
         sbi_elimination_expand(e, x, 0);
     return result == SB_ERROR_NOT_CONVERGED ? SB_OK : result;

@@ -16,6 +16,8 @@ SB_API sb_contact_def sb_default_contact_def(void)
     def.max_iterations = 4;
     def.max_contacts = 8192;
     def.max_tools = 8;
+    def.pairs = 0;
+    def.pair_friction = def.pair_distance = 0;
     def.cookie = SBI_CONTACT_COOKIE;
     return def;
 }
@@ -38,12 +40,45 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
                         def->max_contacts);
     if (def->max_tools < 1 || def->max_tools > 64)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_tools is %d, it must be in [1, 64]", def->max_tools);
+    if (def->pairs & ~(SB_CONTACT_SELF | SB_CONTACT_ORGANS))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pairs is %d, it must be of SB_CONTACT_SELF | SB_CONTACT_ORGANS",
+                        def->pairs);
+    if (!(def->pair_friction >= 0) || !sb_is_finite(def->pair_friction))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pair_friction is %g, it must be at least 0",
+                        (double)def->pair_friction);
+    if (!(def->pair_distance >= 0) || !sb_is_finite(def->pair_distance))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pair_distance is %g m, it must be at least 0",
+                        (double)def->pair_distance);
     if (sbi_body_get_touch(def->body))
         return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
     if (!sbi_body_is_implicit(def->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
     return SB_OK;
+}
+
+/* Arrays of pairs that do not depend on the mesh. */
+static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
+{
+    size_t samples = (size_t)c->max_contacts, regions = (size_t)c->region_room, corners;
+    size_t width = (size_t)c->faces->width, blocks = (size_t)c->pairs.slot_room * width * width;
+    sbi_pairs *p = &c->pairs;
+    corners = SBI_CONTACT_MOST_CORNERS * samples;
+    p->patches = (sbi_pair_patch *)sbi_arena_take(arena, (size_t)c->patch_room, sizeof *p->patches);
+    p->samples = (sbi_pair_sample *)sbi_arena_take(arena, samples, sizeof *p->samples);
+    p->links = (sbi_pair_link *)sbi_arena_take(arena, samples, sizeof *p->links);
+    p->active = (int *)sbi_arena_take(arena, samples, sizeof(int));
+    p->slots = (int *)sbi_arena_take(arena, (size_t)p->slot_room, sizeof(int));
+    p->blocks = (sb_real(*)[9])sbi_arena_take(arena, blocks, sizeof *p->blocks);
+    p->saved = (sbi_contact_saved *)sbi_arena_take(arena, blocks, sizeof *p->saved);
+    p->region_sum = (sb_real *)sbi_arena_take(arena, regions, sizeof(sb_real));
+    p->region_count = (int *)sbi_arena_take(arena, regions, sizeof(int));
+    p->entries = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->entries);
+    p->spare = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->spare);
+    p->before = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->before);
+    p->pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->pressures);
+    p->spare_pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->spare_pressures);
+    p->before_pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->before_pressures);
 }
 
 /* Arrays that do not depend on the mesh. */
@@ -66,6 +101,8 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
     c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
     c->before_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
+    if (c->pairs.kinds)
+        sbi_contact_lay_out_lists(c, arena);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -92,8 +129,13 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     for (int f = 0; f < c->faces->face_end; f++)
         c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
     c->touch.max_iterations = def->max_iterations;
+    c->pairs.kinds = def->pairs;
+    c->pairs.friction = def->pair_friction;
+    c->pairs.distance = def->pair_distance;
+    c->pairs.slot_room = sbi_min_int(c->patch_room, c->faces->face_room);
     if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
+    sbi_pairs_measure(c);
     return SB_OK;
 }
 
@@ -131,6 +173,8 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         return result;
     }
     result = sbi_contact_join_state(made, error);
+    if (result == SB_OK)
+        result = sbi_pairs_join_state(made, error);
     if (result == SB_OK)
         result = sbi_contact_listen(made, error);
     if (result == SB_OK)

@@ -33,6 +33,17 @@
  * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
  * as it was.
  *
+ * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
+ * balance at the end of each step, whatever the ratio of their stiffness: both are solved together. Its lag is what the
+ * spring is stretched by.
+ *
+ * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
+ * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
+ * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
+ * organ only where they are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a surface
+ * that is folded from the start, do not. A step in which something may have passed through is refused like that of a
+ * tool.
+ *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
  * that Newmark and generalised alpha find before a body's first step are without it.
@@ -48,15 +59,25 @@
 
 typedef struct sb_contact sb_contact;
 
+/* What touches what besides tools: organs are parts of the mesh that share no node. */
+typedef enum sb_contact_pairs {
+    SB_CONTACT_SELF = 1,  /* an organ and itself, where it is folded */
+    SB_CONTACT_ORGANS = 2 /* different organs */
+} sb_contact_pairs;
+
 /* What a contact is made from. Start from sb_default_contact_def(). */
 typedef struct sb_contact_def {
     sb_body *body;      /* borrowed: destroy the contact first; one contact per body */
     sb_real stiffness;  /* of the pressure, over the body's own, >= 3; default 10. More is stiffer and costs iterations;
                          * 3 .. 30 is sensible */
     int max_iterations; /* systems of contact in a linearised step, >= 1; default 4 */
-    int max_contacts;   /* samples near tools at a time, in [64, 2^20]; default 8192: memory is taken at creation. Where
-                         * there are more, faces get fewer samples for that step (info.thinned) */
+    int max_contacts;   /* samples near tools at a time, and as many of pairs, in [64, 2^20]; default 8192: memory is
+                         * taken at creation. Where there are more, faces get fewer samples for that step
+                         * (info.thinned) */
     int max_tools;      /* in [1, 64]; default 8 */
+    int pairs;          /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
+    sb_real pair_friction;         /* Coulomb's mu between organs, >= 0; default 0 */
+    sb_real pair_distance;         /* m that they keep from each other, >= 0; default 0 */
     const sb_allocator *allocator; /* NULL (default): the body's */
     unsigned cookie;               /* set by sb_default_contact_def; a def made without it is refused */
 } sb_contact_def;
@@ -96,16 +117,36 @@ SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrenc
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
 
+/* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
+ * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
+ * to. */
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool);
+
+/* What two jaws hold between them. */
+typedef struct sb_grip {
+    sb_vec3
+        axis; /* unit, from the first jaw's push to the other's: the way the first one presses; 0: nothing is held */
+    sb_real force; /* N along the axis that both press with: the lesser of the two */
+    sb_vec3 place; /* m: middle of the two tools' positions */
+    sb_wrench net; /* what the body does to both together: the load on the grip, its torque about `place` */
+    sb_real
+        sticking; /* share of the pushes, in [0, 1], at points that friction holds; 0: it slips, or nothing is held */
+    sb_real used; /* load across the axis, of the most that friction holds: at 1 it slips out */
+} sb_grip;
+/* Reads two tools as one grip: any two, whatever holds them. SB_ERROR_INDEX: no such tool, or twice the same. */
+SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, sb_grip *grip);
+
 typedef struct sb_contact_point {
-    int tool;
-    int element;    /* cell behind the face */
-    int face;       /* of that cell, in the order of sb_element's faces */
-    int sticks;     /* 1: friction holds it; 0: it slips, or there is no friction */
-    sb_real gap;    /* m, negative: overlap */
-    sb_real area;   /* m^2 at rest */
-    sb_vec3 point;  /* m, in space */
-    sb_vec3 normal; /* out of the tool */
-    sb_vec3 force;  /* N, on the body */
+    int tool;                      /* -1: two organs */
+    int element;                   /* cell behind the face */
+    int face;                      /* of that cell, in the order of sb_element's faces */
+    int other_element, other_face; /* likewise what it touches when that is an organ, else -1 */
+    int sticks;                    /* 1: friction holds it; 0: it slips, or there is no friction */
+    sb_real gap;                   /* m, negative: overlap */
+    sb_real area;                  /* m^2 at rest */
+    sb_vec3 point;                 /* m, in space */
+    sb_vec3 normal;                /* out of the tool, or of the other organ */
+    sb_vec3 force;                 /* N, on the body */
 } sb_contact_point;
 /* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
 SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);

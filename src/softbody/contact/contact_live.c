@@ -3,12 +3,36 @@
 
 #include "contact_private.h"
 
+/* The same of pairs: what is known of faces at rest is made anew when they change. */
+static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room;
+    sbi_pairs *p = &c->pairs;
+    p->cones = (sbi_pair_cone *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof *p->cones);
+    p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
+    p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    p->slot_of = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    p->around = (int *)sbi_arena_take(arena, faces, (size_t)c->faces->width * sizeof(int));
+    p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
+    p->organ_counts = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    p->organ_lengths = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    p->thickness = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    c->touch.product = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+}
+
 /* Arrays by face and by node: all hold what a step needs only while it lasts. */
 static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left, &c->touch.way,
-                           &c->touch.kept,  &c->positions, &c->places,       &c->moved};
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
+                           &c->moved,       &c->hung_in,    &c->hung_out};
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
@@ -17,6 +41,8 @@ static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
     c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    if (c->pairs.kinds)
+        sbi_contact_lay_out_pairs(c, arena);
 }
 
 static size_t sbi_contact_room_bytes(sb_contact *contact)
@@ -38,6 +64,8 @@ static void sbi_contact_set_room(sb_contact *contact, void *memory)
         contact->node_place[i] = -1;
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].face_count = 0;
+    for (int f = 0; contact->pairs.kinds && f < contact->faces->face_room; f++)
+        contact->pairs.slot_of[f] = -1;
     contact->room_faces = contact->faces->face_room;
     contact->room_nodes = contact->faces->node_room;
 }
@@ -117,6 +145,7 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
     if (changed) {
         contact->entry_count = count;
         sbi_contact_drop_pressures(contact);
+        sbi_pairs_follow_faces(contact);
     }
     return SB_OK;
 }

@@ -16,8 +16,7 @@
 #define SBI_CONTACT_FORGETS ((sb_real)2)
 #define SBI_CONTACT_REMEMBERS ((sb_real)3)
 
-/* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
-static sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner)
+SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner)
 {
     int n = kind->corners;
     sb_real share = weights[corner];

@@ -12,6 +12,7 @@
 #include "contact.h"
 #include "contact_faces.h"
 #include "contact_law.h"
+#include "contact_pairs.h"
 
 /* The sample nearest to a tool that nothing presses on. */
 typedef struct sbi_contact_nearest {
@@ -20,6 +21,24 @@ typedef struct sbi_contact_nearest {
     sb_real gap;           /* m */
     sb_vec3 point, normal; /* m; out of the tool */
 } sbi_contact_nearest;
+
+/* What a tool hangs on. Its torque is 0 where it turns as it is sent to. */
+typedef struct sbi_contact_spring {
+    sb_real stiffness, turning, most; /* N/m, N m/rad, N; stiffness 0: the tool is rigid */
+    sb_pose hand;                     /* its other end, after the last step */
+    sb_vec3 force, torque;            /* N, N m about the tool's position: on the tool, where the last step balances */
+    sb_pose hand_next, hand_balance;  /* of the step: at its end, and where forces balance */
+    sb_vec3 pull, twist;              /* force and torque at the last evaluation */
+    sb_pose hand_done;                /* of the last increment that was done */
+    sb_vec3 pull_done, twist_done;
+    sb_real level;  /* of the step */
+    sb_pose centre; /* of the step: where it begins, and how far (m) it may go from there */
+    sb_real limit;
+    int held;           /* 1: at the last evaluation it went no farther because of that */
+    int first, last;    /* patches */
+    int size;           /* 3 or 6 unknowns; 0: it does not give way, as far as is known */
+    sb_real factor[36]; /* Cholesky's, of stiffness of contact and spring against its motion */
+} sbi_contact_spring;
 
 /* A tool's place in the list. Chains are of capsules, [point count]. */
 typedef struct sbi_contact_tool {
@@ -35,6 +54,7 @@ typedef struct sbi_contact_tool {
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
+    sbi_contact_spring spring;
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
@@ -123,6 +143,7 @@ struct sb_contact {
     sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
+    sb_vec3 *hung_in, *hung_out; /* [node_room] for products */
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
@@ -137,6 +158,8 @@ struct sb_contact {
     sb_contact_info kept_info;
     int kept_is_solved;
     void *memory;
+
+    sbi_pairs pairs;
 
     /* of a body whose mesh may change, see contact_live.c */
     int listener;               /* -1: none */
@@ -162,14 +185,103 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
                                   int *element);
 
 /* ---- contact_memory.c ---- */
+/* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
+SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner);
 /* memory of all samples, by what corners remember. */
 SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
 /* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
 SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 
+/* ---- contact_near.c: of contacts with pairs, as all below up to contact_step.c ---- */
+/* What is known of the organs at rest; a refit of the faces has to follow. Does nothing without pairs. */
+SBI_API void sbi_pairs_measure(sb_contact *contact);
+/* Where faces look, with nodes at x [rows]. */
+SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x);
+/* 1: the two faces may touch, as far as organs and distances at rest go; and they look at each other, too. */
+SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other);
+SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other);
+/* Unit normals out of the body where faces were looked at: of a face, and of the smooth surface at a point of it. */
+SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face);
+SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares);
+/* Marks faces that have others which they may touch within `grow` (m) of their boxes, as those were refitted last. */
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow);
+/* The first of them from `face` on, or -1. */
+SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face);
+/* What a face may touch on its way from x to x + dt v (v NULL: at x), in pairs.found, ascending; returns how many. */
+SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
+                                  sb_real grow);
+
+/* ---- contact_pairs.c ---- */
+/* Pairs of the step; after those of tools are known. SB_ERROR_MEMORY: max_contacts are too few however thin. */
+SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error);
+SBI_API void sbi_pairs_forget(sb_contact *contact);
+SBI_API void sbi_pairs_stiffen(sb_contact *contact);
+/* Square of the norm of forces (N) that rounding makes of places this large (m). */
+SBI_API double sbi_pairs_noise_square(const sb_contact *contact, double place);
+/* As the calls of sbi_touch; forces and products are added. */
+SBI_API void sbi_pairs_evaluate(sb_contact *contact, const sb_vec3 *du, int renew);
+SBI_API void sbi_pairs_add_forces(sb_contact *contact, sb_vec3 *force);
+SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix);
+SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix);
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+/* 1: nothing has passed through; contact->moved and the faces' boxes are those of the step. */
+SBI_API int sbi_pairs_are_safe(sb_contact *contact);
+
+/* ---- contact_pairs_keep.c ---- */
+SBI_API void sbi_pairs_remember(sb_contact *contact);
+SBI_API void sbi_pairs_remember_pressures(sb_contact *contact);
+SBI_API void sbi_pairs_keep_pressures(sb_contact *contact, int fades);
+SBI_API void sbi_pairs_keep_entries(sb_contact *contact);
+/* Raises the two by those of pairs, see contact_step.c. */
+SBI_API void sbi_pairs_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed);
+SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_vec3 *out);
+SBI_API void sbi_pairs_keep_before(sb_contact *contact);
+SBI_API void sbi_pairs_take_before(sb_contact *contact);
+/* The faces have other numbers: what goes is forgotten. */
+SBI_API void sbi_pairs_follow_faces(sb_contact *contact);
+SBI_API void sbi_pairs_read_point(const sb_contact *contact, int number, sb_contact_point *point);
+SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes); /* N, [nodes] */
+#define SBI_PAIRS_PART "pairs"                                                 /* its name in its body's state */
+SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error);
+
 /* ---- contact_step.c ---- */
+/* Place of a node in the list of those in touch. */
+SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
+/* values += block without masked rows and columns. */
+SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns);
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* An evaluation. renew: bounds of friction become those of here. */
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du; /* by place (m) */
+    int renew;
+    int first, last; /* patches */
+} sbi_contact_work;
+/* The patches of a tool, at its pose of balance. */
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
+
+/* Stress (Pa) of a sample on the body. */
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* ---- contact_hung.c: tools on springs ---- */
+SB_INLINE int sbi_contact_is_hung(const sbi_contact_tool *tool) { return tool->spring.stiffness > 0; }
+/* The patches of the step are there. */
+SBI_API void sbi_contact_begin_hung(sb_contact *contact);
+/* All has been evaluated: tools on springs go to where they balance, and are evaluated there. */
+SBI_API void sbi_contact_settle_hung(sb_contact *contact, const sbi_contact_work *work);
+/* out -= what the stiffness loses since these tools give way, times x; both by place. */
+SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 *x, sb_vec3 *out);
+/* 1: one of them went as far as it may at the last evaluation. */
+SBI_API int sbi_contact_is_held(const sb_contact *contact);
+/* Springs as they are now are those of a step or increment that is done; and these of all that is done. */
+SBI_API void sbi_contact_keep_springs(sb_contact *contact);
+SBI_API void sbi_contact_commit_springs(sb_contact *contact);
 
 /* ---- contact_live.c ---- */
 /* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
@@ -206,9 +318,27 @@ SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_comman
                                    const sb_pose *pose);
 
 /* ---- contact_state.c ---- */
+/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
+typedef struct sbi_contact_in {
+    const unsigned char *bytes;
+    size_t left;
+    int bad;
+} sbi_contact_in;
+SBI_API void sbi_contact_put_int(sbi_state_out *out, int value);
+SBI_API void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count);
+SBI_API int sbi_contact_get_int(sbi_contact_in *in);
+SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count);
+/* The face of a cell's side, or -1: keys ascend. */
+SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side);
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
 SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_leave_state(const sb_contact *contact);
+
+/* v without masked axes. */
+SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
+{
+    return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
+}
 
 /* Place of a sample with these weights. */
 SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)

@@ -12,6 +12,7 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
         sb_contact_point *point = points + e;
         memset(point, 0, sizeof *point);
         point->tool = entry->tool;
+        point->other_element = point->other_face = -1;
         point->element = contact->faces->elements[entry->face];
         point->face = contact->faces->sides[entry->face];
         point->sticks = entry->sticks;
@@ -21,7 +22,9 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
         point->normal = entry->normal;
         point->force = entry->force;
     }
-    return contact->entry_count;
+    for (int e = 0; points && e < contact->pairs.entry_count && contact->entry_count + e < capacity; e++)
+        sbi_pairs_read_point(contact, e, points + contact->entry_count + e);
+    return contact->entry_count + contact->pairs.entry_count;
 }
 
 SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures)
@@ -41,10 +44,83 @@ SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressu
         for (int a = 0; a < faces->sizes[entry->face]; a++)
             pressures[list[a]] += weights[a] * push;
     }
+    sbi_pairs_add_pushes(contact, pressures);
     for (int i = 0; i < nodes; i++) {
         sb_real area = sbi_contact_node_area(faces, i);
         pressures[i] = area > 0 ? pressures[i] / area : 0;
     }
+    return SB_OK;
+}
+
+/* ---- a grip ---- */
+
+/* Sums over what a jaw touches. */
+typedef struct sbi_grip_sum {
+    sb_vec3 push, force;          /* N on the body: without friction, and with it */
+    sb_real pushes, stuck, bound; /* N: sums of sizes; of those that stick; most that friction holds */
+} sbi_grip_sum;
+
+static sbi_grip_sum sbi_grip_add_up(const sb_contact *contact, int tool)
+{
+    sbi_grip_sum sum;
+    memset(&sum, 0, sizeof sum);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sb_real push = sb_v3_dot(entry->force, entry->normal);
+        if (entry->tool != tool)
+            continue;
+        sum.push = sb_v3_madd(sum.push, push, entry->normal);
+        sum.force = sb_v3_add(sum.force, entry->force);
+        sum.pushes += push;
+        sum.stuck += entry->sticks ? push : 0;
+        sum.bound += contact->tools[tool].friction * push;
+    }
+    return sum;
+}
+
+/* The wrench on a tool about another place. */
+static void sbi_grip_add_wrench(const sbi_contact_tool *tool, sb_vec3 place, sb_wrench *sum)
+{
+    sb_vec3 force = sb_v3_scale(-1, tool->force), arm = sb_v3_sub(tool->balance.position, place);
+    sum->force = sb_v3_add(sum->force, force);
+    sum->torque = sb_v3_add(sum->torque, sb_v3_sub(sb_v3_cross(arm, force), tool->torque));
+}
+
+static int sbi_grip_has_tool(const sb_contact *contact, int tool)
+{
+    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape != NULL;
+}
+
+SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, sb_grip *grip)
+{
+    sbi_grip_sum a, b;
+    sb_vec3 axis;
+    sb_real size, load;
+    if (!contact || !grip)
+        return SB_ERROR_ARGUMENT;
+    if (jaw == other || !sbi_grip_has_tool(contact, jaw) || !sbi_grip_has_tool(contact, other))
+        return SB_ERROR_INDEX;
+    memset(grip, 0, sizeof *grip);
+    grip->place = sb_v3_scale((sb_real)0.5,
+                              sb_v3_add(contact->tools[jaw].balance.position, contact->tools[other].balance.position));
+    sbi_grip_add_wrench(contact->tools + jaw, grip->place, &grip->net);
+    sbi_grip_add_wrench(contact->tools + other, grip->place, &grip->net);
+    a = sbi_grip_add_up(contact, jaw);
+    b = sbi_grip_add_up(contact, other);
+    axis = sb_v3_sub(a.push, b.push);
+    size = sb_v3_norm(axis);
+    if (!(a.pushes > 0) || !(b.pushes > 0) || !(size > 0))
+        return SB_OK;
+    axis = sb_v3_scale(1 / size, axis);
+    grip->force = sb_min(sb_v3_dot(a.force, axis), -sb_v3_dot(b.force, axis));
+    if (!(grip->force > 0)) { /* they press the same way */
+        grip->force = 0;
+        return SB_OK;
+    }
+    grip->axis = axis;
+    grip->sticking = (a.stuck + b.stuck) / (a.pushes + b.pushes);
+    load = sb_v3_norm(sb_v3_madd(grip->net.force, -sb_v3_dot(grip->net.force, axis), axis));
+    grip->used = a.bound + b.bound > 0 ? load / (a.bound + b.bound) : 0;
     return SB_OK;
 }
 

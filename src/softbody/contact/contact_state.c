@@ -5,18 +5,18 @@
 #include "../base/bytes.h"
 #include "contact_private.h"
 
-enum { SBI_CONTACT_VERSION = 2 };
+enum { SBI_CONTACT_VERSION = 3 }; /* 3: springs of tools */
 
 /* ---- words ---- */
 
-static void sbi_contact_put_int(sbi_state_out *out, int value)
+SBI_API void sbi_contact_put_int(sbi_state_out *out, int value)
 {
     unsigned char bytes[8];
     sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 8);
     sbi_state_put(out, bytes, sizeof bytes);
 }
 
-static void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
+SBI_API void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
 {
     for (int i = 0; i < count; i++) {
         unsigned char bytes[8];
@@ -24,13 +24,6 @@ static void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int
         sbi_state_put(out, bytes, sizeof bytes);
     }
 }
-
-/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
-typedef struct sbi_contact_in {
-    const unsigned char *bytes;
-    size_t left;
-    int bad;
-} sbi_contact_in;
 
 static uint64_t sbi_contact_get_word(sbi_contact_in *in)
 {
@@ -45,9 +38,9 @@ static uint64_t sbi_contact_get_word(sbi_contact_in *in)
     return word;
 }
 
-static int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
+SBI_API int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
 
-static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
+SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
 {
     for (int i = 0; i < count; i++) {
         values[i] = sbi_real_of(sbi_contact_get_word(in));
@@ -57,7 +50,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
+enum { SBI_CONTACT_TOOL_REALS = 37, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -80,6 +73,10 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
     sbi_contact_pack_pose(&tool->wanted, reals + 8);
     sbi_contact_pack_vector(tool->force, reals + 15);
     sbi_contact_pack_vector(tool->torque, reals + 18);
+    reals[21] = tool->spring.stiffness, reals[22] = tool->spring.turning, reals[23] = tool->spring.most;
+    sbi_contact_pack_pose(&tool->spring.hand, reals + 24);
+    sbi_contact_pack_vector(tool->spring.force, reals + 31);
+    sbi_contact_pack_vector(tool->spring.torque, reals + 34);
     sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
     for (int i = 0; i < points; i++) {
         sbi_contact_pack_vector(tool->chain_reached[i], reals);
@@ -143,8 +140,15 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     read.torque = sb_v3(reals[18], reals[19], reals[20]);
     read.next = read.balance = read.reached;
     read.nearest.known = 0;
+    read.spring.hand = sbi_contact_unpack_pose(reals + 24);
+    read.spring.force = sb_v3(reals[31], reals[32], reals[33]);
+    read.spring.torque = sb_v3(reals[34], reals[35], reals[36]);
+    if (!in->bad &&
+        (reals[21] != tool->spring.stiffness || reals[22] != tool->spring.turning || reals[23] != tool->spring.most))
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state hangs on another spring", number);
     in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
-               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0 ||
+               sb_quat_dot(read.spring.hand.rotation, read.spring.hand.rotation) == 0;
     for (int i = 0; i < points; i++) {
         sbi_contact_get_reals(in, reals, 6);
         if (takes) {
@@ -157,8 +161,7 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     return SB_OK;
 }
 
-/* The face of a cell's side, or -1: keys ascend. */
-static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
+SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
 {
     int low = 0, high = faces->face_end;
     if (side >= faces->side_count || element > (faces->face_end > 0 ? faces->elements[faces->face_end - 1] : -1))
@@ -335,4 +338,8 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
     return sbi_body_join(contact->body, &part, error);
 }
 
-SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, SBI_CONTACT_PART); }
+SBI_API void sbi_contact_leave_state(const sb_contact *contact)
+{
+    sbi_body_leave(contact->body, SBI_CONTACT_PART);
+    sbi_body_leave(contact->body, SBI_PAIRS_PART);
+}

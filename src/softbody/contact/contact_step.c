@@ -11,7 +11,7 @@ enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20
 
 /* ---- nodes and patches ---- */
 
-static int sbi_contact_place_node(sb_contact *contact, int node)
+SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
 {
     if (contact->node_place[node] < 0) {
         contact->node_place[node] = contact->touch.node_count;
@@ -26,6 +26,7 @@ static void sbi_contact_forget_nodes(sb_contact *contact)
     for (int k = 0; k < contact->touch.node_count; k++)
         contact->node_place[contact->nodes[k]] = -1;
     contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+    sbi_pairs_forget(contact);
 }
 
 /* What the samples of a face are looked at with. */
@@ -203,7 +204,7 @@ static double sbi_contact_noise(const sb_contact *contact)
         double force = (double)(contact->samples[i].area * contact->samples[i].k) * (double)SB_EPSILON * place;
         sum += force * force;
     }
-    return sqrt(sum);
+    return sqrt(sum + sbi_pairs_noise_square(contact, place));
 }
 
 /* ---- memory ---- */
@@ -243,6 +244,7 @@ static void sbi_contact_keep_before(sb_contact *contact)
     memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
     contact->before_pressure_count = contact->pressure_count;
     memcpy(contact->before_pressures, contact->pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+    sbi_pairs_keep_before(contact);
 }
 
 /* ---- begin ---- */
@@ -266,26 +268,28 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
                             contact->max_contacts);
         }
     }
+    contact->step_info.thinned = thin > 0;
+    result = sbi_pairs_begin(contact, step, error);
+    if (result != SB_OK) {
+        sbi_contact_forget_nodes(contact);
+        return result;
+    }
+    sbi_contact_begin_hung(contact);
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
     sbi_contact_remember_pressures(contact);
+    sbi_pairs_stiffen(contact);
+    sbi_pairs_remember(contact);
     contact->touch.nodes = contact->nodes;
     contact->touch.noise = sbi_contact_noise(contact);
-    contact->step_info.candidates = contact->sample_count;
+    contact->step_info.candidates = contact->sample_count + contact->pairs.sample_count;
     contact->step_info.retries = step->tries;
-    contact->step_info.thinned = thin > 0;
     contact->blocks_current = 0;
     contact->saved_count = 0;
     return SB_OK;
 }
 
 /* ---- evaluation ---- */
-
-typedef struct sbi_contact_work {
-    sb_contact *contact;
-    const sb_vec3 *du;
-    int renew;
-} sbi_contact_work;
 
 static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
                                         sbi_contact_sample *s)
@@ -295,8 +299,11 @@ static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_
     int count = contact->faces->sizes[patch->face];
     sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
     sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
-    sb_vec3 slip = sb_v3_sub(u, s->carried);
-    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
+    if (sbi_contact_is_hung(tool))
+        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
+    slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(start, u);
     s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
                                &normal);
     s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
@@ -310,8 +317,8 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
 {
     const sbi_contact_work *work = (const sbi_contact_work *)user;
     sb_contact *contact = work->contact;
-    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
-    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+    int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
+    for (int p = first; p < last; p++) {
         sbi_contact_patch *patch = contact->patches + p;
         patch->touching = 0;
         for (int i = patch->first; i < patch->first + patch->count; i++) {
@@ -321,9 +328,18 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
     }
 }
 
-SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+static void sbi_contact_evaluate_patches(sbi_contact_work *work)
 {
-    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+    int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
+    sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
+}
+
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool)
+{
+    sbi_contact_work own = *work;
+    own.first = tool->spring.first;
+    own.last = tool->spring.last;
+    sbi_contact_evaluate_patches(&own);
 }
 
 /* Forces on the nodes, in the order of samples. */
@@ -343,17 +359,21 @@ static void sbi_contact_sum_forces(sb_contact *contact)
                 force[patch->nodes[a]] = sb_v3_madd(force[patch->nodes[a]], s->weights[a], f);
         }
     }
+    sbi_pairs_add_forces(contact, force);
 }
 
 static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_work work;
-    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
     work.contact = contact;
     work.du = du;
     work.renew = renew;
-    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    work.first = 0;
+    work.last = contact->patch_count;
+    sbi_contact_evaluate_patches(&work);
+    sbi_contact_settle_hung(contact, &work);
+    sbi_pairs_evaluate(contact, du, renew);
     sbi_contact_sum_forces(contact);
     contact->blocks_current = 0;
 }
@@ -398,12 +418,6 @@ static void sbi_contact_make_blocks(sb_contact *contact)
     contact->blocks_current = 1;
 }
 
-/* v without masked axes. */
-SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
-{
-    return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
-}
-
 static sb_vec3 sbi_contact_times(const sb_real *m, sb_vec3 v)
 {
     return sb_v3(m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
@@ -427,12 +441,14 @@ static void sbi_contact_multiply(void *user, const unsigned char *masked, const 
                 out[patch->nodes[a]] = sb_v3_add(out[patch->nodes[a]], sbi_contact_times(blocks[a * count + b], v));
         }
     }
+    sbi_pairs_multiply(contact, masked, x, out);
+    if (contact->touch.couples)
+        sbi_contact_subtract_hung(contact, x, out);
     for (int k = 0; masked && k < contact->touch.node_count; k++)
         out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
 }
 
-/* values += block without masked rows and columns. */
-static void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
+SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
 {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -461,12 +477,14 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
             sbi_contact_add_block(matrix->blocks[places[i]], blocks[i], rows, columns);
         }
     }
+    sbi_pairs_add_blocks(contact, masked, matrix);
 }
 
 /* Backwards, since faces share blocks. */
 static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 {
     sb_contact *contact = (sb_contact *)user;
+    sbi_pairs_restore_blocks(contact, matrix);
     while (contact->saved_count > 0) {
         const sbi_contact_saved *saved = contact->saved + --contact->saved_count;
         memcpy(matrix->blocks[saved->block], saved->values, sizeof saved->values);
@@ -475,7 +493,10 @@ static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 
 /* ---- end ---- */
 
-static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
+static int sbi_contact_accept(void *user, const sb_vec3 *u)
+{
+    return sbi_contact_is_safe((sb_contact *)user, u) && sbi_pairs_are_safe((sb_contact *)user);
+}
 
 /* A sample in touch becomes an entry. */
 static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
@@ -548,6 +569,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
     contact->spare = contact->entries;
     contact->entries = fresh;
     contact->entry_count = count;
+    sbi_pairs_keep_entries(contact);
 }
 
 /* Tools are where they went. */
@@ -585,6 +607,7 @@ static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *over
             *pushed = sb_max(*pushed, sb_abs(sb_v3_dot(sb_v3_sub(s->point, home), s->normal)));
         }
     }
+    sbi_pairs_measure_overlap(contact, overlap, pushed);
 }
 
 /* Samples remember their pressures until they alone hold the surface off the tools. */
@@ -592,16 +615,22 @@ static int sbi_contact_balance(void *user, int round)
 {
     sb_contact *contact = (sb_contact *)user;
     sb_real overlap, pushed;
+    if (sbi_contact_is_held(contact))
+        return -1;
     sbi_contact_measure_overlap(contact, &overlap, &pushed);
     if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
         sbi_contact_keep_pressures(contact, 0);
+        sbi_pairs_keep_pressures(contact, 0);
         sbi_contact_remember_pressures(contact);
+        sbi_pairs_remember_pressures(contact);
         return 1;
     }
     sbi_contact_keep_pressures(contact, 0);
+    sbi_pairs_keep_pressures(contact, 0);
     sbi_contact_keep_entries(contact);
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].stage = contact->tools[t].balance;
+    sbi_contact_keep_springs(contact);
     return 0;
 }
 
@@ -615,6 +644,7 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
         for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
             out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
     }
+    sbi_pairs_add_done(contact, factor, out);
 }
 
 static void sbi_contact_commit(void *user)
@@ -622,8 +652,11 @@ static void sbi_contact_commit(void *user)
     sb_contact *contact = (sb_contact *)user;
     if (!contact->is_static) {
         sbi_contact_keep_pressures(contact, 1);
+        sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
+        sbi_contact_keep_springs(contact);
     }
+    sbi_contact_commit_springs(contact);
     for (int t = 0; contact->is_static && t < contact->max_tools; t++)
         contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
@@ -643,11 +676,13 @@ static void sbi_contact_go_back(sb_contact *contact)
     memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
     contact->pressure_count = contact->before_pressure_count;
     memcpy(contact->pressures, contact->before_pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+    sbi_pairs_take_before(contact);
 }
 
 static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
+    contact->touch.links = 0;
     if (contact->is_static)
         sbi_contact_go_back(contact);
     sbi_contact_forget_nodes(contact);
@@ -692,6 +727,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
+    touch->multiply_links = sbi_pairs_multiply_links;
     touch->accept = sbi_contact_accept;
     touch->balance = sbi_contact_balance;
     touch->add_done = sbi_contact_add_done;

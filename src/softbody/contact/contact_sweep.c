@@ -47,11 +47,17 @@ static int *sbi_sweep_near(const sb_contact *contact, int tool)
     return contact->near + (size_t)tool * (size_t)contact->faces->face_room;
 }
 
-static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain)
+/* around: how much farther (m) it may go. */
+static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain,
+                                 sb_real around)
 {
     sbi_contact_tool *tool = contact->tools + number;
     sb_vec3 low, high;
     sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
+    if (around < SB_REAL_MAX / 4) { /* that of a plane has no bounds */
+        low = sb_v3_sub(low, sb_v3(around, around, around));
+        high = sb_v3_add(high, sb_v3(around, around, around));
+    }
     tool->face_count =
         sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
 }
@@ -90,6 +96,15 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
     return least;
 }
 
+/* What is left of tools' ways when a step was refused. */
+static sb_real sbi_sweep_less(const sbi_touch_step *step)
+{
+    sb_real less = 1;
+    for (int i = 0; i < step->tries; i++)
+        less *= (sb_real)0.5;
+    return step->tries >= SBI_SWEEP_STAYS ? 0 : less;
+}
+
 /* How far a tool may go into the body in a step (m): less the deeper it lies, unless it is on its way out. */
 static sb_real sbi_sweep_reach(sb_contact *contact, int number, sb_real way)
 {
@@ -103,30 +118,19 @@ static sb_real sbi_sweep_reach(sb_contact *contact, int number, sb_real way)
     share = sb_min((sb_real)1, reach / way);
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
-    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, 0);
     if (!(sbi_sweep_gap(contact, tool->shape, tool->chain_next, &tool->next, sbi_sweep_near(contact, number),
                         tool->face_count, NULL) < -depth))
         return reach;
     return reach * sb_max((sb_real)0, 1 - depth / (SBI_SWEEP_FULL * inner));
 }
 
-/* Share of the way to where it is sent that a tool may go: free up to the body, and some into it. */
-static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step)
+/* Share of the way (m) to where it is sent on which a tool is clear of the body. */
+static sb_real sbi_sweep_free(sb_contact *contact, int number, sb_real way)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real share = 0, reach;
-    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
-    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), part = 1 / (sb_real)step->parts_left, less = 1;
-    for (int i = 0; i < step->tries; i++)
-        less *= (sb_real)0.5;
-    if (step->tries >= SBI_SWEEP_STAYS)
-        return 0;
-    if (step->dt == 0)
-        return less;
-    reach = sbi_sweep_reach(contact, number, way);
-    if (way <= reach)
-        return less * part;
-    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted);
+    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), share = 0;
+    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted, 0);
     for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
         sb_pose at = sbi_pose_between(&tool->reached, &tool->wanted, share);
         sb_real gap;
@@ -137,7 +141,24 @@ static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_
             break;
         share = gap < way ? share + gap / way : 1; /* without faces the gap has no bound */
     }
-    return less * sb_min(part, share + reach / way);
+    return sb_min((sb_real)1, share);
+}
+
+/* Share of the way to where it is sent that a tool may go: free up to the body, which is the share *clear unless the
+ * way is short, and some into it. */
+static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step, sb_real *clear)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left, reach;
+    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+    *clear = 0;
+    if (less == 0 || step->dt == 0)
+        return less;
+    reach = sbi_sweep_reach(contact, number, way);
+    if (way <= reach)
+        return less * part;
+    *clear = sbi_sweep_free(contact, number, way);
+    return less * sb_min(part, *clear + reach / way);
 }
 
 /* A tool that the body pressed on goes along with it. */
@@ -150,19 +171,50 @@ static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
     return pose;
 }
 
+/* A tool on a spring begins where its way is no longer clear, and may go from there as far as a rigid one goes. */
+static void sbi_sweep_hung(sbi_contact_tool *tool, const sbi_touch_step *step, sb_real clear)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left;
+    sb_real most =
+        less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape); /* not `reach`: it may be pushed out */
+    spring->hand_next = sbi_pose_between(&spring->hand, &tool->wanted, step->factor * part);
+    spring->hand_balance = sbi_pose_between(&spring->hand, &spring->hand_next, step->level);
+    spring->level = step->level;
+    spring->limit = most;
+    spring->centre =
+        clear > 0 ? sbi_pose_between(&tool->reached, &tool->wanted, less * sb_min(part, clear)) : tool->from;
+    if (step->tries > SBI_SWEEP_STAYS)
+        spring->centre = tool->next;
+    if (!(spring->turning > 0)) { /* it turns by itself, and what is left is for its way */
+        sb_pose turned = spring->centre;
+        sb_real turn, share;
+        turned.rotation = spring->hand_balance.rotation;
+        turn = sbi_tool_motion(tool->shape, tool->chain_reached, &spring->centre, tool->chain_reached, &turned);
+        share = turn > most / 2 ? most / 2 / turn : 1;
+        spring->centre = sbi_pose_between(&spring->centre, &turned, share);
+        spring->limit = most - share * turn;
+    }
+    tool->next = tool->balance = spring->centre;
+}
+
 static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step *step)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    sb_real clear, share = sbi_sweep_share(contact, number, step, &clear) * step->factor, around = 0;
     tool->from = step->stage > 0 ? tool->stage : tool->reached;
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     if (step->tries > SBI_SWEEP_STAYS)
         tool->next = sbi_sweep_give_way(tool, step->tries - SBI_SWEEP_STAYS);
-    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
+    if (sbi_contact_is_hung(tool)) {
+        sbi_sweep_hung(tool, step, clear);
+        around = tool->spring.limit;
+    }
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
-    tool->way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
-    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+    tool->way = around + sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, around);
 }
 
 /* Places at the start of the step. */
@@ -183,7 +235,8 @@ static int sbi_sweep_overreaches(const sb_contact *contact)
 {
     for (int i = 0; contact->is_static && i < contact->max_tools; i++) {
         const sbi_contact_tool *tool = contact->tools + i;
-        if (tool->shape && tool->face_count > 0 && tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
+        if (tool->shape && !sbi_contact_is_hung(tool) && tool->face_count > 0 &&
+            tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
             return i;
     }
     return -1;
@@ -270,7 +323,7 @@ SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
         const sbi_contact_tool *tool = contact->tools + i;
         if (!tool->shape)
             continue;
-        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next);
+        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next, 0);
         if (!sbi_sweep_tool_is_safe(contact, i, u))
             return 0;
     }

@@ -79,6 +79,12 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
         result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
     made->wanted = made->next = made->balance = made->reached;
     made->friction = def->friction;
+    made->spring.stiffness = def->coupling_stiffness;
+    made->spring.turning = def->coupling_turning;
+    made->spring.most = def->max_force;
+    made->spring.hand = made->reached;
+    if (result == SB_OK && sbi_contact_is_hung(made))
+        result = sbi_body_reserve_coupling(contact->body, contact->faces->node_room, error);
     return result;
 }
 
@@ -123,6 +129,7 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
             contact->pressures[count++] = contact->pressures[i];
     contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+    contact->tools[tool].spring.force = contact->tools[tool].spring.torque = sb_v3(0, 0, 0);
     contact->tools[tool].nearest.known = 0;
     contact->is_solved = 0;
 }
@@ -169,7 +176,7 @@ SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_p
         result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
     if (result != SB_OK)
         return result;
-    t->reached = t->wanted = t->next = t->balance = unit;
+    t->reached = t->wanted = t->next = t->balance = t->spring.hand = unit;
     sbi_contact_forget(contact, tool);
     sbi_contact_tell_pose(contact, SBI_CONTACT_PLACE, tool, pose);
     return SB_OK;

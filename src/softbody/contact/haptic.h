@@ -74,9 +74,9 @@ typedef struct sb_haptic_info {
 typedef struct sb_haptic sb_haptic;
 
 /* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
- * contact has no such tool; SB_ERROR_UNSUPPORTED: the compiler has no atomics that are known here, so that
- * SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY. *haptic is then
- * untouched. */
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the tool hangs on a spring, or the compiler has no atomics that are
+ * known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY.
+ * *haptic is then untouched. */
 SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
 /* NULL is fine. Neither thread may be in a call. */
 SB_API void sb_haptic_destroy(sb_haptic *haptic);

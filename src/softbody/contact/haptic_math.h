@@ -81,17 +81,43 @@ SB_INLINE sbi_d3 sbi_turn_apply(sbi_turn q, sbi_d3 v)
     sbi_d3 axis = sbi_d(q.x, q.y, q.z), t = sbi_d_scale(2, sbi_d_cross(axis, v));
     return sbi_d_add(sbi_d_madd(v, q.w, t), sbi_d_cross(axis, t));
 }
+/* The same rotation as the images of the axes: for many vectors. */
+typedef struct sbi_d_axes {
+    sbi_d3 x, y, z;
+} sbi_d_axes;
+SB_INLINE sbi_d_axes sbi_turn_axes(sbi_turn q)
+{
+    sbi_d_axes a;
+    double x = 2 * q.x, y = 2 * q.y, z = 2 * q.z;
+    double wx = q.w * x, wy = q.w * y, wz = q.w * z, xx = q.x * x, xy = q.x * y, xz = q.x * z;
+    double yy = q.y * y, yz = q.y * z, zz = q.z * z;
+    a.x = sbi_d(1 - yy - zz, xy + wz, xz - wy);
+    a.y = sbi_d(xy - wz, 1 - xx - zz, yz + wx);
+    a.z = sbi_d(xz + wy, yz - wx, 1 - xx - yy);
+    return a;
+}
+SB_INLINE sbi_d3 sbi_axes_apply(const sbi_d_axes *a, sbi_d3 v)
+{
+    return sbi_d(a->x.x * v.x + a->y.x * v.y + a->z.x * v.z, a->x.y * v.x + a->y.y * v.y + a->z.y * v.z,
+                 a->x.z * v.x + a->y.z * v.y + a->z.z * v.z);
+}
 /* q turned further by a small rotation vector (rad, in space); exact to its third power. */
 SB_INLINE sbi_turn sbi_turn_further(sbi_turn q, sbi_d3 by)
 {
     return sbi_turn_unit(sbi_turn_mul(sbi_turn_make(1, 0.5 * by.x, 0.5 * by.y, 0.5 * by.z), q), q);
 }
-/* The rotation vector (rad, in space, at most pi long) that leads from one rotation to another. */
+/* The rotation vector (rad, in space, at most pi long) that leads from one rotation to another. Of small ones by the
+ * series of 2 asin(s) / s, whose first term that is left out is 6e-18 of it. */
 SB_INLINE sbi_d3 sbi_turn_between(sbi_turn from, sbi_turn to)
 {
     sbi_turn q = sbi_turn_mul(to, sbi_turn_make(from.w, -from.x, -from.y, -from.z));
-    double sign = q.w < 0 ? -1 : 1, sine = sqrt(q.x * q.x + q.y * q.y + q.z * q.z);
-    double scale = sine > 1e-8 ? 2 * sbi_dense_atan2(sine, sign * q.w) / sine : 2;
+    double sign = q.w < 0 ? -1 : 1, square = q.x * q.x + q.y * q.y + q.z * q.z, scale;
+    if (square < 1e-3) {
+        scale = 2 + square * (1 / 3.0 + square * (3 / 20.0 + square * (5 / 56.0 + square * (35 / 576.0))));
+    } else {
+        double sine = sqrt(square);
+        scale = 2 * sbi_dense_atan2(sine, sign * q.w) / sine;
+    }
     return sbi_d_scale(sign * scale, sbi_d(q.x, q.y, q.z));
 }
 /* Of a row-major rotation matrix, which may be off by rounding; `fallback` for what is none, as a matrix of zeros. */

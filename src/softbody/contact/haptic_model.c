@@ -42,9 +42,10 @@ SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_fram
     for (int c = 0; c < frame->count; c++) {
         const sbi_haptic_cluster *k = frame->clusters + c;
         model->places[c] = sbi_d_add(frame->pose.position, sbi_haptic_arm(k, &frame->pose));
-        model->anchors[c] = model->places[c];
-        if (k->tangential > 0)
-            model->anchors[c] = sbi_d_madd(model->places[c], 1 / k->tangential, k->traction);
+        model->levers[c] = k->push > 0 ? sbi_d_scale(1 / k->push, k->torque) : sbi_d(0, 0, 0);
+        model->gives[c] = k->stiffness > 0 ? 1 / k->stiffness : 0;
+        model->gives_across[c] = k->tangential > 0 ? 1 / k->tangential : 0;
+        model->anchors[c] = sbi_d_madd(model->places[c], model->gives_across[c], k->traction);
     }
 }
 
@@ -58,50 +59,58 @@ typedef struct sbi_haptic_touch {
     int slides;        /* 1: all of it; a contact that has slid is still there when the next call begins */
 } sbi_haptic_touch;
 
-static sbi_haptic_touch sbi_haptic_touch_at(const sbi_haptic_model *model, int c, const sbi_d_pose *pose)
+/* axes: the pose's rotation */
+static sbi_haptic_touch sbi_haptic_touch_at(const sbi_haptic_model *model, int c, const sbi_d_pose *pose,
+                                            const sbi_d_axes *axes)
 {
     const sbi_haptic_cluster *k = model->frame.clusters + c;
     sbi_haptic_touch at;
-    double bound, size;
-    at.arm = sbi_haptic_arm(k, pose);
+    double bound, square;
+    at.arm = sbi_axes_apply(axes, k->point);
     at.place = sbi_d_add(pose->position, at.arm);
     at.push = k->push - k->stiffness * sbi_d_dot(k->normal, sbi_d_sub(at.place, model->places[c]));
     if (!(at.push > 0))
         at.push = 0;
     at.traction = sbi_d_scale(k->tangential, sbi_d_across(sbi_d_sub(model->anchors[c], at.place), k->normal));
     bound = k->friction * at.push;
-    size = sbi_d_norm(at.traction);
-    at.kept = size > bound ? bound / size : 1;
-    at.slides = size > SBI_FRICTION_FULL * bound;
+    square = sbi_d_dot(at.traction, at.traction);
+    at.kept = square > bound * bound ? bound / sqrt(square) : 1;
+    at.slides = square > SBI_FRICTION_FULL * SBI_FRICTION_FULL * bound * bound;
     at.traction = sbi_d_scale(at.kept, at.traction);
     return at;
 }
 
-static void sbi_haptic_add_touch(const sbi_haptic_cluster *cluster, const sbi_haptic_touch *at, sbi_d_wrench *sum)
+SB_INLINE void sbi_haptic_add_touch(const sbi_haptic_model *model, int c, const sbi_haptic_touch *at, sbi_d_wrench *sum)
 {
-    sbi_d3 force = sbi_d_madd(at->traction, at->push, cluster->normal);
+    sbi_d3 force = sbi_d_madd(at->traction, at->push, model->frame.clusters[c].normal);
     sum->force = sbi_d_add(sum->force, force);
     sum->torque = sbi_d_add(sum->torque, sbi_d_cross(at->arm, force));
-    if (cluster->push > 0 && at->push > 0)
-        sum->torque = sbi_d_madd(sum->torque, at->push / cluster->push, cluster->torque);
+    sum->torque = sbi_d_madd(sum->torque, at->push, model->levers[c]);
 }
 
-/* The wrench at a pose. Draws the anchors along and adds up the planes' energy (J). */
-static sbi_d_wrench sbi_haptic_model_at(sbi_haptic_model *model, const sbi_d_pose *pose, double *stored)
+/* Draws the anchors of planes along and adds up their energy (J). touches [count] */
+static void sbi_haptic_keep(sbi_haptic_model *model, const sbi_haptic_touch *touches, double *stored)
 {
+    for (int c = 0; c < model->frame.count; c++) {
+        const sbi_haptic_touch *at = touches + c;
+        *stored += 0.5 * model->gives[c] * at->push * at->push;
+        *stored += 0.5 * model->gives_across[c] * sbi_d_dot(at->traction, at->traction);
+        if (at->kept < 1)
+            model->anchors[c] = sbi_d_madd(at->place, model->gives_across[c], at->traction);
+    }
+}
+
+/* The wrench at a pose, and what each plane has of it. */
+static sbi_d_wrench sbi_haptic_model_at(const sbi_haptic_model *model, const sbi_d_pose *pose,
+                                        sbi_haptic_touch *touches)
+{
+    const sbi_d_axes axes = sbi_turn_axes(pose->rotation);
     sbi_d_wrench sum;
     memset(&sum, 0, sizeof sum);
     for (int c = 0; c < model->frame.count; c++) {
-        const sbi_haptic_cluster *k = model->frame.clusters + c;
-        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, pose);
-        sbi_haptic_add_touch(k, &at, &sum);
-        if (k->stiffness > 0)
-            *stored += at.push * at.push / (2 * k->stiffness);
-        if (k->tangential > 0) {
-            *stored += sbi_d_dot(at.traction, at.traction) / (2 * k->tangential);
-            if (at.kept < 1)
-                model->anchors[c] = sbi_d_madd(at.place, 1 / k->tangential, at.traction);
-        }
+        touches[c] = sbi_haptic_touch_at(model, c, pose, &axes);
+        if (touches[c].push > 0)
+            sbi_haptic_add_touch(model, c, touches + c, &sum);
     }
     return sum;
 }
@@ -114,6 +123,7 @@ typedef struct sbi_haptic_balance {
     double b[6];                    /* wrench out of balance; then the way there */
     double least[2], in_balance[2]; /* imbalance that is none; forces and torques in balance */
     double off;                     /* imbalance over what is in balance */
+    sbi_d_wrench tissue;
     sbi_haptic_touch touches[SBI_HAPTIC_CLUSTERS];
 } sbi_haptic_balance;
 
@@ -182,14 +192,9 @@ static sbi_d_wrench sbi_haptic_coupling_wrench(const sbi_haptic_coupling *coupli
 static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_model *model,
                                   const sbi_haptic_coupling *coupling, const sbi_d_pose *hand, const sbi_d_pose *tool)
 {
-    sbi_d_wrench sum, felt;
-    memset(&sum, 0, sizeof sum);
+    sbi_d_wrench sum = sbi_haptic_model_at(model, tool, balance->touches), felt;
     balance->size = coupling->rotation > 0 ? 6 : 3;
-    for (int c = 0; c < model->frame.count; c++) {
-        balance->touches[c] = sbi_haptic_touch_at(model, c, tool);
-        if (balance->touches[c].push > 0)
-            sbi_haptic_add_touch(model->frame.clusters + c, balance->touches + c, &sum);
-    }
+    balance->tissue = sum;
     felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
     sbi_d_put(balance->b, sbi_d_sub(sum.force, felt.force));
     sbi_d_put(balance->b + 3, sbi_d_sub(sum.torque, felt.torque));
@@ -205,11 +210,10 @@ static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_
     }
 }
 
-/* Elimination with row exchanges. */
-static void sbi_haptic_eliminate(sbi_haptic_factor *factor)
+/* Elimination with row exchanges; n: its size, known to the compiler. */
+SB_INLINE void sbi_haptic_eliminate(sbi_haptic_factor *factor, int n)
 {
     double(*h)[6] = factor->h;
-    int n = factor->size;
     for (int k = 0; k < n; k++) {
         int best = k;
         for (int i = k + 1; i < n; i++)
@@ -247,13 +251,15 @@ static void sbi_haptic_make_factor(sbi_haptic_factor *factor, const sbi_haptic_m
         for (int i = 0; i < balance->size; i++)
             factor->h[i][j] = column[i];
     }
-    sbi_haptic_eliminate(factor);
+    if (factor->size == 6)
+        sbi_haptic_eliminate(factor, 6);
+    else
+        sbi_haptic_eliminate(factor, 3);
 }
 
 /* b = h^-1 b */
-static void sbi_haptic_factor_solve(const sbi_haptic_factor *factor, double *b)
+SB_INLINE void sbi_haptic_factor_solve_size(const sbi_haptic_factor *factor, double *b, int n)
 {
-    int n = factor->size;
     for (int k = 0; k < n; k++) {
         double swap = b[k];
         b[k] = b[factor->rows[k]];
@@ -269,52 +275,65 @@ static void sbi_haptic_factor_solve(const sbi_haptic_factor *factor, double *b)
     }
 }
 
-/* Moves the tool to where it balances. The factor of the last call serves while it divides the imbalance by ten. */
+static void sbi_haptic_factor_solve(const sbi_haptic_factor *factor, double *b)
+{
+    if (factor->size == 6)
+        sbi_haptic_factor_solve_size(factor, b, 6);
+    else
+        sbi_haptic_factor_solve_size(factor, b, 3);
+}
+
+/* Moves the tool to where it balances. The factor of the last call serves while it divides the imbalance by ten. *found
+ * is what the planes do at the end, or less than SBI_COUPLING_NEAR of the forces from it. */
 static void sbi_haptic_balance_find(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
-                                    const sbi_d_pose *hand, sbi_d_pose *tool)
+                                    const sbi_d_pose *hand, sbi_d_pose *tool, sbi_haptic_balance *found)
 {
     sbi_haptic_factor *factor = &model->factor;
-    sbi_haptic_balance balance;
     double before = 0;
     int near_it = 0;
     if (!(coupling->rotation > 0))
         tool->rotation = hand->rotation;
     for (int iteration = 0; iteration < SBI_COUPLING_MOST && !near_it; iteration++) {
-        sbi_haptic_balance_at(&balance, model, coupling, hand, tool);
-        if (balance.off <= SBI_COUPLING_CLOSE)
+        sbi_haptic_balance_at(found, model, coupling, hand, tool);
+        if (found->off <= SBI_COUPLING_CLOSE)
             return;
-        if (factor->size != balance.size || (iteration > 0 && !(balance.off < SBI_COUPLING_SERVES * before)))
-            sbi_haptic_make_factor(factor, model, coupling, &balance);
-        near_it = iteration > 0 && balance.off <= SBI_COUPLING_NEAR;
-        before = balance.off;
-        sbi_haptic_factor_solve(factor, balance.b);
-        if (!sbi_d3_within(sbi_d_from(balance.b), SBI_HAPTIC_LARGE)) { /* of forged frames: begins anew at the hand */
+        if (factor->size != found->size || (iteration > 0 && !(found->off < SBI_COUPLING_SERVES * before)))
+            sbi_haptic_make_factor(factor, model, coupling, found);
+        near_it = iteration > 0 && found->off <= SBI_COUPLING_NEAR;
+        before = found->off;
+        sbi_haptic_factor_solve(factor, found->b);
+        if (!sbi_d3_within(sbi_d_from(found->b), SBI_HAPTIC_LARGE)) { /* of forged frames: begins anew at the hand */
             *tool = *hand;
             factor->size = 0;
-            return;
+            break;
         }
-        tool->position = sbi_d_add(tool->position, sbi_d_from(balance.b));
-        if (balance.size == 6)
-            tool->rotation = sbi_turn_further(tool->rotation, sbi_d_from(balance.b + 3));
+        tool->position = sbi_d_add(tool->position, sbi_d_from(found->b));
+        if (found->size == 6)
+            tool->rotation = sbi_turn_further(tool->rotation, sbi_d_from(found->b + 3));
     }
+    if (!near_it)
+        found->tissue = sbi_haptic_model_at(model, tool, found->touches);
 }
 
 SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
                                            const sbi_d_pose *hand, sbi_d_pose *tool, double *stored)
 {
-    sbi_d_wrench felt, tissue;
+    sbi_haptic_balance found;
+    sbi_d_wrench felt;
     *stored = 0;
     if (!(coupling->translation > 0)) {
         *tool = *hand;
-        return sbi_haptic_model_at(model, tool, stored);
+        felt = sbi_haptic_model_at(model, tool, found.touches);
+        sbi_haptic_keep(model, found.touches, stored);
+        return felt;
     }
-    sbi_haptic_balance_find(model, coupling, hand, tool);
+    sbi_haptic_balance_find(model, coupling, hand, tool, &found);
+    sbi_haptic_keep(model, found.touches, stored);
     felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
-    tissue = sbi_haptic_model_at(model, tool, stored);
     *stored += sbi_d_dot(felt.force, felt.force) / (2 * coupling->translation);
     if (coupling->rotation > 0)
         *stored += sbi_d_dot(felt.torque, felt.torque) / (2 * coupling->rotation);
     else
-        felt.torque = tissue.torque;
+        felt.torque = found.tissue.torque;
     return felt;
 }

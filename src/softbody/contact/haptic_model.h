@@ -46,6 +46,9 @@ typedef struct sbi_haptic_model {
     sbi_haptic_frame frame;
     sbi_d3 places[SBI_HAPTIC_CLUSTERS];  /* m, pose0(r) */
     sbi_d3 anchors[SBI_HAPTIC_CLUSTERS]; /* m, where friction would vanish */
+    sbi_d3 levers[SBI_HAPTIC_CLUSTERS];  /* m, torque over push */
+    double gives[SBI_HAPTIC_CLUSTERS];   /* m/N, 1 over stiffness, 0 of none; along the normal and across it */
+    double gives_across[SBI_HAPTIC_CLUSTERS];
     sbi_haptic_factor factor;
 } sbi_haptic_model;
 

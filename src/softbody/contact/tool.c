@@ -10,6 +10,7 @@ SB_API sb_tool_def sb_default_tool_def(void)
     def.shape = SB_TOOL_SPHERE;
     def.cells = 48;
     def.pose.rotation = sb_quat_identity();
+    def.max_force = SB_REAL_MAX;
     def.cookie = SBI_TOOL_COOKIE;
     return def;
 }
@@ -107,12 +108,29 @@ static sb_result sbi_tool_check_not_negative(sb_real value, const char *name, sb
     return SB_OK;
 }
 
+static sb_result sbi_tool_check_spring(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->max_force, "def.max_force", error);
+    if (result == SB_OK && def->max_force == 0)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force is 0: the spring must pull with some force");
+    if (result == SB_OK && def->coupling_turning > 0 && def->coupling_stiffness == 0)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT,
+                          "def.coupling_turning needs def.coupling_stiffness > 0: a tool without it is rigid");
+    return result;
+}
+
 static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
 {
     sb_result result;
     if (def->cookie != SBI_TOOL_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
     result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_spring(def, error);
     if (result == SB_OK)
         result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
     return result == SB_OK ? sbi_tool_check_shape(def, error) : result;

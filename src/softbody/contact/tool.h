@@ -58,7 +58,13 @@ typedef struct sb_tool_def {
                              * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
     sb_real friction;       /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
     sb_pose pose;           /* where it stands at first; default the origin, not turned */
-    unsigned cookie;        /* set by sb_default_tool_def; a def made without it is refused */
+    /* The tool hangs on the pose that it is sent to by a spring, and is where the spring and what it touches balance: a
+     * compliant instrument, a hand, a surgeon's wrist. */
+    sb_real coupling_stiffness; /* N/m; 0 (default): none, it goes where it is sent */
+    sb_real coupling_turning;   /* N m/rad about its position; 0 (default): it turns as it is sent to. Needs
+                                 * coupling_stiffness */
+    sb_real max_force;          /* N that the spring pulls with at most, > 0; default SB_REAL_MAX */
+    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
 } sb_tool_def;
 
 SB_API sb_tool_def sb_default_tool_def(void);

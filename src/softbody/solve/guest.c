@@ -22,8 +22,9 @@ SBI_API int sbi_guests_have_sizes(const sbi_guests *guests, int rows)
 static sb_result sbi_guest_check(const sbi_guest *guest, int index, int rows, int *marks, sb_error *error)
 {
     int own = guest->unknown_count > 0 || guest->taken_count > 0;
-    if (!guest->residual || !guest->multiply || (own && !guest->precondition) ||
-        (guest->unknown_count > 0 && !guest->unknown) || (guest->node_count > 0 && !guest->nodes))
+    if ((!guest->residual && !guest->is_tangent) || (guest->is_tangent && own) || !guest->multiply ||
+        (own && !guest->precondition) || (guest->unknown_count > 0 && !guest->unknown) ||
+        (guest->node_count > 0 && !guest->nodes))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "guest %d lacks a call or an array", index);
     for (int k = 0; k < guest->node_count; k++) {
         int node = guest->nodes[k], taken = k < guest->taken_count;
@@ -177,11 +178,25 @@ SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real 
         }
 }
 
+/* r -= G x of a guest that is a tangent alone. Prescribed motion is in the forces already. */
+static void sbi_guest_tangent_residual(const sbi_guest_space *space, sbi_guest_work *work, const sb_real *x, sb_real *r)
+{
+    if (!x)
+        return;
+    sbi_guest_gather(space, work, NULL, x, NULL);
+    work->guest->multiply(work->guest->user, work->in, work->out);
+    sbi_guest_scatter(space, work, -1, r);
+}
+
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r)
 {
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
+        if (guest->is_tangent) {
+            sbi_guest_tangent_residual(space, work, x, r);
+            continue;
+        }
         sbi_guest_gather_place(space, work, x ? guest->unknown : work->base, x, held);
         guest->residual(guest->user, work->in, work->out);
         sbi_guest_copy(work->residual, work->out, guest->unknown_count);
@@ -376,6 +391,8 @@ SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *li
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
+        if (guest->is_tangent) /* the line is that of the forces it stands for */
+            continue;
         sbi_guest_force(work);
         sbi_guest_gather(space, work, guest->unknown, x, NULL);
         for (int k = 0; k < guest->unknown_count; k++)
@@ -462,6 +479,15 @@ SBI_API int sbi_guest_is_deflated(const sbi_guest_space *space, const sb_precond
     return preconditioner && sbi_precond_has_coarse(preconditioner);
 }
 
+/* 1: a guest has unknowns or has taken nodes. */
+static int sbi_guest_have_rows(const sbi_guest_space *space)
+{
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].size > 0)
+            return 1;
+    return 0;
+}
+
 /* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
  *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
  * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays
@@ -476,6 +502,10 @@ SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *p
                                     sb_real *z, double size)
 {
     int deflated = sbi_guest_is_deflated(space, preconditioner);
+    if (!sbi_guest_have_rows(space)) {
+        sbi_guest_apply(space, preconditioner, r, z, size);
+        return;
+    }
     memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
     sbi_guest_subtract_block(space, z, space->rest, 1);
     sbi_guest_clear_taken(space, space->rest);

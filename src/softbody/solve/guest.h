@@ -75,6 +75,10 @@ typedef struct sbi_guest {
      * definite. NULL: it has no rows of its own */
     void (*precondition)(void *user, const double *r, double *z);
 
+    /* 1: it has no unknowns and no forces of its own, only a stiffness between its nodes that counts in what a system
+     * adds: what is in the forces of others. `residual` is then not called. */
+    int is_tangent;
+
     /* optional */
     /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may
      * set `unknown`, which is a first guess in iteration 0 and what was found so far later. What it returns as an error

@@ -90,12 +90,14 @@ typedef struct sbi_pcg_state {
     sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
     int current;            /* 1: it is known to be of this matrix */
     int part_count;
-    sbi_pcg_part *parts;     /* [part_count + 1] */
-    const int *part_rows;    /* rows by part; NULL: one part of all rows */
-    int whole[2];            /* where that one starts and ends */
-    const int *part_start;   /* [part_count + 1] */
-    double *partial;         /* [chunks][2] */
-    sbi_guest_space *guests; /* NULL: none */
+    sbi_pcg_part *parts;        /* [part_count + 1] */
+    const int *part_rows;       /* rows by part; NULL: one part of all rows */
+    int whole[2];               /* where that one starts and ends */
+    const int *part_start;      /* [part_count + 1] */
+    double *partial;            /* [chunks][2] */
+    sbi_guest_space *guests;    /* NULL: none */
+    const sbi_pcg_extra *extra; /* NULL: nothing */
+    double extra_sum;           /* p.Cp */
     const sb_jobs *jobs;
 } sbi_pcg_state;
 
@@ -360,7 +362,7 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
     const sb_matrix *a = s->matrix;
     int chunks = 0;
     sbi_matrix_list_parts(a);
-    s->part_count = joint ? 1 : a->part_count;
+    s->part_count = joint || s->extra ? 1 : a->part_count;
     s->whole[0] = 0;
     s->whole[1] = a->row_count;
     s->part_rows = s->part_count > 1 ? a->part_rows : NULL;
@@ -437,6 +439,23 @@ static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
         s->guests->work[g].done = 0;
 }
 
+/* q = (A + C) p */
+static void sbi_pcg_run_product(sbi_pcg_state *s)
+{
+    sbi_pcg_run(s, sbi_pcg_product_task);
+    s->extra_sum = s->extra && !s->parts[0].done ? s->extra->multiply(s->extra->user, s->p, s->q) : 0;
+}
+
+/* r -= C x; q is for scratch, which goes no further than its round where there is no compact matrix. */
+static void sbi_pcg_subtract_extra(sbi_pcg_state *s)
+{
+    size_t count = 3 * (size_t)s->matrix->row_count;
+    memset(s->q, 0, count * sizeof(sb_real));
+    (void)s->extra->multiply(s->extra->user, s->x, s->q);
+    for (size_t k = 0; k < count; k++)
+        s->r[k] -= s->q[k];
+}
+
 /* What guests have of a motion p along which their own unknowns rest, and all of it subtracted from their residuals. */
 static void sbi_pcg_deflate_guests(const sbi_pcg_state *s)
 {
@@ -460,7 +479,7 @@ static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
         s->parts[c].done = 0;
         s->parts[c].factor = 1;
     }
-    sbi_pcg_run(s, sbi_pcg_product_task);
+    sbi_pcg_run_product(s);
     if (s->guests)
         sbi_pcg_deflate_guests(s);
     sbi_pcg_run_square(s, sbi_pcg_advance_task, 1);
@@ -517,7 +536,7 @@ static sb_result sbi_pcg_measure(sbi_pcg_state *s, sb_pcg_info *info)
         double pq;
         if (part->done)
             continue;
-        pq = sbi_pcg_sum(s, part, 0);
+        pq = sbi_pcg_sum(s, part, 0) + (part == s->parts ? s->extra_sum : 0);
         if (!sbi_pcg_is_finite(pq))
             return SB_ERROR_DIVERGED;
         if (pq <= 0) {
@@ -580,7 +599,7 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
             return result;
         sbi_pcg_run(s, sbi_pcg_direction_task);
         sbi_pcg_direct_guests(s);
-        sbi_pcg_run(s, sbi_pcg_product_task);
+        sbi_pcg_run_product(s);
         if (s->guests)
             sbi_guest_multiply(s->guests, s->p, s->q);
         result = sbi_pcg_measure(s, info);
@@ -602,6 +621,8 @@ static void sbi_pcg_guest_residual(sbi_pcg_state *s)
     if (s->compact) /* it has the x of its last product */
         sbi_pcg_run(s, sbi_pcg_spread_task);
     sbi_pcg_run(s, sbi_pcg_residual_task);
+    if (s->extra)
+        sbi_pcg_subtract_extra(s);
     sbi_guest_residual(s->guests, s->x, s->x, s->r);
     sbi_guest_measure(s->guests);
     sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
@@ -616,6 +637,10 @@ static void sbi_pcg_true_residual(sbi_pcg_state *s)
         sbi_pcg_guest_residual(s);
     else
         sbi_pcg_run_square(s, sbi_pcg_residual_task, 1);
+    if (s->extra && !s->guests) {
+        sbi_pcg_subtract_extra(s);
+        sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+    }
     s->compact = compact;
 }
 
@@ -856,7 +881,8 @@ static sbi_pcg_state sbi_pcg_make_state(const sb_matrix *matrix, sb_precondition
     state.partial = workspace->partial;
     state.parts = (sbi_pcg_part *)workspace->parts;
     state.jobs = options->jobs;
-    state.compact = preconditioner ? sbi_precond_compact(preconditioner) : NULL;
+    state.extra = workspace->extra;
+    state.compact = preconditioner && !state.extra ? sbi_precond_compact(preconditioner) : NULL;
     memcpy(workspace->start, x, 3 * (size_t)matrix->row_count * sizeof(sb_real));
     return state;
 }
@@ -1159,6 +1185,8 @@ static void sbi_pcg_guess_guests(sbi_pcg_state *s)
     sbi_guest_guess(s->guests, s->x, s->r, s->p);
     sbi_guest_measure(s->guests);
     sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+    if (s->extra) /* the guess knows nothing of it */
+        sbi_pcg_guest_residual(s);
 }
 
 /* After guests have changed their rows. */
@@ -1221,6 +1249,8 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
         rhs_square += state.parts[c].rhs_square;
     if (!idle)
         sbi_pcg_guess_guests(&state);
+    else if (state.extra)
+        sbi_pcg_guest_residual(&state);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
     if (current && !idle)
         sbi_pcg_set_drifts(&state, options->tolerance);

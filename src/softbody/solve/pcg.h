@@ -29,6 +29,7 @@ typedef struct sb_pcg_workspace {
     void *memory;
     void *guests; /* internal: what is kept of those that are solved together with the matrix; NULL: there were none */
     size_t guest_bytes;
+    const struct sbi_pcg_extra *extra; /* internal: what is added to the matrix; NULL: nothing */
     sb_allocator allocator;
 } sb_pcg_workspace;
 
@@ -77,6 +78,15 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 /* ---- internal ------------------------------------------------------------------------------------------ */
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* C of (A + C) x = rhs, for couplings that A has no blocks for: symmetric, A + C positive definite. While a workspace
+ * has one all rows are one part, and multigrid's matrix in 32 bits is not used. The preconditioner is that of A. */
+typedef struct sbi_pcg_extra {
+    void *user;
+    /* y += C x, both [row_count][3] and 0 or left as they are where A prescribes; returns x.Cx. On the calling thread
+     */
+    double (*multiply)(void *user, const sb_real *x, sb_real *y);
+} sbi_pcg_extra;
+
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits
  * is then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs
  * no look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of

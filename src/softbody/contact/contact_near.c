@@ -1,0 +1,415 @@
+/* contact_near: organs, and which of their faces are near faces that they look at.
+ *
+ * A walk over pairs of the tree's boxes finds faces whose boxes meet. It leaves out what lies in one organ alone, where
+ * organs are not to touch themselves, and pairs of boxes all of whose normals point the same way: neighbours on a
+ * smooth surface, of which a walk through one organ would otherwise meet nothing but them. */
+#include <float.h>
+#include <string.h>
+
+#include "../body/body_private.h"
+#include "contact_private.h"
+
+/* Faces look at each other when their normals have a product below this. */
+#define SBI_NEAR_FACING ((sb_real)-0.25)
+/* Faces of one organ do not touch when they are nearer than this at rest, in lengths of a face. */
+#define SBI_NEAR_APART ((sb_real)2)
+/* Thickness matters up to so many lengths of the organ's faces. */
+#define SBI_NEAR_THICKEST ((sb_real)4)
+/* Normals that are part of a smooth surface have at rest a product above this: 60 degrees. */
+#define SBI_NEAR_SMOOTH ((sb_real)0.5)
+
+/* ---- of the mesh at rest ---- */
+
+/* Twice the area of a face, through its corners, and out of the body. */
+static sb_vec3 sbi_near_vector(const sbi_contact_faces *faces, int face, const sb_vec3 *x)
+{
+    const int *n = sbi_contact_face_nodes(faces, face);
+    if (faces->kinds[faces->sizes[face]].corners == 4)
+        return sb_v3_cross(sb_v3_sub(x[n[2]], x[n[0]]), sb_v3_sub(x[n[3]], x[n[1]]));
+    return sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
+}
+
+static sb_vec3 sbi_near_unit(sb_vec3 v)
+{
+    sb_real size = sb_v3_norm(v);
+    return size > 0 ? sb_v3_scale(1 / size, v) : sb_v3(0, 0, 0);
+}
+
+static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *rest)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    const int *n = sbi_contact_face_nodes(faces, face);
+    int corners = faces->kinds[faces->sizes[face]].corners, organ = contact->body->node_component[n[0]];
+    sb_vec3 centre = {0, 0, 0};
+    sb_real radius = 0;
+    for (int a = 0; a < corners; a++)
+        centre = sb_v3_madd(centre, 1 / (sb_real)corners, rest[n[a]]);
+    for (int a = 0; a < corners; a++)
+        radius = sb_max(radius, sb_v3_norm(sb_v3_sub(rest[n[a]], centre)));
+    pairs->organs[face] = organ;
+    pairs->centres[face] = centre;
+    pairs->radii[face] = radius;
+    pairs->rest_normals[face] = sbi_near_unit(sbi_near_vector(faces, face, rest));
+    pairs->slot_of[face] = -1;
+    pairs->organ_lengths[organ] += faces->lengths[face];
+    pairs->organ_counts[organ]++;
+}
+
+static void sbi_near_measure_organs(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    int nodes = contact->faces->node_room;
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    memset(pairs->organ_lengths, 0, (size_t)nodes * sizeof(sb_real));
+    memset(pairs->organ_counts, 0, (size_t)nodes * sizeof(int));
+    for (int f = 0; f < contact->faces->face_end; f++)
+        sbi_near_measure_face(contact, f, rest);
+    pairs->longest = 0;
+    pairs->shortest = SB_REAL_MAX;
+    for (int o = 0; o < nodes; o++)
+        if (pairs->organ_counts[o] > 0) {
+            pairs->organ_lengths[o] /= (sb_real)pairs->organ_counts[o];
+            pairs->longest = sb_max(pairs->longest, pairs->organ_lengths[o]);
+            pairs->shortest = sb_min(pairs->shortest, pairs->organ_lengths[o]);
+        }
+}
+
+/* Faces of each node, ascending. */
+static void sbi_near_list_around(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    int nodes = faces->node_room, *first = pairs->first_face;
+    memset(first, 0, ((size_t)nodes + 1) * sizeof(int));
+    for (int f = 0; f < faces->face_end; f++)
+        for (int a = 0; a < faces->sizes[f]; a++)
+            first[sbi_contact_face_nodes(faces, f)[a] + 1]++;
+    for (int i = 0; i < nodes; i++)
+        first[i + 1] += first[i];
+    for (int f = 0; f < faces->face_end; f++)
+        for (int a = 0; a < faces->sizes[f]; a++)
+            pairs->around[first[sbi_contact_face_nodes(faces, f)[a]]++] = f;
+    for (int i = nodes; i > 0; i--)
+        first[i] = first[i - 1];
+    first[0] = 0;
+}
+
+/* Where a line from p along d first leaves the organ through this face (m); SB_REAL_MAX: it does not. */
+static sb_real sbi_near_leaves(const sbi_contact_faces *faces, int face, const sb_vec3 *x, sb_vec3 p, sb_vec3 d)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sb_real least = SB_REAL_MAX;
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 at[3], e1, e2, s, h, q;
+        sb_real det, u, v, t;
+        for (int k = 0; k < 3; k++)
+            at[k] = x[nodes[sbi_closest_part_node(kind, part, k)]];
+        e1 = sb_v3_sub(at[1], at[0]), e2 = sb_v3_sub(at[2], at[0]), s = sb_v3_sub(p, at[0]);
+        h = sb_v3_cross(d, e2);
+        det = sb_v3_dot(e1, h);
+        if (!(det < 0)) /* it would come in */
+            continue;
+        q = sb_v3_cross(s, e1);
+        u = sb_v3_dot(s, h) / det, v = sb_v3_dot(d, q) / det, t = sb_v3_dot(e2, q) / det;
+        if (u >= 0 && v >= 0 && u + v <= 1 && t > 0)
+            least = sb_min(least, t);
+    }
+    return least;
+}
+
+/* How thick the organ is behind a face; boxes are those of the shape at rest. */
+static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *rest)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real length = pairs->organ_lengths[pairs->organs[face]], most = SBI_NEAR_THICKEST * length, least = most;
+    sb_vec3 down = sb_v3_scale(-1, pairs->rest_normals[face]), from = pairs->centres[face];
+    for (sb_real way = 0; way < most && least == most; way += length) {
+        sb_vec3 a = sb_v3_madd(from, way, down), b = sb_v3_madd(from, way + length, down);
+        int count = sbi_contact_faces_query(contact->faces, sb_v3(sb_min(a.x, b.x), sb_min(a.y, b.y), sb_min(a.z, b.z)),
+                                            sb_v3(sb_max(a.x, b.x), sb_max(a.y, b.y), sb_max(a.z, b.z)), pairs->found,
+                                            contact->faces->face_room);
+        for (int i = 0; i < count; i++)
+            if (pairs->found[i] != face && pairs->organs[pairs->found[i]] == pairs->organs[face])
+                least = sb_min(least, sbi_near_leaves(contact->faces, pairs->found[i], rest, from, down));
+    }
+    return least;
+}
+
+/* First and last organ below each box of the tree. */
+static void sbi_near_place_organs(sb_contact *contact)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sbi_pairs *pairs = &contact->pairs;
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
+        sbi_pair_cone *cone = pairs->cones + leaf;
+        for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
+            int organ = pairs->organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
+            cone->first_organ = k ? sbi_min_int(cone->first_organ, organ) : organ;
+            cone->last_organ = k ? sbi_max_int(cone->last_organ, organ) : organ;
+        }
+    }
+    for (int level = 1; level < tree->level_count; level++)
+        for (int i = 0; i < tree->level_size[level]; i++) {
+            const sbi_pair_cone *a = pairs->cones + tree->level_start[level - 1] + 2 * i;
+            const sbi_pair_cone *b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
+            sbi_pair_cone *cone = pairs->cones + tree->level_start[level] + i;
+            cone->first_organ = sbi_min_int(a->first_organ, b->first_organ);
+            cone->last_organ = sbi_max_int(a->last_organ, b->last_organ);
+        }
+}
+
+SBI_API void sbi_pairs_measure(sb_contact *contact)
+{
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    if (!contact->pairs.kinds)
+        return;
+    sbi_near_measure_organs(contact);
+    sbi_near_list_around(contact);
+    sbi_contact_faces_refit(contact->faces, rest, NULL, 0);
+    for (int f = 0; f < contact->faces->face_end; f++)
+        contact->pairs.thickness[f] = sbi_near_thickness(contact, f, rest);
+    sbi_near_place_organs(contact);
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+}
+
+/* ---- faces that look at each other ---- */
+
+SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
+{
+    sb_vec3 a = contact->pairs.vectors[face], b = contact->pairs.vectors[other];
+    sb_real product = sb_v3_dot(a, b);
+    return product < 0 && product * product > SBI_NEAR_FACING * SBI_NEAR_FACING * sb_v3_dot(a, a) * sb_v3_dot(b, b) &&
+           sbi_pairs_are_apart(contact, face, other);
+}
+
+SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 apart;
+    sb_real least;
+    int same = pairs->organs[face] == pairs->organs[other];
+    if (!(pairs->kinds & (same ? SB_CONTACT_SELF : SB_CONTACT_ORGANS)))
+        return 0;
+    if (!same)
+        return 1;
+    apart = sb_v3_sub(pairs->centres[face], pairs->centres[other]);
+    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]) +
+            pairs->radii[face] + pairs->radii[other];
+    return sb_v3_dot(apart, apart) > least * least;
+}
+
+SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face)
+{
+    return sbi_near_unit(contact->pairs.vectors[face]);
+}
+
+/* Normal at a corner of a face: of the faces around it that go on smoothly. */
+static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int node)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 sum = {0, 0, 0};
+    for (int i = pairs->first_face[node]; i < pairs->first_face[node + 1]; i++)
+        if (sb_v3_dot(pairs->rest_normals[pairs->around[i]], pairs->rest_normals[face]) > SBI_NEAR_SMOOTH)
+            sum = sb_v3_add(sum, pairs->vectors[pairs->around[i]]);
+    return sbi_near_unit(sum);
+}
+
+SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    sb_vec3 sum = {0, 0, 0};
+    for (int a = 0; a < kind->corners; a++) {
+        sb_real share = sbi_contact_corner_share(kind, shares, a);
+        sum = sb_v3_madd(sum, share, sbi_near_corner_normal(contact, face, sbi_contact_face_nodes(faces, face)[a]));
+    }
+    sum = sbi_near_unit(sum);
+    return sb_v3_dot(sum, sum) > 0 ? sum : sbi_pairs_face_normal(contact, face);
+}
+
+/* ---- boxes of normals ---- */
+
+static void sbi_near_join(sbi_pair_cone *cone, const sbi_pair_cone *a, const sbi_pair_cone *b)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        cone->low[axis] = a->low[axis] < b->low[axis] ? a->low[axis] : b->low[axis];
+        cone->high[axis] = a->high[axis] > b->high[axis] ? a->high[axis] : b->high[axis];
+    }
+}
+
+static void sbi_near_fit_leaf(const sb_contact *contact, int leaf, sbi_pair_cone *cone)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
+        sb_vec3 n = sbi_pairs_face_normal(contact, tree->faces[SBI_FACE_TREE_LEAF * leaf + k]);
+        sbi_pair_cone own;
+        own.low[0] = own.high[0] = (float)n.x;
+        own.low[1] = own.high[1] = (float)n.y;
+        own.low[2] = own.high[2] = (float)n.z;
+        if (k == 0)
+            memcpy(cone->low, own.low, sizeof cone->low), memcpy(cone->high, own.high, sizeof cone->high);
+        sbi_near_join(cone, cone, &own);
+    }
+}
+
+SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sbi_pair_cone *cones = contact->pairs.cones;
+    for (int f = 0; f < contact->faces->face_end; f++)
+        contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++)
+        sbi_near_fit_leaf(contact, leaf, cones + leaf);
+    for (int level = 1; level < tree->level_count; level++)
+        for (int i = 0; i < tree->level_size[level]; i++) {
+            const sbi_pair_cone *a = cones + tree->level_start[level - 1] + 2 * i;
+            sbi_near_join(cones + tree->level_start[level] + i, a, 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a);
+        }
+}
+
+/* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
+static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
+{
+    float sum = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        float ll = a->low[axis] * b->low[axis], lh = a->low[axis] * b->high[axis];
+        float hl = a->high[axis] * b->low[axis], hh = a->high[axis] * b->high[axis];
+        float first = ll < lh ? ll : lh, second = hl < hh ? hl : hh;
+        sum += first < second ? first : second;
+    }
+    return sum < (float)SBI_NEAR_FACING + 16 * FLT_EPSILON;
+}
+
+/* ---- the walk ---- */
+
+typedef struct sbi_near_walk {
+    sb_contact *contact;
+    float grow; /* m */
+} sbi_near_walk;
+
+static int sbi_near_boxes_meet(const sbi_face_box *a, const sbi_face_box *b, float grow)
+{
+    for (int axis = 0; axis < 3; axis++)
+        if (a->corner[axis] + b->corner[4 + axis] > grow || b->corner[axis] + a->corner[4 + axis] > grow)
+            return 0;
+    return 1;
+}
+
+/* 1 when something below one box may touch something below the other. */
+static int sbi_near_boxes_touch(const sbi_near_walk *walk, int a, int b)
+{
+    const sbi_pairs *pairs = &walk->contact->pairs;
+    const sbi_face_box *boxes = walk->contact->faces->tree.boxes;
+    const sbi_pair_cone *one = pairs->cones + a, *two = pairs->cones + b;
+    if (!(pairs->kinds & SB_CONTACT_SELF) && one->first_organ == one->last_organ &&
+        one->first_organ == two->first_organ && one->first_organ == two->last_organ)
+        return 0;
+    return sbi_near_may_face(one, two) && (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
+}
+
+static void sbi_near_mark(uint64_t *marks, int face)
+{
+    marks[face / SBI_FACE_TREE_BITS] |= (uint64_t)1 << face % SBI_FACE_TREE_BITS;
+}
+
+/* Faces of two leaves, which may be the same. */
+static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
+{
+    sb_contact *contact = walk->contact;
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
+    sb_real grow = (sb_real)walk->grow;
+    int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
+    for (int j = first; j < last; j++)
+        sbi_face_tree_place_box(tree, j, low + (j - first), high + (j - first));
+    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++) {
+        sb_vec3 own_low, own_high;
+        sbi_face_tree_place_box(tree, i, &own_low, &own_high);
+        for (int j = a == b ? i + 1 : first; j < last; j++) {
+            sb_vec3 l = low[j - first], h = high[j - first];
+            if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
+                l.y - own_high.y > grow || l.z - own_high.z > grow ||
+                !sbi_pairs_may_touch(contact, tree->faces[i], tree->faces[j]))
+                continue;
+            sbi_near_mark(contact->pairs.near, tree->faces[i]);
+            sbi_near_mark(contact->pairs.near, tree->faces[j]);
+        }
+    }
+}
+
+/* Two boxes of a level, by their numbers in it; a <= b. */
+typedef struct sbi_near_pair {
+    int level, a, b;
+} sbi_near_pair;
+
+enum { SBI_NEAR_STACK = 4 * SBI_FACE_TREE_LEVELS };
+
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sbi_near_pair stack[SBI_NEAR_STACK];
+    sbi_near_walk walk;
+    int top = 0;
+    walk.contact = contact;
+    walk.grow = (float)(grow + 2 * tree->spacing);
+    memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
+    if (tree->count > 0)
+        stack[top].level = tree->level_count - 1, stack[top].a = stack[top].b = 0, top++;
+    while (top > 0) {
+        sbi_near_pair pair = stack[--top], below;
+        int start = tree->level_start[pair.level];
+        if (!sbi_near_boxes_touch(&walk, start + pair.a, start + pair.b))
+            continue;
+        if (pair.level == 0) {
+            sbi_near_match_leaves(&walk, pair.a, pair.b);
+            continue;
+        }
+        below.level = pair.level - 1;
+        for (int i = 2 * pair.a; i < sbi_min_int(2 * pair.a + 2, tree->level_size[below.level]); i++)
+            for (int j = pair.a == pair.b ? i : 2 * pair.b;
+                 j < sbi_min_int(2 * pair.b + 2, tree->level_size[below.level]); j++) {
+                below.a = i, below.b = j;
+                stack[top++] = below;
+            }
+    }
+}
+
+SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face)
+{
+    for (; face < contact->faces->face_end; face++) {
+        uint64_t word = contact->pairs.near[face / SBI_FACE_TREE_BITS] >> face % SBI_FACE_TREE_BITS;
+        if (word == 0)
+            face |= SBI_FACE_TREE_BITS - 1; /* none up to the end of this word */
+        else if (word & 1)
+            return face;
+    }
+    return -1;
+}
+
+SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
+                                  sb_real grow)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
+    int count, kept = 0;
+    /* a curved face stays within half of its length of its corners' box */
+    if (faces->kinds[faces->sizes[face]].corners < faces->sizes[face])
+        grow += (sb_real)0.5 * faces->lengths[face];
+    for (int a = 0; a < faces->sizes[face]; a++) {
+        sb_vec3 at = x[nodes[a]], to = v ? sb_v3_madd(at, dt, v[nodes[a]]) : at;
+        low = sb_v3(sb_min(low.x, sb_min(at.x, to.x)), sb_min(low.y, sb_min(at.y, to.y)),
+                    sb_min(low.z, sb_min(at.z, to.z)));
+        high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
+                     sb_max(high.z, sb_max(at.z, to.z)));
+    }
+    count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
+                                    sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
+    for (int i = 0; i < count; i++)
+        if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]))
+            pairs->found[kept++] = pairs->found[i];
+    return kept;
+}

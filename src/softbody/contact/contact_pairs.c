@@ -1,0 +1,619 @@
+/* contact_pairs: organs in touch within a step: samples and what they are paired with, forces, blocks, what couples. */
+#include "contact_pairs.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "../body/body_private.h"
+#include "contact_private.h"
+
+enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5 };
+
+/* Of the body's own stiffness at the surface, for the two sides' harmonic mean. */
+#define SBI_PAIR_STIFFNESS ((sb_real)3)
+/* In lengths of a face: how near a sample counts, and how far it may lie beside the point it is paired with. */
+#define SBI_PAIR_NEAR ((sb_real)0.5)
+#define SBI_PAIR_BESIDE ((sb_real)1e-3)
+/* The way from y to x may lean against the normal so far, as faces of a coarse curved surface make it; and where it
+ * goes into the other organ, whose nearest point then lies within a face, or is none of this way at all. */
+#define SBI_PAIR_LEAN ((sb_real)0.7)
+#define SBI_PAIR_LEAN_INSIDE ((sb_real)0.02)
+/* Of a face's length: overlap deeper than this is looked at from all sides; of its depth: where another face is nearer
+ * than that, it has not come in by this one. */
+#define SBI_PAIR_DEEP ((sb_real)0.1)
+#define SBI_PAIR_SIDE ((sb_real)0.5)
+/* Of the thickness: what lies deeper is taken to be on the other side. */
+#define SBI_PAIR_DEEPEST ((sb_real)0.5)
+/* Of that, after a step; and of a face's length, how far a point may come behind a face that it was not paired with. */
+#define SBI_PAIR_SAFE ((sb_real)0.9)
+#define SBI_PAIR_STRAY ((sb_real)0.4)
+
+/* ---- pairing ---- */
+
+/* A sample of a face while its partner is looked for. */
+typedef struct sbi_pair_search {
+    sb_contact *contact;
+    const sbi_touch_step *step;
+    int face, others; /* the others are in pairs->found */
+    sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
+    int best;         /* -1: none */
+    sb_real measure;
+    sbi_closest closest;
+} sbi_pair_search;
+
+/* Deepest overlap with a face at which a point is surely on this side of it (m). */
+static sb_real sbi_pair_deepest(const sbi_pairs *pairs, int face)
+{
+    return SBI_PAIR_DEEPEST * sb_min(pairs->thickness[face], 2 * pairs->organ_lengths[pairs->organs[face]]);
+}
+
+static void sbi_pair_gather(const sb_contact *contact, int face, sb_vec3 *x)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    for (int a = 0; a < contact->faces->sizes[face]; a++)
+        x[a] = contact->x[nodes[a]];
+}
+
+/* 1 when a point of `face` that lies deep behind another is in the other's organ all around: no face of that, wherever
+ * it looks, is much nearer. Nodes are at x + way (way NULL: at x). */
+static int sbi_pair_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real depth, const sb_vec3 *x,
+                              const sb_vec3 *way)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sb_real most = SBI_PAIR_SIDE * depth;
+    int count =
+        sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
+                                sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
+    for (int i = 0; i < count; i++) {
+        int side = contact->scratch[i];
+        const int *nodes = sbi_contact_face_nodes(faces, side);
+        sb_vec3 places[SB_MAX_FACE_NODES];
+        sbi_closest closest;
+        if (side == face || contact->pairs.organs[side] != contact->pairs.organs[other] ||
+            !sbi_pairs_are_apart(contact, face, side))
+            continue;
+        for (int a = 0; a < faces->sizes[side]; a++)
+            places[a] = way ? sb_v3_add(x[nodes[a]], way[nodes[a]]) : x[nodes[a]];
+        sbi_closest_on_face(&faces->kinds[faces->sizes[side]], places, at, &closest);
+        if (sb_v3_norm(sb_v3_sub(at, closest.point)) < most)
+            return 0;
+    }
+    return 1;
+}
+
+/* A face near the sample where the step begins. */
+static void sbi_pair_try_near(sbi_pair_search *search, int other)
+{
+    sb_contact *contact = search->contact;
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 x[SB_MAX_FACE_NODES], way, n = sbi_pairs_face_normal(contact, other);
+    sbi_closest closest;
+    sb_real height, beside, length = contact->faces->lengths[other], away, lean;
+    sbi_pair_gather(contact, other, x);
+    sbi_closest_on_face(&contact->faces->kinds[contact->faces->sizes[other]], x, search->at, &closest);
+    way = sb_v3_sub(search->at, closest.point);
+    height = sb_v3_dot(n, way);
+    away = sb_v3_norm(way);
+    beside = sb_v3_norm(sbi_contact_tangential(way, n));
+    lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
+    if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
+        beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
+        (-height > SBI_PAIR_DEEP * length &&
+         !sbi_pair_is_inside(contact, search->face, other, search->at, -height, contact->x, NULL)))
+        return;
+    search->best = other;
+    search->measure = away;
+    search->closest = closest;
+}
+
+/* A face that the sample will come to on its way. */
+static void sbi_pair_try_way(sbi_pair_search *search, int other)
+{
+    const sb_contact *contact = search->contact;
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
+    sbi_pair_gather(contact, other, x);
+    for (int a = 0; a < kind->nodes; a++)
+        v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 at[3], ways[3];
+        sb_real share, depth;
+        for (int k = 0; k < 3; k++) {
+            at[k] = x[sbi_closest_part_node(kind, part, k)];
+            ways[k] = v[sbi_closest_part_node(kind, part, k)];
+        }
+        share = sbi_closest_meeting(at, ways, search->at, search->way, &depth);
+        if (share < 0 || (search->best >= 0 && !(share < search->measure)))
+            continue;
+        search->best = other;
+        search->measure = share;
+        for (int a = 0; a < kind->nodes; a++)
+            v[a] = sb_v3_madd(x[a], share, v[a]);
+        sbi_closest_on_face(kind, v, sb_v3_madd(search->at, share, search->way), &search->closest);
+        return;
+    }
+}
+
+static void sbi_pair_look(sbi_pair_search *search)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    search->best = -1;
+    for (int i = 0; i < search->others; i++)
+        sbi_pair_try_near(search, pairs->found[i]);
+    for (int i = 0; search->best < 0 && search->step->dt > 0 && i < search->others; i++)
+        sbi_pair_try_way(search, pairs->found[i]);
+}
+
+static int sbi_pair_take_slot(sbi_pairs *pairs, int face)
+{
+    if (pairs->slot_of[face] >= 0)
+        return 1;
+    if (pairs->slot_count == pairs->slot_room)
+        return 0;
+    pairs->slot_of[face] = pairs->slot_count;
+    pairs->slots[pairs->slot_count++] = face;
+    return 1;
+}
+
+/* The sample of the patch that is being made, with its partner. 0: no room is left. */
+static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const sb_real *weights)
+{
+    sb_contact *contact = search->contact;
+    sbi_pairs *pairs = &contact->pairs;
+    const int *nodes = sbi_contact_face_nodes(contact->faces, search->best);
+    int count = contact->faces->sizes[search->best];
+    sbi_pair_sample *s = pairs->samples + pairs->sample_count;
+    if (pairs->sample_count == contact->max_contacts || !sbi_pair_take_slot(pairs, search->face) ||
+        !sbi_pair_take_slot(pairs, search->best))
+        return 0;
+    memset(s, 0, sizeof *s);
+    s->patch = pairs->patch_count;
+    s->face = search->face;
+    s->sample = number;
+    s->weights = weights;
+    s->other = search->best;
+    for (int a = 0; a < count; a++) {
+        s->shares[a] = search->closest.shares[a];
+        s->other_nodes[a] = sbi_contact_place_node(contact, nodes[a]);
+    }
+    s->normal = sbi_pairs_normal(contact, search->best, search->closest.shares);
+    s->start = sb_v3_sub(search->at, sbi_contact_mean(s->shares, nodes, count, contact->x));
+    s->least = sbi_pair_deepest(pairs, search->best);
+    pairs->sample_count++;
+    return 1;
+}
+
+/* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
+ */
+static int sbi_pair_parts(const sb_contact *contact, int face, int thin)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real own = pairs->organ_lengths[pairs->organs[face]];
+    sb_real length = sb_max((sb_real)0.5 * own, sb_min(own, pairs->shortest));
+    int least = contact->faces->kinds[contact->faces->sizes[face]].least;
+    return sbi_max_int(least, sbi_contact_face_parts(contact->faces, face, length) >> thin);
+}
+
+/* The samples of a face that have a partner. 0: no room is left. */
+static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, int face, int thin)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sbi_pair_patch *patch = pairs->patches + pairs->patch_count;
+    int parts = sbi_pair_parts(contact, face, thin), count = faces->sizes[face];
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+    sbi_pair_search search;
+    if (pairs->patch_count == contact->patch_room)
+        return 0;
+    memset(patch, 0, sizeof *patch);
+    patch->first = pairs->sample_count;
+    memset(&search, 0, sizeof search);
+    search.contact = contact;
+    search.step = step;
+    search.face = face;
+    search.others = sbi_pairs_find_others(contact, face, contact->x, step->velocity, step->dt, pairs->reach);
+    for (int i = 0; search.others > 0 && i < rule->count; i++) {
+        const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
+        search.at = sbi_contact_mean(weights, nodes, count, contact->x);
+        search.way = sb_v3_scale(step->dt, sbi_contact_mean(weights, nodes, count, step->velocity));
+        sbi_pair_look(&search);
+        if (search.best >= 0 && !sbi_pair_add_sample(&search, i, weights))
+            return 0;
+    }
+    patch->count = pairs->sample_count - patch->first;
+    if (patch->count == 0)
+        return 1;
+    patch->face = face;
+    patch->parts = parts;
+    for (int a = 0; a < count; a++)
+        patch->nodes[a] = sbi_contact_place_node(contact, nodes[a]);
+    for (int i = patch->first; i < pairs->sample_count; i++) {
+        sbi_pair_sample *s = pairs->samples + i;
+        sb_real area = sbi_contact_sample_area(faces, contact->body, face, parts, s->sample);
+        s->area = area / 2;
+        s->spacing = sb_sqrt(area);
+    }
+    pairs->patch_count++;
+    return 1;
+}
+
+SBI_API void sbi_pairs_forget(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    for (int i = 0; i < pairs->slot_count; i++)
+        pairs->slot_of[pairs->slots[i]] = -1;
+    pairs->slot_count = pairs->patch_count = pairs->sample_count = pairs->active_count = 0;
+}
+
+/* Takes back nodes from `count` on. */
+static void sbi_pair_return_nodes(sb_contact *contact, int count)
+{
+    while (contact->touch.node_count > count)
+        contact->node_place[contact->nodes[--contact->touch.node_count]] = -1;
+}
+
+SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    int nodes = contact->touch.node_count;
+    contact->touch.links = 0;
+    pairs->link_count = pairs->saved_count = 0;
+    if (!pairs->kinds)
+        return SB_OK;
+    pairs->reach = sb_max(pairs->longest, pairs->distance);
+    sbi_pairs_look(contact, contact->x);
+    sbi_pairs_find_near(contact, pairs->reach);
+    for (int thin = 0;; thin++) {
+        int face = sbi_pairs_next_near(contact, 0);
+        sbi_pairs_forget(contact);
+        sbi_pair_return_nodes(contact, nodes);
+        while (face >= 0 && sbi_pair_add_patch(contact, step, face, thin))
+            face = sbi_pairs_next_near(contact, face + 1);
+        contact->step_info.thinned |= thin > 0;
+        if (face < 0)
+            return SB_OK;
+        if (thin == SBI_PAIR_THINNEST)
+            return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of organs are near each other",
+                            contact->max_contacts);
+    }
+}
+
+/* ---- stiffness ---- */
+
+/* Mean of what the nodes of a region's faces in pairs have: one number for a region, so that organs pressed together
+ * evenly have the same pressure everywhere. */
+static void sbi_pair_measure_regions(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    memset(pairs->region_sum, 0, (size_t)contact->region_room * sizeof(sb_real));
+    memset(pairs->region_count, 0, (size_t)contact->region_room * sizeof(int));
+    for (int i = 0; i < pairs->slot_count; i++) {
+        const int *nodes = sbi_contact_face_nodes(contact->faces, pairs->slots[i]);
+        int region = contact->faces->regions[pairs->slots[i]];
+        for (int a = 0; a < contact->faces->sizes[pairs->slots[i]]; a++) {
+            int place = contact->node_place[nodes[a]];
+            if (place >= 0 && contact->stiffness_by_node[place] > 0) {
+                pairs->region_sum[region] += contact->stiffness_by_node[place];
+                pairs->region_count[region]++;
+            }
+        }
+    }
+    for (int r = 0; r < contact->region_room; r++)
+        if (pairs->region_count[r] > 0)
+            pairs->region_sum[r] /= (sb_real)pairs->region_count[r];
+}
+
+SBI_API void sbi_pairs_stiffen(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    if (pairs->sample_count == 0)
+        return;
+    sbi_pair_measure_regions(contact);
+    for (int i = 0; i < pairs->sample_count; i++) {
+        sbi_pair_sample *s = pairs->samples + i;
+        sb_real one = pairs->region_sum[contact->faces->regions[pairs->patches[s->patch].face]];
+        sb_real two = pairs->region_sum[contact->faces->regions[s->other]];
+        s->k = one > 0 && two > 0 ? SBI_PAIR_STIFFNESS * 2 * one * (two / (one + two)) : 0;
+    }
+}
+
+SBI_API double sbi_pairs_noise_square(const sb_contact *contact, double place)
+{
+    double sum = 0;
+    for (int i = 0; i < contact->pairs.sample_count; i++) {
+        const sbi_pair_sample *s = contact->pairs.samples + i;
+        double force = (double)(s->area * s->k) * (double)SB_EPSILON * place;
+        sum += 2 * force * force;
+    }
+    return sum;
+}
+
+/* ---- evaluation ---- */
+
+typedef struct sbi_pair_work {
+    sb_contact *contact;
+    const sb_vec3 *du;
+    int renew;
+} sbi_pair_work;
+
+static void sbi_pair_evaluate_sample(const sbi_pair_work *work, sbi_pair_sample *s)
+{
+    const sb_contact *contact = work->contact;
+    const sbi_pairs *pairs = &contact->pairs;
+    const int *nodes = pairs->patches[s->patch].nodes;
+    int count = contact->faces->sizes[s->face];
+    sb_vec3 one = sbi_contact_mean(s->weights, nodes, count, work->du), motion;
+    motion = sb_v3_sub(one, sbi_contact_mean(s->shares, s->other_nodes, contact->faces->sizes[s->other], work->du));
+    s->point = sb_v3_add(sbi_contact_mean(s->weights, nodes, count, contact->positions), one);
+    s->gap = sb_v3_dot(s->normal, sb_v3_add(s->start, motion)) - pairs->distance;
+    s->slip = sb_v3_norm(sbi_contact_tangential(motion, s->normal));
+    if (work->renew)
+        s->bound = pairs->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, motion, s->remembered, s->bound);
+}
+
+static void sbi_pair_evaluate_chunk(void *user, int chunk)
+{
+    const sbi_pair_work *work = (const sbi_pair_work *)user;
+    sbi_pairs *pairs = &work->contact->pairs;
+    int last = sbi_min_int((chunk + 1) * SBI_PAIR_CHUNK, pairs->sample_count);
+    for (int i = chunk * SBI_PAIR_CHUNK; i < last; i++)
+        sbi_pair_evaluate_sample(work, pairs->samples + i);
+}
+
+SB_INLINE sb_vec3 sbi_pair_force(const sbi_pair_sample *s)
+{
+    return sb_v3_scale(s->area, sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal));
+}
+
+/* Adds f to one side's nodes and takes it from the other's. */
+static void sbi_pair_scatter(const sb_contact *contact, const sbi_pair_sample *s, sb_vec3 f, sb_vec3 *out)
+{
+    const sbi_pair_patch *patch = contact->pairs.patches + s->patch;
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+        out[patch->nodes[a]] = sb_v3_madd(out[patch->nodes[a]], s->weights[a], f);
+    for (int a = 0; a < contact->faces->sizes[s->other]; a++)
+        out[s->other_nodes[a]] = sb_v3_madd(out[s->other_nodes[a]], -s->shares[a], f);
+}
+
+SBI_API void sbi_pairs_evaluate(sb_contact *contact, const sb_vec3 *du, int renew)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    int chunks = pairs->sample_count / SBI_PAIR_CHUNK + (pairs->sample_count % SBI_PAIR_CHUNK != 0);
+    sbi_pair_work work;
+    work.contact = contact;
+    work.du = du;
+    work.renew = renew;
+    sbi_run(sbi_body_jobs(contact->body), sbi_pair_evaluate_chunk, &work, chunks);
+    pairs->active_count = 0;
+    for (int i = 0; i < pairs->sample_count; i++)
+        if (pairs->samples[i].answer.state != SBI_CONTACT_OFF)
+            pairs->active[pairs->active_count++] = i;
+}
+
+SBI_API void sbi_pairs_add_forces(sb_contact *contact, sb_vec3 *force)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        sbi_pair_scatter(contact, s, sbi_pair_force(s), force);
+    }
+    contact->touch.touching += pairs->active_count;
+}
+
+/* ---- stiffness of the system ---- */
+
+static sb_vec3 sbi_pair_times(const sbi_pair_link *link, sb_vec3 v)
+{
+    sb_vec3 out = sb_v3_scale(link->tangent, v);
+    out = sb_v3_madd(out, (link->normal - link->tangent) * sb_v3_dot(link->n, v), link->n);
+    return sb_v3_madd(out, -link->tangent * sb_v3_dot(link->d, v), link->d);
+}
+
+static sbi_pair_link sbi_pair_make_link(const sbi_pairs *pairs, int sample)
+{
+    const sbi_pair_sample *s = pairs->samples + sample;
+    sbi_pair_link link;
+    link.sample = sample;
+    link.normal = s->area * s->answer.normal;
+    link.tangent = s->area * s->answer.tangent;
+    link.n = s->normal;
+    link.d = s->answer.direction;
+    return link;
+}
+
+SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        const sbi_pair_patch *patch = pairs->patches + s->patch;
+        sbi_pair_link link = sbi_pair_make_link(pairs, pairs->active[i]);
+        sb_vec3 way = {0, 0, 0};
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+            int place = patch->nodes[a];
+            unsigned axes = masked ? masked[contact->nodes[place]] : 0u;
+            way = sb_v3_madd(way, s->weights[a], sbi_contact_unmasked(axes, x[place]));
+        }
+        for (int a = 0; a < contact->faces->sizes[s->other]; a++) {
+            int place = s->other_nodes[a];
+            unsigned axes = masked ? masked[contact->nodes[place]] : 0u;
+            way = sb_v3_madd(way, -s->shares[a], sbi_contact_unmasked(axes, x[place]));
+        }
+        sbi_pair_scatter(contact, s, sbi_pair_times(&link, way), out);
+    }
+}
+
+/* A face's blocks += factor^2 K of a sample with these weights of its nodes. */
+static void sbi_pair_sum_blocks(sb_contact *contact, int face, const sb_real *weights, const sb_real *k)
+{
+    size_t width = (size_t)contact->faces->width;
+    sb_real(*blocks)[9] = contact->pairs.blocks + (size_t)contact->pairs.slot_of[face] * width * width;
+    int count = contact->faces->sizes[face];
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++)
+            for (int c = 0; c < 9; c++)
+                blocks[a * count + b][c] += weights[a] * weights[b] * k[c];
+}
+
+static void sbi_pair_make_blocks(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    size_t width = (size_t)contact->faces->width;
+    memset(pairs->blocks, 0, (size_t)pairs->slot_count * width * width * sizeof *pairs->blocks);
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        sb_real k[9];
+        sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+        sbi_pair_sum_blocks(contact, pairs->patches[s->patch].face, s->weights, k);
+        sbi_pair_sum_blocks(contact, s->other, s->shares, k);
+    }
+}
+
+static void sbi_pair_add_slot(sb_contact *contact, int slot, const unsigned char *masked, sb_matrix *matrix)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    size_t width = (size_t)contact->faces->width;
+    int face = pairs->slots[slot], count = contact->faces->sizes[face];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    const int *places = sbi_contact_face_blocks(contact->faces, contact->body, face);
+    const sb_real(*blocks)[9] = (const sb_real(*)[9])(pairs->blocks + (size_t)slot * width * width);
+    for (int i = 0; i < count * count; i++) {
+        sbi_contact_saved *saved = pairs->saved + pairs->saved_count++;
+        unsigned rows = masked ? masked[nodes[i / count]] : 0u, columns = masked ? masked[nodes[i % count]] : 0u;
+        saved->block = places[i];
+        memcpy(saved->values, matrix->blocks[places[i]], sizeof saved->values);
+        sbi_contact_add_block(matrix->blocks[places[i]], blocks[i], rows, columns);
+    }
+}
+
+SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    pairs->saved_count = pairs->link_count = 0;
+    contact->touch.links = pairs->active_count > 0;
+    if (pairs->active_count == 0)
+        return;
+    sbi_pair_make_blocks(contact);
+    for (int slot = 0; slot < pairs->slot_count; slot++)
+        sbi_pair_add_slot(contact, slot, masked, matrix);
+    for (int i = 0; i < pairs->active_count; i++)
+        pairs->links[pairs->link_count++] = sbi_pair_make_link(pairs, pairs->active[i]);
+}
+
+SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    while (pairs->saved_count > 0) { /* backwards, since faces share blocks */
+        const sbi_contact_saved *saved = pairs->saved + --pairs->saved_count;
+        memcpy(matrix->blocks[saved->block], saved->values, sizeof saved->values);
+    }
+}
+
+/* Mean of x [rows] with weights of nodes, without masked axes. */
+static sb_vec3 sbi_pair_mean(const int *nodes, const sb_real *weights, int count, const unsigned char *masked,
+                             const sb_vec3 *x)
+{
+    sb_vec3 sum = {0, 0, 0};
+    for (int a = 0; a < count; a++)
+        sum = sb_v3_madd(sum, weights[a], sbi_contact_unmasked(masked ? masked[nodes[a]] : 0u, x[nodes[a]]));
+    return sum;
+}
+
+static void sbi_pair_subtract(const int *nodes, const sb_real *weights, int count, const unsigned char *masked,
+                              sb_vec3 f, sb_vec3 *out)
+{
+    for (int a = 0; a < count; a++)
+        out[nodes[a]] = sb_v3_madd(out[nodes[a]], -weights[a], sbi_contact_unmasked(masked ? masked[nodes[a]] : 0u, f));
+}
+
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    const sbi_pairs *pairs = &contact->pairs;
+    double sum = 0;
+    for (int i = 0; i < pairs->link_count; i++) {
+        const sbi_pair_link *link = pairs->links + i;
+        const sbi_pair_sample *s = pairs->samples + link->sample;
+        int face = s->face, count = contact->faces->sizes[face], others = contact->faces->sizes[s->other];
+        const int *one = sbi_contact_face_nodes(contact->faces, face);
+        const int *two = sbi_contact_face_nodes(contact->faces, s->other);
+        sb_vec3 x1 = sbi_pair_mean(one, s->weights, count, masked, x);
+        sb_vec3 x2 = sbi_pair_mean(two, s->shares, others, masked, x);
+        sb_vec3 f1 = sbi_pair_times(link, x2);
+        sbi_pair_subtract(one, s->weights, count, masked, f1, out);
+        sbi_pair_subtract(two, s->shares, others, masked, sbi_pair_times(link, x1), out);
+        sum -= 2 * (double)sb_v3_dot(x1, f1);
+    }
+    return sum;
+}
+
+/* ---- whether anything has passed through ---- */
+
+/* 1 when the sample on its way comes from the front of a face to farther behind it than what is pushed back. */
+static int sbi_pair_strays(sb_contact *contact, int face, int other, sb_vec3 at, sb_vec3 way)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    sb_real most = SBI_PAIR_STRAY * sb_min(contact->pairs.thickness[other], contact->faces->lengths[other]);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 corners[3], ways[3];
+        sb_real depth;
+        for (int k = 0; k < 3; k++) {
+            int node = nodes[sbi_closest_part_node(kind, part, k)];
+            corners[k] = x[node];
+            ways[k] = contact->moved[node];
+        }
+        if (sbi_closest_meeting(corners, ways, at, way, &depth) >= 0 && depth > most &&
+            sbi_pair_is_inside(contact, face, other, sb_v3_add(at, way), depth, x, contact->moved))
+            return 1;
+    }
+    return 0;
+}
+
+static int sbi_pair_face_is_safe(sb_contact *contact, int face)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pair_parts(contact, face, 0));
+    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0);
+    for (int i = 0; others > 0 && i < rule->count; i++) {
+        const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
+        sb_vec3 at = sbi_contact_mean(weights, nodes, count, x);
+        sb_vec3 way = sbi_contact_mean(weights, nodes, count, contact->moved);
+        for (int k = 0; k < others; k++)
+            if (sbi_pair_strays(contact, face, contact->pairs.found[k], at, way))
+                return 0;
+    }
+    return 1;
+}
+
+/* 1 when no pair is deeper than where its side is sure, unless it was so before. */
+static int sbi_pair_samples_are_safe(const sb_contact *contact)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        sb_real depth = -(s->gap + pairs->distance), before = -sb_v3_dot(s->normal, s->start);
+        if (depth > SBI_PAIR_SAFE * s->least && depth > before)
+            return 0;
+    }
+    return 1;
+}
+
+SBI_API int sbi_pairs_are_safe(sb_contact *contact)
+{
+    if (!contact->pairs.kinds)
+        return 1;
+    if (!sbi_pair_samples_are_safe(contact))
+        return 0;
+    sbi_pairs_find_near(contact, 0);
+    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
+        if (!sbi_pair_face_is_safe(contact, face))
+            return 0;
+    return 1;
+}

@@ -1,0 +1,131 @@
+/* contact_pairs: organs that touch each other, or themselves. Internal: a part of sb_contact, without memory and at
+ * rest where def.pairs is 0.
+ *
+ * An organ is a connected part of the mesh. Faces that look at each other and are near (contact_near.c) have samples as
+ * they have for tools; each is paired for the step with the nearest point of the faces that it looks at, y = sum v_b
+ * x_b, whose normal is smooth over the surface (contact_closest.c). Between the two acts the law of tools, with weights
+ * (w, -v), so that forces balance to the last bit. Both sides have samples, with half of their areas each.
+ *
+ * Blocks of one side, w w^T K and v v^T K, have places in the matrix. Those across, -w v^T K, have none: conjugate
+ * gradients multiply by them beside it. Pairs, weights and normals stay over a step. */
+#ifndef SB_CONTACT_PAIRS_H
+#define SB_CONTACT_PAIRS_H
+
+#include "../body/step_touch.h"
+#include "contact_faces.h"
+#include "contact_law.h"
+
+/* A face near others, with its samples. */
+typedef struct sbi_pair_patch {
+    int face, parts, first, count, touching;
+    int nodes[SB_MAX_FACE_NODES]; /* places in the contact's list of nodes */
+} sbi_pair_patch;
+
+/* A sample x of a face, and the point y of another that it is paired with. */
+typedef struct sbi_pair_sample {
+    int patch, face, sample;
+    int other;                          /* face of y */
+    int other_nodes[SB_MAX_FACE_NODES]; /* places */
+    const sb_real *weights;             /* w */
+    sb_real shares[SB_MAX_FACE_NODES];  /* v */
+    sb_real area, spacing;              /* m^2 at rest: half of the sample's; m */
+    sb_real k, memory, least;           /* Pa/m; l (Pa); m: deepest overlap at which it is surely on this side */
+    sb_vec3 remembered;                 /* t (Pa) */
+    sb_vec3 normal, start;              /* out of the other face; x - y at the start of the step (m) */
+    sb_vec3 point;                      /* x (m) */
+    sb_real gap, slip, bound;           /* m, m, Pa */
+    sbi_contact_answer answer;
+} sbi_pair_sample;
+
+/* K of a sample across its two faces, as the system has it: factor (normal n n^T + tangent (I - n n^T - d d^T)). */
+typedef struct sbi_pair_link {
+    int sample;
+    sb_real normal, tangent; /* N/m */
+    sb_vec3 n, d;
+} sbi_pair_link;
+
+/* What was in touch at the end of the last step. */
+typedef struct sbi_pair_entry {
+    int face, parts, sample, other, sticks;
+    sb_real gap, area; /* m, m^2 at rest: half of the sample's */
+    sb_real shares[SB_MAX_FACE_NODES];
+    sb_vec3 traction, point, normal, force;
+} sbi_pair_entry;
+
+/* What a corner of faces remembers, see contact_memory.c. */
+typedef struct sbi_pair_pressure {
+    int node;
+    sb_real value; /* l_a (Pa), > 0 */
+} sbi_pair_pressure;
+
+/* Smallest and largest, of the unit normals below a box of the tree and of the organs there. */
+typedef struct sbi_pair_cone {
+    float low[3], high[3];
+    int first_organ, last_organ;
+} sbi_pair_cone;
+
+typedef struct sbi_pairs {
+    int kinds; /* SB_CONTACT_SELF | SB_CONTACT_ORGANS; 0: none of all this is there */
+    sb_real friction, distance;
+
+    /* of the mesh at rest, by face and by node: arrays for the rooms of the faces */
+    int *organs;               /* of each face */
+    sb_real *thickness;        /* m behind the face's middle, no more than it matters */
+    sb_vec3 *centres;          /* m */
+    sb_real *radii;            /* m: no corner is farther from the centre */
+    sb_vec3 *rest_normals;     /* out of the body */
+    sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
+    int *organ_counts;         /* [nodes] */
+    int *first_face, *around;  /* [nodes + 1], faces of each node */
+    sb_real longest, shortest; /* of organ_lengths */
+    sb_real reach;             /* m: boxes this near are looked at */
+    sbi_pair_cone *cones;      /* by the tree's boxes */
+
+    /* of the step, likewise by face */
+    sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
+    uint64_t *near;   /* a bit for each face that is near one that it looks at */
+    int *found;
+    int *slot_of; /* -1 between steps */
+
+    sbi_pair_patch *patches;
+    int patch_count;
+    sbi_pair_sample *samples; /* [max_contacts] */
+    int sample_count;
+    int *active; /* [max_contacts] those that touch */
+    int active_count;
+    sb_real *region_sum; /* [regions] */
+    int *region_count;
+    int *slots; /* [slot_room] faces with blocks */
+    int slot_count, slot_room;
+    sb_real (*blocks)[9]; /* [slot_room][width^2] */
+    struct sbi_contact_saved *saved;
+    int saved_count;
+    sbi_pair_link *links; /* [max_contacts] of the system */
+    int link_count;
+
+    /* of the last step */
+    sbi_pair_entry *entries, *spare, *before;
+    int entry_count, before_count;
+    sbi_pair_pressure *pressures, *spare_pressures, *before_pressures; /* [corners max_contacts] */
+    int pressure_count, before_pressure_count;
+} sbi_pairs;
+
+/* A point of a face. */
+typedef struct sbi_closest {
+    sb_real shares[SB_MAX_FACE_NODES]; /* of the face's nodes */
+    sb_vec3 point;
+} sbi_closest;
+
+/* ---- contact_closest.c ---- */
+/* The point of a face with its nodes at x that is nearest to p. */
+SBI_API void sbi_closest_on_face(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sbi_closest *closest);
+/* Triangles that stand for a face, and corner k of one as a node of the face. */
+SBI_API int sbi_closest_part_count(const sbi_contact_kind *kind);
+SBI_API int sbi_closest_part_node(const sbi_contact_kind *kind, int part, int k);
+/* When (a share of the step) p, on its way to p + q, comes to the back of a triangle x whose corners go on ways v, from
+ * its front; < 0: it does not. *depth: how far it is behind the triangle's plane at the end (m). */
+SBI_API sb_real sbi_closest_meeting(const sb_vec3 *x, const sb_vec3 *v, sb_vec3 p, sb_vec3 q, sb_real *depth);
+/* Distance of p in front of a triangle's plane; 0 for one without area. */
+SBI_API sb_real sbi_closest_height(const sb_vec3 *x, sb_vec3 p);
+
+#endif /* SB_CONTACT_PAIRS_H */
