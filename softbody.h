@@ -704,6 +704,8 @@
 #define sb_contact_set_friction sb_contact_set_friction_f32
 #define sb_contact_wrench sb_contact_wrench_f32
 #define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_coupling sb_contact_coupling_f32
+#define sb_contact_grip sb_contact_grip_f32
 #define sb_contact_points sb_contact_points_f32
 #define sb_contact_pressures sb_contact_pressures_f32
 #define sb_contact_get_info sb_contact_get_info_f32
@@ -4296,6 +4298,7 @@ typedef struct sb_pcg_workspace {
     void *memory;
     void *guests; /* internal: what is kept of those that are solved together with the matrix; NULL: there were none */
     size_t guest_bytes;
+    const struct sbi_pcg_extra *extra; /* internal: what is added to the matrix; NULL: nothing */
     sb_allocator allocator;
 } sb_pcg_workspace;
 
@@ -5567,7 +5570,13 @@ typedef struct sb_tool_def {
                              * SB_TOOL_MAX_CELLS]; default 48. Details smaller than two cells are rounded off */
     sb_real friction;       /* Coulomb's mu against every body, >= 0; default 0. The only place where it is set */
     sb_pose pose;           /* where it stands at first; default the origin, not turned */
-    unsigned cookie;        /* set by sb_default_tool_def; a def made without it is refused */
+    /* The tool hangs on the pose that it is sent to by a spring, and is where the spring and what it touches balance: a
+     * compliant instrument, a hand, a surgeon's wrist. */
+    sb_real coupling_stiffness; /* N/m; 0 (default): none, it goes where it is sent */
+    sb_real coupling_turning;   /* N m/rad about its position; 0 (default): it turns as it is sent to. Needs
+                                 * coupling_stiffness */
+    sb_real max_force;          /* N that the spring pulls with at most, > 0; default SB_REAL_MAX */
+    unsigned cookie;            /* set by sb_default_tool_def; a def made without it is refused */
 } sb_tool_def;
 
 SB_API sb_tool_def sb_default_tool_def(void);
@@ -5613,6 +5622,17 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
  * as it was.
  *
+ * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
+ * balance at the end of each step, whatever the ratio of their stiffness: both are solved together. Its lag is what the
+ * spring is stretched by.
+ *
+ * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
+ * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
+ * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
+ * organ only where they are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a surface
+ * that is folded from the start, do not. A step in which something may have passed through is refused like that of a
+ * tool.
+ *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
  * that Newmark and generalised alpha find before a body's first step are without it.
@@ -5626,15 +5646,25 @@ SB_API sb_tool_def sb_default_tool_def(void);
 
 typedef struct sb_contact sb_contact;
 
+/* What touches what besides tools: organs are parts of the mesh that share no node. */
+typedef enum sb_contact_pairs {
+    SB_CONTACT_SELF = 1,  /* an organ and itself, where it is folded */
+    SB_CONTACT_ORGANS = 2 /* different organs */
+} sb_contact_pairs;
+
 /* What a contact is made from. Start from sb_default_contact_def(). */
 typedef struct sb_contact_def {
     sb_body *body;      /* borrowed: destroy the contact first; one contact per body */
     sb_real stiffness;  /* of the pressure, over the body's own, >= 3; default 10. More is stiffer and costs iterations;
                          * 3 .. 30 is sensible */
     int max_iterations; /* systems of contact in a linearised step, >= 1; default 4 */
-    int max_contacts;   /* samples near tools at a time, in [64, 2^20]; default 8192: memory is taken at creation. Where
-                         * there are more, faces get fewer samples for that step (info.thinned) */
+    int max_contacts;   /* samples near tools at a time, and as many of pairs, in [64, 2^20]; default 8192: memory is
+                         * taken at creation. Where there are more, faces get fewer samples for that step
+                         * (info.thinned) */
     int max_tools;      /* in [1, 64]; default 8 */
+    int pairs;          /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
+    sb_real pair_friction;         /* Coulomb's mu between organs, >= 0; default 0 */
+    sb_real pair_distance;         /* m that they keep from each other, >= 0; default 0 */
     const sb_allocator *allocator; /* NULL (default): the body's */
     unsigned cookie;               /* set by sb_default_contact_def; a def made without it is refused */
 } sb_contact_def;
@@ -5674,16 +5704,36 @@ SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrenc
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
 
+/* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
+ * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
+ * to. */
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool);
+
+/* What two jaws hold between them. */
+typedef struct sb_grip {
+    sb_vec3
+        axis; /* unit, from the first jaw's push to the other's: the way the first one presses; 0: nothing is held */
+    sb_real force; /* N along the axis that both press with: the lesser of the two */
+    sb_vec3 place; /* m: middle of the two tools' positions */
+    sb_wrench net; /* what the body does to both together: the load on the grip, its torque about `place` */
+    sb_real
+        sticking; /* share of the pushes, in [0, 1], at points that friction holds; 0: it slips, or nothing is held */
+    sb_real used; /* load across the axis, of the most that friction holds: at 1 it slips out */
+} sb_grip;
+/* Reads two tools as one grip: any two, whatever holds them. SB_ERROR_INDEX: no such tool, or twice the same. */
+SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, sb_grip *grip);
+
 typedef struct sb_contact_point {
-    int tool;
-    int element;    /* cell behind the face */
-    int face;       /* of that cell, in the order of sb_element's faces */
-    int sticks;     /* 1: friction holds it; 0: it slips, or there is no friction */
-    sb_real gap;    /* m, negative: overlap */
-    sb_real area;   /* m^2 at rest */
-    sb_vec3 point;  /* m, in space */
-    sb_vec3 normal; /* out of the tool */
-    sb_vec3 force;  /* N, on the body */
+    int tool;                      /* -1: two organs */
+    int element;                   /* cell behind the face */
+    int face;                      /* of that cell, in the order of sb_element's faces */
+    int other_element, other_face; /* likewise what it touches when that is an organ, else -1 */
+    int sticks;                    /* 1: friction holds it; 0: it slips, or there is no friction */
+    sb_real gap;                   /* m, negative: overlap */
+    sb_real area;                  /* m^2 at rest */
+    sb_vec3 point;                 /* m, in space */
+    sb_vec3 normal;                /* out of the tool, or of the other organ */
+    sb_vec3 force;                 /* N, on the body */
 } sb_contact_point;
 /* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
 SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);
@@ -5784,9 +5834,9 @@ typedef struct sb_haptic_info {
 typedef struct sb_haptic sb_haptic;
 
 /* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
- * contact has no such tool; SB_ERROR_UNSUPPORTED: the compiler has no atomics that are known here, so that
- * SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY. *haptic is then
- * untouched. */
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the tool hangs on a spring, or the compiler has no atomics that are
+ * known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY.
+ * *haptic is then untouched. */
 SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
 /* NULL is fine. Neither thread may be in a call. */
 SB_API void sb_haptic_destroy(sb_haptic *haptic);
@@ -6288,6 +6338,10 @@ typedef struct sbi_guest {
      * definite. NULL: it has no rows of its own */
     void (*precondition)(void *user, const double *r, double *z);
 
+    /* 1: it has no unknowns and no forces of its own, only a stiffness between its nodes that counts in what a system
+     * adds: what is in the forces of others. `residual` is then not called. */
+    int is_tangent;
+
     /* optional */
     /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may
      * set `unknown`, which is a first guess in iteration 0 and what was found so far later. What it returns as an error
@@ -6397,6 +6451,15 @@ SBI_API void sbi_guest_force(sbi_guest_work *work);
 SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic);
 
 /* ==== src/softbody/solve/pcg.h, internal ==== */
+/* C of (A + C) x = rhs, for couplings that A has no blocks for: symmetric, A + C positive definite. While a workspace
+ * has one all rows are one part, and multigrid's matrix in 32 bits is not used. The preconditioner is that of A. */
+typedef struct sbi_pcg_extra {
+    void *user;
+    /* y += C x, both [row_count][3] and 0 or left as they are where A prescribes; returns x.Cx. On the calling thread
+     */
+    double (*multiply)(void *user, const sb_real *x, sb_real *y);
+} sbi_pcg_extra;
+
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits
  * is then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs
  * no look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of
@@ -38864,8 +38927,9 @@ SBI_API int sbi_guests_have_sizes(const sbi_guests *guests, int rows)
 static sb_result sbi_guest_check(const sbi_guest *guest, int index, int rows, int *marks, sb_error *error)
 {
     int own = guest->unknown_count > 0 || guest->taken_count > 0;
-    if (!guest->residual || !guest->multiply || (own && !guest->precondition) ||
-        (guest->unknown_count > 0 && !guest->unknown) || (guest->node_count > 0 && !guest->nodes))
+    if ((!guest->residual && !guest->is_tangent) || (guest->is_tangent && own) || !guest->multiply ||
+        (own && !guest->precondition) || (guest->unknown_count > 0 && !guest->unknown) ||
+        (guest->node_count > 0 && !guest->nodes))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "guest %d lacks a call or an array", index);
     for (int k = 0; k < guest->node_count; k++) {
         int node = guest->nodes[k], taken = k < guest->taken_count;
@@ -39019,11 +39083,25 @@ SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real 
         }
 }
 
+/* r -= G x of a guest that is a tangent alone. Prescribed motion is in the forces already. */
+static void sbi_guest_tangent_residual(const sbi_guest_space *space, sbi_guest_work *work, const sb_real *x, sb_real *r)
+{
+    if (!x)
+        return;
+    sbi_guest_gather(space, work, NULL, x, NULL);
+    work->guest->multiply(work->guest->user, work->in, work->out);
+    sbi_guest_scatter(space, work, -1, r);
+}
+
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r)
 {
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
+        if (guest->is_tangent) {
+            sbi_guest_tangent_residual(space, work, x, r);
+            continue;
+        }
         sbi_guest_gather_place(space, work, x ? guest->unknown : work->base, x, held);
         guest->residual(guest->user, work->in, work->out);
         sbi_guest_copy(work->residual, work->out, guest->unknown_count);
@@ -39218,6 +39296,8 @@ SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *li
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
+        if (guest->is_tangent) /* the line is that of the forces it stands for */
+            continue;
         sbi_guest_force(work);
         sbi_guest_gather(space, work, guest->unknown, x, NULL);
         for (int k = 0; k < guest->unknown_count; k++)
@@ -39304,6 +39384,15 @@ SBI_API int sbi_guest_is_deflated(const sbi_guest_space *space, const sb_precond
     return preconditioner && sbi_precond_has_coarse(preconditioner);
 }
 
+/* 1: a guest has unknowns or has taken nodes. */
+static int sbi_guest_have_rows(const sbi_guest_space *space)
+{
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].size > 0)
+            return 1;
+    return 0;
+}
+
 /* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
  *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
  * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays
@@ -39318,6 +39407,10 @@ SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *p
                                     sb_real *z, double size)
 {
     int deflated = sbi_guest_is_deflated(space, preconditioner);
+    if (!sbi_guest_have_rows(space)) {
+        sbi_guest_apply(space, preconditioner, r, z, size);
+        return;
+    }
     memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
     sbi_guest_subtract_block(space, z, space->rest, 1);
     sbi_guest_clear_taken(space, space->rest);
@@ -39477,12 +39570,14 @@ typedef struct sbi_pcg_state {
     sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
     int current;            /* 1: it is known to be of this matrix */
     int part_count;
-    sbi_pcg_part *parts;     /* [part_count + 1] */
-    const int *part_rows;    /* rows by part; NULL: one part of all rows */
-    int whole[2];            /* where that one starts and ends */
-    const int *part_start;   /* [part_count + 1] */
-    double *partial;         /* [chunks][2] */
-    sbi_guest_space *guests; /* NULL: none */
+    sbi_pcg_part *parts;        /* [part_count + 1] */
+    const int *part_rows;       /* rows by part; NULL: one part of all rows */
+    int whole[2];               /* where that one starts and ends */
+    const int *part_start;      /* [part_count + 1] */
+    double *partial;            /* [chunks][2] */
+    sbi_guest_space *guests;    /* NULL: none */
+    const sbi_pcg_extra *extra; /* NULL: nothing */
+    double extra_sum;           /* p.Cp */
     const sb_jobs *jobs;
 } sbi_pcg_state;
 
@@ -39747,7 +39842,7 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
     const sb_matrix *a = s->matrix;
     int chunks = 0;
     sbi_matrix_list_parts(a);
-    s->part_count = joint ? 1 : a->part_count;
+    s->part_count = joint || s->extra ? 1 : a->part_count;
     s->whole[0] = 0;
     s->whole[1] = a->row_count;
     s->part_rows = s->part_count > 1 ? a->part_rows : NULL;
@@ -39824,6 +39919,23 @@ static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
         s->guests->work[g].done = 0;
 }
 
+/* q = (A + C) p */
+static void sbi_pcg_run_product(sbi_pcg_state *s)
+{
+    sbi_pcg_run(s, sbi_pcg_product_task);
+    s->extra_sum = s->extra && !s->parts[0].done ? s->extra->multiply(s->extra->user, s->p, s->q) : 0;
+}
+
+/* r -= C x; q is for scratch, which goes no further than its round where there is no compact matrix. */
+static void sbi_pcg_subtract_extra(sbi_pcg_state *s)
+{
+    size_t count = 3 * (size_t)s->matrix->row_count;
+    memset(s->q, 0, count * sizeof(sb_real));
+    (void)s->extra->multiply(s->extra->user, s->x, s->q);
+    for (size_t k = 0; k < count; k++)
+        s->r[k] -= s->q[k];
+}
+
 /* What guests have of a motion p along which their own unknowns rest, and all of it subtracted from their residuals. */
 static void sbi_pcg_deflate_guests(const sbi_pcg_state *s)
 {
@@ -39847,7 +39959,7 @@ static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
         s->parts[c].done = 0;
         s->parts[c].factor = 1;
     }
-    sbi_pcg_run(s, sbi_pcg_product_task);
+    sbi_pcg_run_product(s);
     if (s->guests)
         sbi_pcg_deflate_guests(s);
     sbi_pcg_run_square(s, sbi_pcg_advance_task, 1);
@@ -39904,7 +40016,7 @@ static sb_result sbi_pcg_measure(sbi_pcg_state *s, sb_pcg_info *info)
         double pq;
         if (part->done)
             continue;
-        pq = sbi_pcg_sum(s, part, 0);
+        pq = sbi_pcg_sum(s, part, 0) + (part == s->parts ? s->extra_sum : 0);
         if (!sbi_pcg_is_finite(pq))
             return SB_ERROR_DIVERGED;
         if (pq <= 0) {
@@ -39967,7 +40079,7 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
             return result;
         sbi_pcg_run(s, sbi_pcg_direction_task);
         sbi_pcg_direct_guests(s);
-        sbi_pcg_run(s, sbi_pcg_product_task);
+        sbi_pcg_run_product(s);
         if (s->guests)
             sbi_guest_multiply(s->guests, s->p, s->q);
         result = sbi_pcg_measure(s, info);
@@ -39989,6 +40101,8 @@ static void sbi_pcg_guest_residual(sbi_pcg_state *s)
     if (s->compact) /* it has the x of its last product */
         sbi_pcg_run(s, sbi_pcg_spread_task);
     sbi_pcg_run(s, sbi_pcg_residual_task);
+    if (s->extra)
+        sbi_pcg_subtract_extra(s);
     sbi_guest_residual(s->guests, s->x, s->x, s->r);
     sbi_guest_measure(s->guests);
     sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
@@ -40003,6 +40117,10 @@ static void sbi_pcg_true_residual(sbi_pcg_state *s)
         sbi_pcg_guest_residual(s);
     else
         sbi_pcg_run_square(s, sbi_pcg_residual_task, 1);
+    if (s->extra && !s->guests) {
+        sbi_pcg_subtract_extra(s);
+        sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+    }
     s->compact = compact;
 }
 
@@ -40243,7 +40361,8 @@ static sbi_pcg_state sbi_pcg_make_state(const sb_matrix *matrix, sb_precondition
     state.partial = workspace->partial;
     state.parts = (sbi_pcg_part *)workspace->parts;
     state.jobs = options->jobs;
-    state.compact = preconditioner ? sbi_precond_compact(preconditioner) : NULL;
+    state.extra = workspace->extra;
+    state.compact = preconditioner && !state.extra ? sbi_precond_compact(preconditioner) : NULL;
     memcpy(workspace->start, x, 3 * (size_t)matrix->row_count * sizeof(sb_real));
     return state;
 }
@@ -40546,6 +40665,8 @@ static void sbi_pcg_guess_guests(sbi_pcg_state *s)
     sbi_guest_guess(s->guests, s->x, s->r, s->p);
     sbi_guest_measure(s->guests);
     sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+    if (s->extra) /* the guess knows nothing of it */
+        sbi_pcg_guest_residual(s);
 }
 
 /* After guests have changed their rows. */
@@ -40608,6 +40729,8 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
         rhs_square += state.parts[c].rhs_square;
     if (!idle)
         sbi_pcg_guess_guests(&state);
+    else if (state.extra)
+        sbi_pcg_guest_residual(&state);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
     if (current && !idle)
         sbi_pcg_set_drifts(&state, options->tolerance);
@@ -46234,7 +46357,8 @@ typedef struct sbi_step {
     int done;                /* 1: nothing is left to be solved */
     int iteration;           /* of Newton, from 0 */
     sb_tangent_kind kind;    /* of the tangent in A */
-    sbi_guests guests;       /* solved together with the body */
+    sbi_guests given;        /* guests of the step's caller */
+    sbi_guests guests;       /* solved together with the body: those, and what contact couples */
     int guests_begun;        /* those of them that have begun */
     int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
     struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
@@ -46314,7 +46438,8 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
  * for the whole increment x' again and again, F and K at the increment x before: a semi-smooth Newton iteration in
  * which forces, tangent A and preconditioner of the tissue are made once. A step of several iterations has F in its
  * residual and K in its tangent like any load's. Between the nodes of each face that it acts on the matrix has blocks
- * already, so that nothing is made anew.
+ * already, so that nothing is made anew. What links nodes of two faces has none: conjugate gradients multiply by it
+ * beside the matrix.
  *
  * It sees its own nodes only: in all calls below arrays are [node_count], in the order of `nodes`. du is the nodes'
  * displacement since the start of the step. */
@@ -46345,17 +46470,24 @@ typedef struct sbi_touch {
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
-    int refused;      /* 1: accept refused the last end of a step; written by the step */
-    sb_vec3 *force;   /* on the nodes (N), at the last evaluation */
-    double noise;     /* N: norm of what rounding of places makes in them; from begin on */
+    int links;   /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
+    int refused; /* 1: accept refused the last end of a step; written by the step */
+    sb_vec3 *force; /* on the nodes (N), at the last evaluation */
+    double noise;   /* N: norm of what rounding of places makes in them; from begin on */
+    /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
+     * nodes: there is none. Where constraints eliminate nodes it is left out of K, which is then too stiff: it costs
+     * iterations, not accuracy. */
+    sbi_guest coupling;
     /* room for the step: */
-    sb_vec3 *du;     /* (m) what it asks forces at */
-    sb_vec3 *linear; /* F + K x of the system that is solved (N), without masked axes */
-    sb_vec3 *left;   /* the same less K x' (N), x' its solution */
-    sb_vec3 *way;    /* x' - x (m) */
-    sb_vec3 *kept;   /* the right-hand side without contact (N) */
+    sb_vec3 *du;              /* (m) what it asks forces at */
+    sb_vec3 *linear;          /* F + K x of the system that is solved (N), without masked axes */
+    sb_vec3 *left;            /* the same less K x' (N), x' its solution */
+    sb_vec3 *way;             /* x' - x (m) */
+    sb_vec3 *kept;            /* the right-hand side without contact (N) */
+    sb_vec3 *whole, *product; /* [rows] where there may be links */
 
     /* written by the step, for who reads */
+    int couples;            /* 1: K in `multiply` has the part of `coupling` in it; never in `add_blocks` */
     int iterations, capped; /* 1: max_iterations ended it */
     sb_real residual;       /* what contact's forces are off by at the end, of the largest force */
 
@@ -46367,8 +46499,10 @@ typedef struct sbi_touch {
     /* matrix += K without masked axes; and what it was before, to the bit. */
     void (*add_blocks)(void *user, const unsigned char *masked, sb_matrix *matrix);
     void (*restore_blocks)(void *user, sb_matrix *matrix);
+    /* out [rows] += C x [rows], without masked axes: what of K add_blocks leaves out. Returns x.Cx. */
+    double (*multiply_links)(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
     /* An increment of a static solve has converged: 1 when it must be solved again with what was remembered of it, for
-     * the round-th time; 0: the increment is done. */
+     * the round-th time; 0: the increment is done; -1: it went too far, a shorter one is to be tried. */
     int (*balance)(void *user, int round);
     /* out [rows] += factor times the forces (N) of the last step or increment that was done. */
     void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
@@ -46388,6 +46522,8 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+/* Takes beforehand what steps need for a coupling of so many nodes. SB_ERROR_MEMORY leaves the body as it was. */
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error);
 /* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,
  * answers to forces rhs [rows] (N), which are changed, to a relative tolerance. With that step's matrix and
  * preconditioner: nothing that makes others may have been asked of the body since. Without guests. Allocates nothing.
@@ -46583,6 +46719,8 @@ SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t 
 #define SB_BODY_PRIVATE_H
 
 
+enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
+
 typedef enum sbi_load_kind {
     SBI_LOAD_PRESSURE = 1,
     SBI_LOAD_SPRINGS = 2,
@@ -46700,6 +46838,7 @@ struct sb_body {
     struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
     unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
     size_t substep_room_size;
+    const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -60131,6 +60270,10 @@ SBI_API sb_real sbi_step_touch_work(const sbi_step *step, const sb_vec3 *increme
 SBI_API void sbi_step_add_touch_force(const sbi_step *step, sb_real factor, sb_vec3 *out);
 /* Adds to the system what was evaluated last: before constraints are condensed, after supports are masked. */
 SBI_API void sbi_step_add_touch(sbi_step *step);
+/* y += C x, of the system that is solved (see sbi_touch.multiply_links), and x.Cx, for conjugate gradients. */
+SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y);
+/* The same as what a solve takes; and it has it while `extra` is there. */
+SBI_API void sbi_body_lend_touch(sb_body *body, sbi_pcg_extra *extra);
 /* Reactions less its forces on supported axes. */
 SBI_API void sbi_step_touch_reactions(const sbi_step *step);
 /* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
@@ -60425,6 +60568,8 @@ SBI_API void sbi_step_guest_reactions(const sbi_step *step)
     for (int g = 0; g < step->guests.count; g++) {
         sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
         const double *force = work->out + work->guest->unknown_count;
+        if (work->guest->is_tangent)
+            continue;
         sbi_guest_force(work);
         for (int k = 0; k < work->guest->node_count; k++, force += 3) {
             int node = work->guest->nodes[k];
@@ -60474,6 +60619,11 @@ SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
 }
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
+SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
+{
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, body->matrix.row_count, 0, nodes, error);
+}
+
 /* ---- between the body's vectors and those of the nodes in touch ---- */
 
 SBI_API const unsigned char *sbi_step_touch_mask(const sb_body *b) { return b->elimination ? NULL : b->fixed; }
@@ -60498,6 +60648,27 @@ static void sbi_touch_gather(const sbi_step *step, const sb_vec3 *u, const sb_ve
 
 /* ---- begin ---- */
 
+/* The coupling becomes one more guest of the step. */
+static sb_result sbi_step_couple_touch(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_touch *touch = step->touch;
+    int count = step->given.count;
+    touch->couples = touch->coupling.node_count > 0 && !b->elimination;
+    if (!touch->couples && step->guests.count == count)
+        return SB_OK;
+    if (count >= SBI_STEP_MOST_GUESTS)
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "a step with tools on springs has at most %d needles",
+                        SBI_STEP_MOST_GUESTS - 1);
+    for (int g = 0; g < count; g++)
+        b->step_guests[g] = step->given.list[g];
+    if (touch->couples)
+        b->step_guests[count++] = &touch->coupling;
+    step->guests_begun = 0;
+    step->guests.count = 0;
+    return sbi_step_take_guests(step, b->step_guests, count);
+}
+
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 {
     const sb_body *b = step->body;
@@ -60516,7 +60687,10 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
+    step->touch->coupling.node_count = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_couple_touch(step);
     if (result != SB_OK && step->info->error.result != result)
         return sbi_fail(&step->info->error, result, "contact cannot begin a step");
     return result;
@@ -60564,6 +60738,38 @@ SBI_API void sbi_step_add_touch(sbi_step *step)
     }
 }
 
+/* Of a body with constraints T^T C T. */
+static double sbi_touch_multiply_condensed(sb_body *b, const sb_real *x, sb_vec3 *y)
+{
+    const sbi_touch *touch = b->touch;
+    double sum;
+    memcpy(touch->whole, x, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    memset(touch->product, 0, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    for (int i = 0; i < b->domain.node_count; i++)
+        touch->whole[i] = sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), touch->whole[i]);
+    sbi_elimination_expand(b->elimination, touch->whole, 0);
+    sum = touch->multiply_links(touch->user, NULL, touch->whole, touch->product);
+    sbi_elimination_reduce(b->elimination, touch->product, touch->product, NULL);
+    for (int i = 0; i < b->domain.node_count; i++)
+        y[i] = sb_v3_add(y[i], sbi_body_pick_axes(sbi_body_held(b, i), sb_v3(0, 0, 0), touch->product[i]));
+    return sum;
+}
+
+SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y)
+{
+    sb_body *b = (sb_body *)body;
+    if (b->elimination)
+        return sbi_touch_multiply_condensed(b, x, (sb_vec3 *)(void *)y);
+    return b->touch->multiply_links(b->touch->user, b->fixed, (const sb_vec3 *)(const void *)x, (sb_vec3 *)(void *)y);
+}
+
+SBI_API void sbi_body_lend_touch(sb_body *b, sbi_pcg_extra *extra)
+{
+    extra->user = b;
+    extra->multiply = sbi_body_multiply_links;
+    b->pcg.extra = b->touch && b->touch->links ? extra : NULL;
+}
+
 /* ---- end ---- */
 
 SBI_API void sbi_step_touch_reactions(const sbi_step *step)
@@ -60607,6 +60813,7 @@ SBI_API sb_result sbi_body_solve_column(sb_body *b, sb_vec3 *rhs, sb_vec3 *x, sb
 {
     sbi_elimination *e = b->elimination;
     sb_pcg_options options = sb_default_pcg_options();
+    sbi_pcg_extra extra;
     sb_result result;
     options.tolerance = (double)tolerance;
     options.max_iterations = b->max_iterations;
@@ -60617,8 +60824,10 @@ SBI_API sb_result sbi_body_solve_column(sb_body *b, sb_vec3 *rhs, sb_vec3 *x, sb
         x[i] = sb_v3(0, 0, 0);
         rhs[i] = sbi_body_pick_axes(sbi_body_held(b, i), x[i], rhs[i]);
     }
+    sbi_body_lend_touch(b, &extra);
     result = sb_pcg_solve(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &rhs[0].x, &x[0].x, &options,
                           &b->pcg, NULL);
+    b->pcg.extra = NULL;
     if (e)
         sbi_elimination_expand(e, x, 0);
     return result == SB_ERROR_NOT_CONVERGED ? SB_OK : result;
@@ -61096,6 +61305,8 @@ static int sbi_step_condense(sbi_step *step)
         memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
         sbi_elimination_expand(e, b->work, 1);
         sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+        if (step->touch && step->touch->links)
+            (void)step->touch->multiply_links(step->touch->user, NULL, b->work, b->work2);
         for (int i = 0; i < n; i++)
             b->rhs[i] = sb_v3_sub(b->rhs[i], b->work2[i]);
     }
@@ -61151,12 +61362,17 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int cur
     sb_pcg_options options = sb_default_pcg_options();
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
+    sbi_pcg_extra extra;
     sb_result result;
+    b->pcg.extra = NULL;
+    if (step->touch)
+        sbi_body_lend_touch(b, &extra);
     options.tolerance = (double)tolerance;
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
                                   &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
+    b->pcg.extra = NULL;
     info->pcg_iterations += pcg.iterations;
     if (step->linearised)
         info->residual = (sb_real)pcg.residual;
@@ -61277,6 +61493,8 @@ static double sbi_step_touch_rise(const sbi_step *step)
     const sb_matrix *matrix = b->elimination ? &b->elimination->matrix : &b->matrix;
     double sum = 0;
     sb_matrix_multiply(matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+    if (step->touch->links)
+        (void)sbi_body_multiply_links(b, &b->work[0].x, &b->work2[0].x);
     for (int i = 0; i < b->domain.node_count; i++)
         sum += (double)b->work[i].x * (double)b->work2[i].x + (double)b->work[i].y * (double)b->work2[i].y +
                (double)b->work[i].z * (double)b->work2[i].z;
@@ -61882,7 +62100,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
+        step->done = sbi_step_is_converged(step) && (step->given.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -62141,6 +62359,7 @@ static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest 
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
     result = sbi_step_take_guests(step, guests, guest_count);
+    step->given = step->guests;
     return result == SB_OK ? sbi_step_start(step) : result;
 }
 
@@ -62188,14 +62407,16 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.tries = step->tries + (later ? 0 : 1);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
-    fresh.guests = step->guests;
+    fresh.guests = fresh.given = step->given;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
     fresh.parts_left = step->parts_left;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
-    *result = sbi_step_start(step);
+    *result = sbi_step_take_guests(step, step->given.list, step->given.count);
+    if (*result == SB_OK)
+        *result = sbi_step_start(step);
     return 1;
 }
 
@@ -62308,7 +62529,13 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
 static sb_result sbi_static_iterate(sbi_step *step)
 {
     sb_result result = sbi_step_iterate(step, sbi_step_linearise(step));
-    for (int round = 1; result == SB_OK && step->touch && sbi_step_balance_touch(step, round); round++) {
+    for (int round = 1; result == SB_OK && step->touch; round++) {
+        int again = sbi_step_balance_touch(step, round);
+        if (again < 0)
+            return sbi_fail(&step->info->error, SB_ERROR_NOT_CONVERGED,
+                            "a tool on a spring goes too far in one increment: take more load_steps");
+        if (!again)
+            break;
         step->norm = step->last_norm = 0;
         step->iteration = 1; /* contact has begun */
         step->done = 0;
@@ -66756,6 +66983,7 @@ SB_API sb_tool_def sb_default_tool_def(void)
     def.shape = SB_TOOL_SPHERE;
     def.cells = 48;
     def.pose.rotation = sb_quat_identity();
+    def.max_force = SB_REAL_MAX;
     def.cookie = SBI_TOOL_COOKIE;
     return def;
 }
@@ -66853,12 +67081,29 @@ static sb_result sbi_tool_check_not_negative(sb_real value, const char *name, sb
     return SB_OK;
 }
 
+static sb_result sbi_tool_check_spring(const sb_tool_def *def, sb_error *error)
+{
+    sb_result result = sbi_tool_check_not_negative(def->coupling_stiffness, "def.coupling_stiffness", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->coupling_turning, "def.coupling_turning", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_not_negative(def->max_force, "def.max_force", error);
+    if (result == SB_OK && def->max_force == 0)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_force is 0: the spring must pull with some force");
+    if (result == SB_OK && def->coupling_turning > 0 && def->coupling_stiffness == 0)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT,
+                          "def.coupling_turning needs def.coupling_stiffness > 0: a tool without it is rigid");
+    return result;
+}
+
 static sb_result sbi_tool_check_def(const sb_tool_def *def, sb_error *error)
 {
     sb_result result;
     if (def->cookie != SBI_TOOL_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_tool_def");
     result = sbi_tool_check_not_negative(def->friction, "def.friction", error);
+    if (result == SB_OK)
+        result = sbi_tool_check_spring(def, error);
     if (result == SB_OK)
         result = sbi_tool_pose_check(&def->pose, "def.pose", NULL, error);
     return result == SB_OK ? sbi_tool_check_shape(def, error) : result;
@@ -68838,6 +69083,138 @@ SB_INLINE void sbi_contact_stiffness(const sbi_contact_answer *a, sb_vec3 n, sb_
 #endif /* SB_CONTACT_LAW_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_pairs.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_pairs: organs that touch each other, or themselves. Internal: a part of sb_contact, without memory and at
+ * rest where def.pairs is 0.
+ *
+ * An organ is a connected part of the mesh. Faces that look at each other and are near (contact_near.c) have samples as
+ * they have for tools; each is paired for the step with the nearest point of the faces that it looks at, y = sum v_b
+ * x_b, whose normal is smooth over the surface (contact_closest.c). Between the two acts the law of tools, with weights
+ * (w, -v), so that forces balance to the last bit. Both sides have samples, with half of their areas each.
+ *
+ * Blocks of one side, w w^T K and v v^T K, have places in the matrix. Those across, -w v^T K, have none: conjugate
+ * gradients multiply by them beside it. Pairs, weights and normals stay over a step. */
+#ifndef SB_CONTACT_PAIRS_H
+#define SB_CONTACT_PAIRS_H
+
+
+/* A face near others, with its samples. */
+typedef struct sbi_pair_patch {
+    int face, parts, first, count, touching;
+    int nodes[SB_MAX_FACE_NODES]; /* places in the contact's list of nodes */
+} sbi_pair_patch;
+
+/* A sample x of a face, and the point y of another that it is paired with. */
+typedef struct sbi_pair_sample {
+    int patch, face, sample;
+    int other;                          /* face of y */
+    int other_nodes[SB_MAX_FACE_NODES]; /* places */
+    const sb_real *weights;             /* w */
+    sb_real shares[SB_MAX_FACE_NODES];  /* v */
+    sb_real area, spacing;              /* m^2 at rest: half of the sample's; m */
+    sb_real k, memory, least;           /* Pa/m; l (Pa); m: deepest overlap at which it is surely on this side */
+    sb_vec3 remembered;                 /* t (Pa) */
+    sb_vec3 normal, start;              /* out of the other face; x - y at the start of the step (m) */
+    sb_vec3 point;                      /* x (m) */
+    sb_real gap, slip, bound;           /* m, m, Pa */
+    sbi_contact_answer answer;
+} sbi_pair_sample;
+
+/* K of a sample across its two faces, as the system has it: factor (normal n n^T + tangent (I - n n^T - d d^T)). */
+typedef struct sbi_pair_link {
+    int sample;
+    sb_real normal, tangent; /* N/m */
+    sb_vec3 n, d;
+} sbi_pair_link;
+
+/* What was in touch at the end of the last step. */
+typedef struct sbi_pair_entry {
+    int face, parts, sample, other, sticks;
+    sb_real gap, area; /* m, m^2 at rest: half of the sample's */
+    sb_real shares[SB_MAX_FACE_NODES];
+    sb_vec3 traction, point, normal, force;
+} sbi_pair_entry;
+
+/* What a corner of faces remembers, see contact_memory.c. */
+typedef struct sbi_pair_pressure {
+    int node;
+    sb_real value; /* l_a (Pa), > 0 */
+} sbi_pair_pressure;
+
+/* Smallest and largest, of the unit normals below a box of the tree and of the organs there. */
+typedef struct sbi_pair_cone {
+    float low[3], high[3];
+    int first_organ, last_organ;
+} sbi_pair_cone;
+
+typedef struct sbi_pairs {
+    int kinds; /* SB_CONTACT_SELF | SB_CONTACT_ORGANS; 0: none of all this is there */
+    sb_real friction, distance;
+
+    /* of the mesh at rest, by face and by node: arrays for the rooms of the faces */
+    int *organs;               /* of each face */
+    sb_real *thickness;        /* m behind the face's middle, no more than it matters */
+    sb_vec3 *centres;          /* m */
+    sb_real *radii;            /* m: no corner is farther from the centre */
+    sb_vec3 *rest_normals;     /* out of the body */
+    sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
+    int *organ_counts;         /* [nodes] */
+    int *first_face, *around;  /* [nodes + 1], faces of each node */
+    sb_real longest, shortest; /* of organ_lengths */
+    sb_real reach;             /* m: boxes this near are looked at */
+    sbi_pair_cone *cones;      /* by the tree's boxes */
+
+    /* of the step, likewise by face */
+    sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
+    uint64_t *near;   /* a bit for each face that is near one that it looks at */
+    int *found;
+    int *slot_of; /* -1 between steps */
+
+    sbi_pair_patch *patches;
+    int patch_count;
+    sbi_pair_sample *samples; /* [max_contacts] */
+    int sample_count;
+    int *active; /* [max_contacts] those that touch */
+    int active_count;
+    sb_real *region_sum; /* [regions] */
+    int *region_count;
+    int *slots; /* [slot_room] faces with blocks */
+    int slot_count, slot_room;
+    sb_real (*blocks)[9]; /* [slot_room][width^2] */
+    struct sbi_contact_saved *saved;
+    int saved_count;
+    sbi_pair_link *links; /* [max_contacts] of the system */
+    int link_count;
+
+    /* of the last step */
+    sbi_pair_entry *entries, *spare, *before;
+    int entry_count, before_count;
+    sbi_pair_pressure *pressures, *spare_pressures, *before_pressures; /* [corners max_contacts] */
+    int pressure_count, before_pressure_count;
+} sbi_pairs;
+
+/* A point of a face. */
+typedef struct sbi_closest {
+    sb_real shares[SB_MAX_FACE_NODES]; /* of the face's nodes */
+    sb_vec3 point;
+} sbi_closest;
+
+/* ---- contact_closest.c ---- */
+/* The point of a face with its nodes at x that is nearest to p. */
+SBI_API void sbi_closest_on_face(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sbi_closest *closest);
+/* Triangles that stand for a face, and corner k of one as a node of the face. */
+SBI_API int sbi_closest_part_count(const sbi_contact_kind *kind);
+SBI_API int sbi_closest_part_node(const sbi_contact_kind *kind, int part, int k);
+/* When (a share of the step) p, on its way to p + q, comes to the back of a triangle x whose corners go on ways v, from
+ * its front; < 0: it does not. *depth: how far it is behind the triangle's plane at the end (m). */
+SBI_API sb_real sbi_closest_meeting(const sb_vec3 *x, const sb_vec3 *v, sb_vec3 p, sb_vec3 q, sb_real *depth);
+/* Distance of p in front of a triangle's plane; 0 for one without area. */
+SBI_API sb_real sbi_closest_height(const sb_vec3 *x, sb_vec3 p);
+
+#endif /* SB_CONTACT_PAIRS_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_private.h ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_private: what is inside an sb_contact. Internal: the files contact*.c share it.
@@ -68857,6 +69234,24 @@ typedef struct sbi_contact_nearest {
     sb_vec3 point, normal; /* m; out of the tool */
 } sbi_contact_nearest;
 
+/* What a tool hangs on. Its torque is 0 where it turns as it is sent to. */
+typedef struct sbi_contact_spring {
+    sb_real stiffness, turning, most; /* N/m, N m/rad, N; stiffness 0: the tool is rigid */
+    sb_pose hand;                     /* its other end, after the last step */
+    sb_vec3 force, torque;            /* N, N m about the tool's position: on the tool, where the last step balances */
+    sb_pose hand_next, hand_balance;  /* of the step: at its end, and where forces balance */
+    sb_vec3 pull, twist;              /* force and torque at the last evaluation */
+    sb_pose hand_done;                /* of the last increment that was done */
+    sb_vec3 pull_done, twist_done;
+    sb_real level;  /* of the step */
+    sb_pose centre; /* of the step: where it begins, and how far (m) it may go from there */
+    sb_real limit;
+    int held;           /* 1: at the last evaluation it went no farther because of that */
+    int first, last;    /* patches */
+    int size;           /* 3 or 6 unknowns; 0: it does not give way, as far as is known */
+    sb_real factor[36]; /* Cholesky's, of stiffness of contact and spring against its motion */
+} sbi_contact_spring;
+
 /* A tool's place in the list. Chains are of capsules, [point count]. */
 typedef struct sbi_contact_tool {
     sbi_tool *shape; /* NULL: the place is free */
@@ -68871,6 +69266,7 @@ typedef struct sbi_contact_tool {
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
+    sbi_contact_spring spring;
 } sbi_contact_tool;
 
 /* A sample in touch at the end of the last step: what is read of it, and what the next step remembers of friction. */
@@ -68959,6 +69355,7 @@ struct sb_contact {
     sbi_contact_sum *sums;    /* [node_room] by place */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
+    sb_vec3 *hung_in, *hung_out; /* [node_room] for products */
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
@@ -68973,6 +69370,8 @@ struct sb_contact {
     sb_contact_info kept_info;
     int kept_is_solved;
     void *memory;
+
+    sbi_pairs pairs;
 
     /* of a body whose mesh may change, see contact_live.c */
     int listener;               /* -1: none */
@@ -68998,14 +69397,103 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
                                   int *element);
 
 /* ---- contact_memory.c ---- */
+/* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
+SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner);
 /* memory of all samples, by what corners remember. */
 SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
 /* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
 SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 
+/* ---- contact_near.c: of contacts with pairs, as all below up to contact_step.c ---- */
+/* What is known of the organs at rest; a refit of the faces has to follow. Does nothing without pairs. */
+SBI_API void sbi_pairs_measure(sb_contact *contact);
+/* Where faces look, with nodes at x [rows]. */
+SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x);
+/* 1: the two faces may touch, as far as organs and distances at rest go; and they look at each other, too. */
+SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other);
+SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other);
+/* Unit normals out of the body where faces were looked at: of a face, and of the smooth surface at a point of it. */
+SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face);
+SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares);
+/* Marks faces that have others which they may touch within `grow` (m) of their boxes, as those were refitted last. */
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow);
+/* The first of them from `face` on, or -1. */
+SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face);
+/* What a face may touch on its way from x to x + dt v (v NULL: at x), in pairs.found, ascending; returns how many. */
+SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
+                                  sb_real grow);
+
+/* ---- contact_pairs.c ---- */
+/* Pairs of the step; after those of tools are known. SB_ERROR_MEMORY: max_contacts are too few however thin. */
+SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error);
+SBI_API void sbi_pairs_forget(sb_contact *contact);
+SBI_API void sbi_pairs_stiffen(sb_contact *contact);
+/* Square of the norm of forces (N) that rounding makes of places this large (m). */
+SBI_API double sbi_pairs_noise_square(const sb_contact *contact, double place);
+/* As the calls of sbi_touch; forces and products are added. */
+SBI_API void sbi_pairs_evaluate(sb_contact *contact, const sb_vec3 *du, int renew);
+SBI_API void sbi_pairs_add_forces(sb_contact *contact, sb_vec3 *force);
+SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix);
+SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix);
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
+/* 1: nothing has passed through; contact->moved and the faces' boxes are those of the step. */
+SBI_API int sbi_pairs_are_safe(sb_contact *contact);
+
+/* ---- contact_pairs_keep.c ---- */
+SBI_API void sbi_pairs_remember(sb_contact *contact);
+SBI_API void sbi_pairs_remember_pressures(sb_contact *contact);
+SBI_API void sbi_pairs_keep_pressures(sb_contact *contact, int fades);
+SBI_API void sbi_pairs_keep_entries(sb_contact *contact);
+/* Raises the two by those of pairs, see contact_step.c. */
+SBI_API void sbi_pairs_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed);
+SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_vec3 *out);
+SBI_API void sbi_pairs_keep_before(sb_contact *contact);
+SBI_API void sbi_pairs_take_before(sb_contact *contact);
+/* The faces have other numbers: what goes is forgotten. */
+SBI_API void sbi_pairs_follow_faces(sb_contact *contact);
+SBI_API void sbi_pairs_read_point(const sb_contact *contact, int number, sb_contact_point *point);
+SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes); /* N, [nodes] */
+#define SBI_PAIRS_PART "pairs"                                                 /* its name in its body's state */
+SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error);
+
 /* ---- contact_step.c ---- */
+/* Place of a node in the list of those in touch. */
+SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
+/* values += block without masked rows and columns. */
+SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns);
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* An evaluation. renew: bounds of friction become those of here. */
+typedef struct sbi_contact_work {
+    sb_contact *contact;
+    const sb_vec3 *du; /* by place (m) */
+    int renew;
+    int first, last; /* patches */
+} sbi_contact_work;
+/* The patches of a tool, at its pose of balance. */
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
+
+/* Stress (Pa) of a sample on the body. */
+SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+{
+    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+}
+
+/* ---- contact_hung.c: tools on springs ---- */
+SB_INLINE int sbi_contact_is_hung(const sbi_contact_tool *tool) { return tool->spring.stiffness > 0; }
+/* The patches of the step are there. */
+SBI_API void sbi_contact_begin_hung(sb_contact *contact);
+/* All has been evaluated: tools on springs go to where they balance, and are evaluated there. */
+SBI_API void sbi_contact_settle_hung(sb_contact *contact, const sbi_contact_work *work);
+/* out -= what the stiffness loses since these tools give way, times x; both by place. */
+SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 *x, sb_vec3 *out);
+/* 1: one of them went as far as it may at the last evaluation. */
+SBI_API int sbi_contact_is_held(const sb_contact *contact);
+/* Springs as they are now are those of a step or increment that is done; and these of all that is done. */
+SBI_API void sbi_contact_keep_springs(sb_contact *contact);
+SBI_API void sbi_contact_commit_springs(sb_contact *contact);
 
 /* ---- contact_live.c ---- */
 /* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
@@ -69042,9 +69530,27 @@ SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_comman
                                    const sb_pose *pose);
 
 /* ---- contact_state.c ---- */
+/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
+typedef struct sbi_contact_in {
+    const unsigned char *bytes;
+    size_t left;
+    int bad;
+} sbi_contact_in;
+SBI_API void sbi_contact_put_int(sbi_state_out *out, int value);
+SBI_API void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count);
+SBI_API int sbi_contact_get_int(sbi_contact_in *in);
+SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count);
+/* The face of a cell's side, or -1: keys ascend. */
+SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side);
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
 SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_leave_state(const sb_contact *contact);
+
+/* v without masked axes. */
+SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
+{
+    return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
+}
 
 /* Place of a sample with these weights. */
 SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
@@ -69058,18 +69564,1750 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 #endif /* SB_CONTACT_PRIVATE_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_closest.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_closest: the point of a face nearest to another, and when a point on its way meets a face. */
+#include <math.h>
+
+
+/* ---- faces as triangles of their nodes ---- */
+
+static const signed char sbi_closest_tri3[1][3] = {{0, 1, 2}};
+static const signed char sbi_closest_quad4[2][3] = {{0, 1, 2}, {0, 2, 3}};
+static const signed char sbi_closest_tri6[4][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
+static const signed char sbi_closest_quad8[6][3] = {{0, 4, 7}, {4, 1, 5}, {5, 2, 6}, {6, 3, 7}, {4, 5, 6}, {4, 6, 7}};
+static const signed char sbi_closest_quad9[8][3] = {{8, 0, 4}, {8, 4, 1}, {8, 1, 5}, {8, 5, 2},
+                                                    {8, 2, 6}, {8, 6, 3}, {8, 3, 7}, {8, 7, 0}};
+
+static const signed char (*sbi_closest_parts(const sbi_contact_kind *kind))[3]
+{
+    switch (kind->nodes) {
+    case 3: return sbi_closest_tri3;
+    case 4: return sbi_closest_quad4;
+    case 6: return sbi_closest_tri6;
+    case 8: return sbi_closest_quad8;
+    default: return sbi_closest_quad9;
+    }
+}
+
+SBI_API int sbi_closest_part_count(const sbi_contact_kind *kind)
+{
+    switch (kind->nodes) {
+    case 3: return 1;
+    case 4: return 2;
+    case 6: return 4;
+    case 8: return 6;
+    default: return 8;
+    }
+}
+
+SBI_API int sbi_closest_part_node(const sbi_contact_kind *kind, int part, int k)
+{
+    return sbi_closest_parts(kind)[part][k];
+}
+
+/* ---- nearest points ---- */
+
+static void sbi_closest_set(sb_real *b, sb_real b0, sb_real b1, sb_real b2) { b[0] = b0, b[1] = b1, b[2] = b2; }
+
+/* Barycentric coordinates of the point of a triangle nearest to p. Source: Ericson, Real-Time Collision Detection,
+ * 5.1.5. */
+static void sbi_closest_on_triangle(const sb_vec3 *x, sb_vec3 p, sb_real b[3])
+{
+    sb_vec3 ab = sb_v3_sub(x[1], x[0]), ac = sb_v3_sub(x[2], x[0]);
+    sb_vec3 ap = sb_v3_sub(p, x[0]), bp = sb_v3_sub(p, x[1]), cp = sb_v3_sub(p, x[2]);
+    sb_real d1 = sb_v3_dot(ab, ap), d2 = sb_v3_dot(ac, ap), d3 = sb_v3_dot(ab, bp), d4 = sb_v3_dot(ac, bp);
+    sb_real d5 = sb_v3_dot(ab, cp), d6 = sb_v3_dot(ac, cp), va, vb, vc, sum;
+    if (d1 <= 0 && d2 <= 0) {
+        sbi_closest_set(b, 1, 0, 0);
+        return;
+    }
+    if (d3 >= 0 && d4 <= d3) {
+        sbi_closest_set(b, 0, 1, 0);
+        return;
+    }
+    if (d6 >= 0 && d5 <= d6) {
+        sbi_closest_set(b, 0, 0, 1);
+        return;
+    }
+    vc = d1 * d4 - d3 * d2;
+    vb = d5 * d2 - d1 * d6;
+    va = d3 * d6 - d5 * d4;
+    sum = va + vb + vc;
+    if (vc <= 0 && d1 >= 0 && d3 <= 0 && d1 - d3 > 0)
+        sbi_closest_set(b, 1 - d1 / (d1 - d3), d1 / (d1 - d3), 0);
+    else if (vb <= 0 && d2 >= 0 && d6 <= 0 && d2 - d6 > 0)
+        sbi_closest_set(b, 1 - d2 / (d2 - d6), 0, d2 / (d2 - d6));
+    else if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0 && d4 - d3 + d5 - d6 > 0)
+        sbi_closest_set(b, 0, (d5 - d6) / (d4 - d3 + d5 - d6), (d4 - d3) / (d4 - d3 + d5 - d6));
+    else if (sum > 0)
+        sbi_closest_set(b, 1 - vb / sum - vc / sum, vb / sum, vc / sum);
+    else
+        sbi_closest_set(b, 1, 0, 0);
+}
+
+static sb_vec3 sbi_closest_mean(const sb_real *shares, const sb_vec3 *x, int count)
+{
+    sb_vec3 sum = sb_v3_scale(shares[0], x[0]);
+    for (int a = 1; a < count; a++)
+        sum = sb_v3_madd(sum, shares[a], x[a]);
+    return sum;
+}
+
+/* The triangle of a face nearest to p, and the nearest point's coordinates in it. */
+static int sbi_closest_part(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sb_real b[3])
+{
+    const signed char(*parts)[3] = sbi_closest_parts(kind);
+    sb_real least = SB_REAL_MAX;
+    int best = 0;
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        const sb_vec3 at[3] = {x[(int)parts[part][0]], x[(int)parts[part][1]], x[(int)parts[part][2]]};
+        sb_real own[3], square;
+        sb_vec3 away;
+        sbi_closest_on_triangle(at, p, own);
+        away = sb_v3_sub(p, sbi_closest_mean(own, at, 3));
+        square = sb_v3_dot(away, away);
+        if (square < least) {
+            least = square;
+            best = part;
+            sbi_closest_set(b, own[0], own[1], own[2]);
+        }
+    }
+    return best;
+}
+
+/* Parameters go back into the face. */
+static void sbi_closest_clamp(const sbi_contact_kind *kind, sb_real xi[3])
+{
+    if (kind->corners == 4) {
+        xi[0] = sb_max((sb_real)-1, sb_min(xi[0], (sb_real)1));
+        xi[1] = sb_max((sb_real)-1, sb_min(xi[1], (sb_real)1));
+        return;
+    }
+    xi[0] = sb_max((sb_real)0, xi[0]);
+    xi[1] = sb_max((sb_real)0, xi[1]);
+    if (xi[0] + xi[1] > 1) {
+        sb_real sum = xi[0] + xi[1];
+        xi[0] /= sum;
+        xi[1] = 1 - xi[0];
+    }
+}
+
+/* One step of Gauss and Newton on the curved face. */
+static void sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sb_real xi[3])
+{
+    sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], rr, rs, ss, r1, s1, det;
+    sb_vec3 r = {0, 0, 0}, s = {0, 0, 0}, away;
+    sb_element_shape(kind->type, xi, shape, gradient);
+    for (int a = 0; a < kind->nodes; a++) {
+        r = sb_v3_madd(r, gradient[a][0], x[a]);
+        s = sb_v3_madd(s, gradient[a][1], x[a]);
+    }
+    away = sb_v3_sub(p, sbi_closest_mean(shape, x, kind->nodes));
+    rr = sb_v3_dot(r, r), rs = sb_v3_dot(r, s), ss = sb_v3_dot(s, s);
+    r1 = sb_v3_dot(r, away), s1 = sb_v3_dot(s, away);
+    det = rr * ss - rs * rs;
+    if (!(det > SB_EPSILON * rr * ss))
+        return;
+    xi[0] += (ss * r1 - rs * s1) / det;
+    xi[1] += (rr * s1 - rs * r1) / det;
+    sbi_closest_clamp(kind, xi);
+}
+
+enum { SBI_CLOSEST_STEPS = 3 };
+
+SBI_API void sbi_closest_on_face(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sbi_closest *closest)
+{
+    sb_real b[3], xi[3] = {0, 0, 0};
+    int part = sbi_closest_part(kind, x, p, b);
+    if (kind->nodes == 3) {
+        for (int k = 0; k < 3; k++)
+            closest->shares[k] = b[k];
+    } else {
+        for (int k = 0; k < 3; k++) {
+            sb_real at[3] = {0, 0, 0};
+            (void)sb_element_node_point(kind->type, sbi_closest_part_node(kind, part, k), at);
+            xi[0] += b[k] * at[0];
+            xi[1] += b[k] * at[1];
+        }
+        for (int i = 0; i < SBI_CLOSEST_STEPS; i++)
+            sbi_closest_improve(kind, x, p, xi);
+        sb_element_shape(kind->type, xi, closest->shares, NULL);
+    }
+    closest->point = sbi_closest_mean(closest->shares, x, kind->nodes);
+}
+
+/* ---- ways ---- */
+
+SBI_API sb_real sbi_closest_height(const sb_vec3 *x, sb_vec3 p)
+{
+    sb_vec3 n = sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]));
+    sb_real size = sb_v3_norm(n);
+    return size > 0 ? sb_v3_dot(n, sb_v3_sub(p, x[0])) / size : 0;
+}
+
+enum { SBI_CLOSEST_SECANTS = 4 };
+
+/* A point that comes no nearer to the triangle than this share of its edge passes beside it. */
+#define SBI_CLOSEST_BESIDE ((sb_real)0.01)
+
+static int sbi_closest_is_beside(const sb_vec3 *x, sb_vec3 p)
+{
+    sb_real b[3], edge;
+    sb_vec3 away, side = sb_v3_sub(x[1], x[0]), other = sb_v3_sub(x[2], x[0]);
+    sbi_closest_on_triangle(x, p, b);
+    away = sb_v3_sub(p, sbi_closest_mean(b, x, 3));
+    edge = sb_max(sb_v3_dot(side, side), sb_v3_dot(other, other));
+    return !(sb_v3_dot(away, away) <= SBI_CLOSEST_BESIDE * SBI_CLOSEST_BESIDE * edge);
+}
+
+SBI_API sb_real sbi_closest_meeting(const sb_vec3 *x, const sb_vec3 *v, sb_vec3 p, sb_vec3 q, sb_real *depth)
+{
+    sb_vec3 at[3];
+    sb_real low = 0, high = 1, before = sbi_closest_height(x, p), after, share = 0;
+    for (int k = 0; k < 3; k++)
+        at[k] = sb_v3_add(x[k], v[k]);
+    after = sbi_closest_height(at, sb_v3_add(p, q));
+    *depth = -after;
+    if (!(before >= 0 && after < 0))
+        return -1;
+    for (int i = 0; i < SBI_CLOSEST_SECANTS; i++) {
+        sb_real height;
+        share = low + (high - low) * before / (before - after);
+        for (int k = 0; k < 3; k++)
+            at[k] = sb_v3_madd(x[k], share, v[k]);
+        height = sbi_closest_height(at, sb_v3_madd(p, share, q));
+        if (height >= 0)
+            low = share, before = height;
+        else
+            high = share, after = height;
+    }
+    return sbi_closest_is_beside(at, sb_v3_madd(p, share, q)) ? -1 : share;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_near.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_near: organs, and which of their faces are near faces that they look at.
+ *
+ * A walk over pairs of the tree's boxes finds faces whose boxes meet. It leaves out what lies in one organ alone, where
+ * organs are not to touch themselves, and pairs of boxes all of whose normals point the same way: neighbours on a
+ * smooth surface, of which a walk through one organ would otherwise meet nothing but them. */
+#include <float.h>
+#include <string.h>
+
+
+/* Faces look at each other when their normals have a product below this. */
+#define SBI_NEAR_FACING ((sb_real)-0.25)
+/* Faces of one organ do not touch when they are nearer than this at rest, in lengths of a face. */
+#define SBI_NEAR_APART ((sb_real)2)
+/* Thickness matters up to so many lengths of the organ's faces. */
+#define SBI_NEAR_THICKEST ((sb_real)4)
+/* Normals that are part of a smooth surface have at rest a product above this: 60 degrees. */
+#define SBI_NEAR_SMOOTH ((sb_real)0.5)
+
+/* ---- of the mesh at rest ---- */
+
+/* Twice the area of a face, through its corners, and out of the body. */
+static sb_vec3 sbi_near_vector(const sbi_contact_faces *faces, int face, const sb_vec3 *x)
+{
+    const int *n = sbi_contact_face_nodes(faces, face);
+    if (faces->kinds[faces->sizes[face]].corners == 4)
+        return sb_v3_cross(sb_v3_sub(x[n[2]], x[n[0]]), sb_v3_sub(x[n[3]], x[n[1]]));
+    return sb_v3_cross(sb_v3_sub(x[n[1]], x[n[0]]), sb_v3_sub(x[n[2]], x[n[0]]));
+}
+
+static sb_vec3 sbi_near_unit(sb_vec3 v)
+{
+    sb_real size = sb_v3_norm(v);
+    return size > 0 ? sb_v3_scale(1 / size, v) : sb_v3(0, 0, 0);
+}
+
+static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *rest)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    const int *n = sbi_contact_face_nodes(faces, face);
+    int corners = faces->kinds[faces->sizes[face]].corners, organ = contact->body->node_component[n[0]];
+    sb_vec3 centre = {0, 0, 0};
+    sb_real radius = 0;
+    for (int a = 0; a < corners; a++)
+        centre = sb_v3_madd(centre, 1 / (sb_real)corners, rest[n[a]]);
+    for (int a = 0; a < corners; a++)
+        radius = sb_max(radius, sb_v3_norm(sb_v3_sub(rest[n[a]], centre)));
+    pairs->organs[face] = organ;
+    pairs->centres[face] = centre;
+    pairs->radii[face] = radius;
+    pairs->rest_normals[face] = sbi_near_unit(sbi_near_vector(faces, face, rest));
+    pairs->slot_of[face] = -1;
+    pairs->organ_lengths[organ] += faces->lengths[face];
+    pairs->organ_counts[organ]++;
+}
+
+static void sbi_near_measure_organs(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    int nodes = contact->faces->node_room;
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    memset(pairs->organ_lengths, 0, (size_t)nodes * sizeof(sb_real));
+    memset(pairs->organ_counts, 0, (size_t)nodes * sizeof(int));
+    for (int f = 0; f < contact->faces->face_end; f++)
+        sbi_near_measure_face(contact, f, rest);
+    pairs->longest = 0;
+    pairs->shortest = SB_REAL_MAX;
+    for (int o = 0; o < nodes; o++)
+        if (pairs->organ_counts[o] > 0) {
+            pairs->organ_lengths[o] /= (sb_real)pairs->organ_counts[o];
+            pairs->longest = sb_max(pairs->longest, pairs->organ_lengths[o]);
+            pairs->shortest = sb_min(pairs->shortest, pairs->organ_lengths[o]);
+        }
+}
+
+/* Faces of each node, ascending. */
+static void sbi_near_list_around(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    int nodes = faces->node_room, *first = pairs->first_face;
+    memset(first, 0, ((size_t)nodes + 1) * sizeof(int));
+    for (int f = 0; f < faces->face_end; f++)
+        for (int a = 0; a < faces->sizes[f]; a++)
+            first[sbi_contact_face_nodes(faces, f)[a] + 1]++;
+    for (int i = 0; i < nodes; i++)
+        first[i + 1] += first[i];
+    for (int f = 0; f < faces->face_end; f++)
+        for (int a = 0; a < faces->sizes[f]; a++)
+            pairs->around[first[sbi_contact_face_nodes(faces, f)[a]]++] = f;
+    for (int i = nodes; i > 0; i--)
+        first[i] = first[i - 1];
+    first[0] = 0;
+}
+
+/* Where a line from p along d first leaves the organ through this face (m); SB_REAL_MAX: it does not. */
+static sb_real sbi_near_leaves(const sbi_contact_faces *faces, int face, const sb_vec3 *x, sb_vec3 p, sb_vec3 d)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sb_real least = SB_REAL_MAX;
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 at[3], e1, e2, s, h, q;
+        sb_real det, u, v, t;
+        for (int k = 0; k < 3; k++)
+            at[k] = x[nodes[sbi_closest_part_node(kind, part, k)]];
+        e1 = sb_v3_sub(at[1], at[0]), e2 = sb_v3_sub(at[2], at[0]), s = sb_v3_sub(p, at[0]);
+        h = sb_v3_cross(d, e2);
+        det = sb_v3_dot(e1, h);
+        if (!(det < 0)) /* it would come in */
+            continue;
+        q = sb_v3_cross(s, e1);
+        u = sb_v3_dot(s, h) / det, v = sb_v3_dot(d, q) / det, t = sb_v3_dot(e2, q) / det;
+        if (u >= 0 && v >= 0 && u + v <= 1 && t > 0)
+            least = sb_min(least, t);
+    }
+    return least;
+}
+
+/* How thick the organ is behind a face; boxes are those of the shape at rest. */
+static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *rest)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real length = pairs->organ_lengths[pairs->organs[face]], most = SBI_NEAR_THICKEST * length, least = most;
+    sb_vec3 down = sb_v3_scale(-1, pairs->rest_normals[face]), from = pairs->centres[face];
+    for (sb_real way = 0; way < most && least == most; way += length) {
+        sb_vec3 a = sb_v3_madd(from, way, down), b = sb_v3_madd(from, way + length, down);
+        int count = sbi_contact_faces_query(contact->faces, sb_v3(sb_min(a.x, b.x), sb_min(a.y, b.y), sb_min(a.z, b.z)),
+                                            sb_v3(sb_max(a.x, b.x), sb_max(a.y, b.y), sb_max(a.z, b.z)), pairs->found,
+                                            contact->faces->face_room);
+        for (int i = 0; i < count; i++)
+            if (pairs->found[i] != face && pairs->organs[pairs->found[i]] == pairs->organs[face])
+                least = sb_min(least, sbi_near_leaves(contact->faces, pairs->found[i], rest, from, down));
+    }
+    return least;
+}
+
+/* First and last organ below each box of the tree. */
+static void sbi_near_place_organs(sb_contact *contact)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sbi_pairs *pairs = &contact->pairs;
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
+        sbi_pair_cone *cone = pairs->cones + leaf;
+        for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
+            int organ = pairs->organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
+            cone->first_organ = k ? sbi_min_int(cone->first_organ, organ) : organ;
+            cone->last_organ = k ? sbi_max_int(cone->last_organ, organ) : organ;
+        }
+    }
+    for (int level = 1; level < tree->level_count; level++)
+        for (int i = 0; i < tree->level_size[level]; i++) {
+            const sbi_pair_cone *a = pairs->cones + tree->level_start[level - 1] + 2 * i;
+            const sbi_pair_cone *b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
+            sbi_pair_cone *cone = pairs->cones + tree->level_start[level] + i;
+            cone->first_organ = sbi_min_int(a->first_organ, b->first_organ);
+            cone->last_organ = sbi_max_int(a->last_organ, b->last_organ);
+        }
+}
+
+SBI_API void sbi_pairs_measure(sb_contact *contact)
+{
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    if (!contact->pairs.kinds)
+        return;
+    sbi_near_measure_organs(contact);
+    sbi_near_list_around(contact);
+    sbi_contact_faces_refit(contact->faces, rest, NULL, 0);
+    for (int f = 0; f < contact->faces->face_end; f++)
+        contact->pairs.thickness[f] = sbi_near_thickness(contact, f, rest);
+    sbi_near_place_organs(contact);
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+}
+
+/* ---- faces that look at each other ---- */
+
+SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
+{
+    sb_vec3 a = contact->pairs.vectors[face], b = contact->pairs.vectors[other];
+    sb_real product = sb_v3_dot(a, b);
+    return product < 0 && product * product > SBI_NEAR_FACING * SBI_NEAR_FACING * sb_v3_dot(a, a) * sb_v3_dot(b, b) &&
+           sbi_pairs_are_apart(contact, face, other);
+}
+
+SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 apart;
+    sb_real least;
+    int same = pairs->organs[face] == pairs->organs[other];
+    if (!(pairs->kinds & (same ? SB_CONTACT_SELF : SB_CONTACT_ORGANS)))
+        return 0;
+    if (!same)
+        return 1;
+    apart = sb_v3_sub(pairs->centres[face], pairs->centres[other]);
+    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]) +
+            pairs->radii[face] + pairs->radii[other];
+    return sb_v3_dot(apart, apart) > least * least;
+}
+
+SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face)
+{
+    return sbi_near_unit(contact->pairs.vectors[face]);
+}
+
+/* Normal at a corner of a face: of the faces around it that go on smoothly. */
+static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int node)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 sum = {0, 0, 0};
+    for (int i = pairs->first_face[node]; i < pairs->first_face[node + 1]; i++)
+        if (sb_v3_dot(pairs->rest_normals[pairs->around[i]], pairs->rest_normals[face]) > SBI_NEAR_SMOOTH)
+            sum = sb_v3_add(sum, pairs->vectors[pairs->around[i]]);
+    return sbi_near_unit(sum);
+}
+
+SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    sb_vec3 sum = {0, 0, 0};
+    for (int a = 0; a < kind->corners; a++) {
+        sb_real share = sbi_contact_corner_share(kind, shares, a);
+        sum = sb_v3_madd(sum, share, sbi_near_corner_normal(contact, face, sbi_contact_face_nodes(faces, face)[a]));
+    }
+    sum = sbi_near_unit(sum);
+    return sb_v3_dot(sum, sum) > 0 ? sum : sbi_pairs_face_normal(contact, face);
+}
+
+/* ---- boxes of normals ---- */
+
+static void sbi_near_join(sbi_pair_cone *cone, const sbi_pair_cone *a, const sbi_pair_cone *b)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        cone->low[axis] = a->low[axis] < b->low[axis] ? a->low[axis] : b->low[axis];
+        cone->high[axis] = a->high[axis] > b->high[axis] ? a->high[axis] : b->high[axis];
+    }
+}
+
+static void sbi_near_fit_leaf(const sb_contact *contact, int leaf, sbi_pair_cone *cone)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
+        sb_vec3 n = sbi_pairs_face_normal(contact, tree->faces[SBI_FACE_TREE_LEAF * leaf + k]);
+        sbi_pair_cone own;
+        own.low[0] = own.high[0] = (float)n.x;
+        own.low[1] = own.high[1] = (float)n.y;
+        own.low[2] = own.high[2] = (float)n.z;
+        if (k == 0)
+            memcpy(cone->low, own.low, sizeof cone->low), memcpy(cone->high, own.high, sizeof cone->high);
+        sbi_near_join(cone, cone, &own);
+    }
+}
+
+SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sbi_pair_cone *cones = contact->pairs.cones;
+    for (int f = 0; f < contact->faces->face_end; f++)
+        contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++)
+        sbi_near_fit_leaf(contact, leaf, cones + leaf);
+    for (int level = 1; level < tree->level_count; level++)
+        for (int i = 0; i < tree->level_size[level]; i++) {
+            const sbi_pair_cone *a = cones + tree->level_start[level - 1] + 2 * i;
+            sbi_near_join(cones + tree->level_start[level] + i, a, 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a);
+        }
+}
+
+/* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
+static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
+{
+    float sum = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        float ll = a->low[axis] * b->low[axis], lh = a->low[axis] * b->high[axis];
+        float hl = a->high[axis] * b->low[axis], hh = a->high[axis] * b->high[axis];
+        float first = ll < lh ? ll : lh, second = hl < hh ? hl : hh;
+        sum += first < second ? first : second;
+    }
+    return sum < (float)SBI_NEAR_FACING + 16 * FLT_EPSILON;
+}
+
+/* ---- the walk ---- */
+
+typedef struct sbi_near_walk {
+    sb_contact *contact;
+    float grow; /* m */
+} sbi_near_walk;
+
+static int sbi_near_boxes_meet(const sbi_face_box *a, const sbi_face_box *b, float grow)
+{
+    for (int axis = 0; axis < 3; axis++)
+        if (a->corner[axis] + b->corner[4 + axis] > grow || b->corner[axis] + a->corner[4 + axis] > grow)
+            return 0;
+    return 1;
+}
+
+/* 1 when something below one box may touch something below the other. */
+static int sbi_near_boxes_touch(const sbi_near_walk *walk, int a, int b)
+{
+    const sbi_pairs *pairs = &walk->contact->pairs;
+    const sbi_face_box *boxes = walk->contact->faces->tree.boxes;
+    const sbi_pair_cone *one = pairs->cones + a, *two = pairs->cones + b;
+    if (!(pairs->kinds & SB_CONTACT_SELF) && one->first_organ == one->last_organ &&
+        one->first_organ == two->first_organ && one->first_organ == two->last_organ)
+        return 0;
+    return sbi_near_may_face(one, two) && (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
+}
+
+static void sbi_near_mark(uint64_t *marks, int face)
+{
+    marks[face / SBI_FACE_TREE_BITS] |= (uint64_t)1 << face % SBI_FACE_TREE_BITS;
+}
+
+/* Faces of two leaves, which may be the same. */
+static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
+{
+    sb_contact *contact = walk->contact;
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
+    sb_real grow = (sb_real)walk->grow;
+    int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
+    for (int j = first; j < last; j++)
+        sbi_face_tree_place_box(tree, j, low + (j - first), high + (j - first));
+    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++) {
+        sb_vec3 own_low, own_high;
+        sbi_face_tree_place_box(tree, i, &own_low, &own_high);
+        for (int j = a == b ? i + 1 : first; j < last; j++) {
+            sb_vec3 l = low[j - first], h = high[j - first];
+            if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
+                l.y - own_high.y > grow || l.z - own_high.z > grow ||
+                !sbi_pairs_may_touch(contact, tree->faces[i], tree->faces[j]))
+                continue;
+            sbi_near_mark(contact->pairs.near, tree->faces[i]);
+            sbi_near_mark(contact->pairs.near, tree->faces[j]);
+        }
+    }
+}
+
+/* Two boxes of a level, by their numbers in it; a <= b. */
+typedef struct sbi_near_pair {
+    int level, a, b;
+} sbi_near_pair;
+
+enum { SBI_NEAR_STACK = 4 * SBI_FACE_TREE_LEVELS };
+
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow)
+{
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sbi_near_pair stack[SBI_NEAR_STACK];
+    sbi_near_walk walk;
+    int top = 0;
+    walk.contact = contact;
+    walk.grow = (float)(grow + 2 * tree->spacing);
+    memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
+    if (tree->count > 0)
+        stack[top].level = tree->level_count - 1, stack[top].a = stack[top].b = 0, top++;
+    while (top > 0) {
+        sbi_near_pair pair = stack[--top], below;
+        int start = tree->level_start[pair.level];
+        if (!sbi_near_boxes_touch(&walk, start + pair.a, start + pair.b))
+            continue;
+        if (pair.level == 0) {
+            sbi_near_match_leaves(&walk, pair.a, pair.b);
+            continue;
+        }
+        below.level = pair.level - 1;
+        for (int i = 2 * pair.a; i < sbi_min_int(2 * pair.a + 2, tree->level_size[below.level]); i++)
+            for (int j = pair.a == pair.b ? i : 2 * pair.b;
+                 j < sbi_min_int(2 * pair.b + 2, tree->level_size[below.level]); j++) {
+                below.a = i, below.b = j;
+                stack[top++] = below;
+            }
+    }
+}
+
+SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face)
+{
+    for (; face < contact->faces->face_end; face++) {
+        uint64_t word = contact->pairs.near[face / SBI_FACE_TREE_BITS] >> face % SBI_FACE_TREE_BITS;
+        if (word == 0)
+            face |= SBI_FACE_TREE_BITS - 1; /* none up to the end of this word */
+        else if (word & 1)
+            return face;
+    }
+    return -1;
+}
+
+SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
+                                  sb_real grow)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
+    int count, kept = 0;
+    /* a curved face stays within half of its length of its corners' box */
+    if (faces->kinds[faces->sizes[face]].corners < faces->sizes[face])
+        grow += (sb_real)0.5 * faces->lengths[face];
+    for (int a = 0; a < faces->sizes[face]; a++) {
+        sb_vec3 at = x[nodes[a]], to = v ? sb_v3_madd(at, dt, v[nodes[a]]) : at;
+        low = sb_v3(sb_min(low.x, sb_min(at.x, to.x)), sb_min(low.y, sb_min(at.y, to.y)),
+                    sb_min(low.z, sb_min(at.z, to.z)));
+        high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
+                     sb_max(high.z, sb_max(at.z, to.z)));
+    }
+    count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
+                                    sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
+    for (int i = 0; i < count; i++)
+        if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]))
+            pairs->found[kept++] = pairs->found[i];
+    return kept;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_pairs.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_pairs: organs in touch within a step: samples and what they are paired with, forces, blocks, what couples. */
+
+#include <math.h>
+#include <string.h>
+
+
+enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5 };
+
+/* Of the body's own stiffness at the surface, for the two sides' harmonic mean. */
+#define SBI_PAIR_STIFFNESS ((sb_real)3)
+/* In lengths of a face: how near a sample counts, and how far it may lie beside the point it is paired with. */
+#define SBI_PAIR_NEAR ((sb_real)0.5)
+#define SBI_PAIR_BESIDE ((sb_real)1e-3)
+/* The way from y to x may lean against the normal so far, as faces of a coarse curved surface make it; and where it
+ * goes into the other organ, whose nearest point then lies within a face, or is none of this way at all. */
+#define SBI_PAIR_LEAN ((sb_real)0.7)
+#define SBI_PAIR_LEAN_INSIDE ((sb_real)0.02)
+/* Of a face's length: overlap deeper than this is looked at from all sides; of its depth: where another face is nearer
+ * than that, it has not come in by this one. */
+#define SBI_PAIR_DEEP ((sb_real)0.1)
+#define SBI_PAIR_SIDE ((sb_real)0.5)
+/* Of the thickness: what lies deeper is taken to be on the other side. */
+#define SBI_PAIR_DEEPEST ((sb_real)0.5)
+/* Of that, after a step; and of a face's length, how far a point may come behind a face that it was not paired with. */
+#define SBI_PAIR_SAFE ((sb_real)0.9)
+#define SBI_PAIR_STRAY ((sb_real)0.4)
+
+/* ---- pairing ---- */
+
+/* A sample of a face while its partner is looked for. */
+typedef struct sbi_pair_search {
+    sb_contact *contact;
+    const sbi_touch_step *step;
+    int face, others; /* the others are in pairs->found */
+    sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
+    int best;         /* -1: none */
+    sb_real measure;
+    sbi_closest closest;
+} sbi_pair_search;
+
+/* Deepest overlap with a face at which a point is surely on this side of it (m). */
+static sb_real sbi_pair_deepest(const sbi_pairs *pairs, int face)
+{
+    return SBI_PAIR_DEEPEST * sb_min(pairs->thickness[face], 2 * pairs->organ_lengths[pairs->organs[face]]);
+}
+
+static void sbi_pair_gather(const sb_contact *contact, int face, sb_vec3 *x)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    for (int a = 0; a < contact->faces->sizes[face]; a++)
+        x[a] = contact->x[nodes[a]];
+}
+
+/* 1 when a point of `face` that lies deep behind another is in the other's organ all around: no face of that, wherever
+ * it looks, is much nearer. Nodes are at x + way (way NULL: at x). */
+static int sbi_pair_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real depth, const sb_vec3 *x,
+                              const sb_vec3 *way)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sb_real most = SBI_PAIR_SIDE * depth;
+    int count =
+        sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
+                                sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
+    for (int i = 0; i < count; i++) {
+        int side = contact->scratch[i];
+        const int *nodes = sbi_contact_face_nodes(faces, side);
+        sb_vec3 places[SB_MAX_FACE_NODES];
+        sbi_closest closest;
+        if (side == face || contact->pairs.organs[side] != contact->pairs.organs[other] ||
+            !sbi_pairs_are_apart(contact, face, side))
+            continue;
+        for (int a = 0; a < faces->sizes[side]; a++)
+            places[a] = way ? sb_v3_add(x[nodes[a]], way[nodes[a]]) : x[nodes[a]];
+        sbi_closest_on_face(&faces->kinds[faces->sizes[side]], places, at, &closest);
+        if (sb_v3_norm(sb_v3_sub(at, closest.point)) < most)
+            return 0;
+    }
+    return 1;
+}
+
+/* A face near the sample where the step begins. */
+static void sbi_pair_try_near(sbi_pair_search *search, int other)
+{
+    sb_contact *contact = search->contact;
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 x[SB_MAX_FACE_NODES], way, n = sbi_pairs_face_normal(contact, other);
+    sbi_closest closest;
+    sb_real height, beside, length = contact->faces->lengths[other], away, lean;
+    sbi_pair_gather(contact, other, x);
+    sbi_closest_on_face(&contact->faces->kinds[contact->faces->sizes[other]], x, search->at, &closest);
+    way = sb_v3_sub(search->at, closest.point);
+    height = sb_v3_dot(n, way);
+    away = sb_v3_norm(way);
+    beside = sb_v3_norm(sbi_contact_tangential(way, n));
+    lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
+    if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
+        beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
+        (-height > SBI_PAIR_DEEP * length &&
+         !sbi_pair_is_inside(contact, search->face, other, search->at, -height, contact->x, NULL)))
+        return;
+    search->best = other;
+    search->measure = away;
+    search->closest = closest;
+}
+
+/* A face that the sample will come to on its way. */
+static void sbi_pair_try_way(sbi_pair_search *search, int other)
+{
+    const sb_contact *contact = search->contact;
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
+    sbi_pair_gather(contact, other, x);
+    for (int a = 0; a < kind->nodes; a++)
+        v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 at[3], ways[3];
+        sb_real share, depth;
+        for (int k = 0; k < 3; k++) {
+            at[k] = x[sbi_closest_part_node(kind, part, k)];
+            ways[k] = v[sbi_closest_part_node(kind, part, k)];
+        }
+        share = sbi_closest_meeting(at, ways, search->at, search->way, &depth);
+        if (share < 0 || (search->best >= 0 && !(share < search->measure)))
+            continue;
+        search->best = other;
+        search->measure = share;
+        for (int a = 0; a < kind->nodes; a++)
+            v[a] = sb_v3_madd(x[a], share, v[a]);
+        sbi_closest_on_face(kind, v, sb_v3_madd(search->at, share, search->way), &search->closest);
+        return;
+    }
+}
+
+static void sbi_pair_look(sbi_pair_search *search)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    search->best = -1;
+    for (int i = 0; i < search->others; i++)
+        sbi_pair_try_near(search, pairs->found[i]);
+    for (int i = 0; search->best < 0 && search->step->dt > 0 && i < search->others; i++)
+        sbi_pair_try_way(search, pairs->found[i]);
+}
+
+static int sbi_pair_take_slot(sbi_pairs *pairs, int face)
+{
+    if (pairs->slot_of[face] >= 0)
+        return 1;
+    if (pairs->slot_count == pairs->slot_room)
+        return 0;
+    pairs->slot_of[face] = pairs->slot_count;
+    pairs->slots[pairs->slot_count++] = face;
+    return 1;
+}
+
+/* The sample of the patch that is being made, with its partner. 0: no room is left. */
+static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const sb_real *weights)
+{
+    sb_contact *contact = search->contact;
+    sbi_pairs *pairs = &contact->pairs;
+    const int *nodes = sbi_contact_face_nodes(contact->faces, search->best);
+    int count = contact->faces->sizes[search->best];
+    sbi_pair_sample *s = pairs->samples + pairs->sample_count;
+    if (pairs->sample_count == contact->max_contacts || !sbi_pair_take_slot(pairs, search->face) ||
+        !sbi_pair_take_slot(pairs, search->best))
+        return 0;
+    memset(s, 0, sizeof *s);
+    s->patch = pairs->patch_count;
+    s->face = search->face;
+    s->sample = number;
+    s->weights = weights;
+    s->other = search->best;
+    for (int a = 0; a < count; a++) {
+        s->shares[a] = search->closest.shares[a];
+        s->other_nodes[a] = sbi_contact_place_node(contact, nodes[a]);
+    }
+    s->normal = sbi_pairs_normal(contact, search->best, search->closest.shares);
+    s->start = sb_v3_sub(search->at, sbi_contact_mean(s->shares, nodes, count, contact->x));
+    s->least = sbi_pair_deepest(pairs, search->best);
+    pairs->sample_count++;
+    return 1;
+}
+
+/* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
+ */
+static int sbi_pair_parts(const sb_contact *contact, int face, int thin)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real own = pairs->organ_lengths[pairs->organs[face]];
+    sb_real length = sb_max((sb_real)0.5 * own, sb_min(own, pairs->shortest));
+    int least = contact->faces->kinds[contact->faces->sizes[face]].least;
+    return sbi_max_int(least, sbi_contact_face_parts(contact->faces, face, length) >> thin);
+}
+
+/* The samples of a face that have a partner. 0: no room is left. */
+static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, int face, int thin)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sbi_pair_patch *patch = pairs->patches + pairs->patch_count;
+    int parts = sbi_pair_parts(contact, face, thin), count = faces->sizes[face];
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+    sbi_pair_search search;
+    if (pairs->patch_count == contact->patch_room)
+        return 0;
+    memset(patch, 0, sizeof *patch);
+    patch->first = pairs->sample_count;
+    memset(&search, 0, sizeof search);
+    search.contact = contact;
+    search.step = step;
+    search.face = face;
+    search.others = sbi_pairs_find_others(contact, face, contact->x, step->velocity, step->dt, pairs->reach);
+    for (int i = 0; search.others > 0 && i < rule->count; i++) {
+        const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
+        search.at = sbi_contact_mean(weights, nodes, count, contact->x);
+        search.way = sb_v3_scale(step->dt, sbi_contact_mean(weights, nodes, count, step->velocity));
+        sbi_pair_look(&search);
+        if (search.best >= 0 && !sbi_pair_add_sample(&search, i, weights))
+            return 0;
+    }
+    patch->count = pairs->sample_count - patch->first;
+    if (patch->count == 0)
+        return 1;
+    patch->face = face;
+    patch->parts = parts;
+    for (int a = 0; a < count; a++)
+        patch->nodes[a] = sbi_contact_place_node(contact, nodes[a]);
+    for (int i = patch->first; i < pairs->sample_count; i++) {
+        sbi_pair_sample *s = pairs->samples + i;
+        sb_real area = sbi_contact_sample_area(faces, contact->body, face, parts, s->sample);
+        s->area = area / 2;
+        s->spacing = sb_sqrt(area);
+    }
+    pairs->patch_count++;
+    return 1;
+}
+
+SBI_API void sbi_pairs_forget(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    for (int i = 0; i < pairs->slot_count; i++)
+        pairs->slot_of[pairs->slots[i]] = -1;
+    pairs->slot_count = pairs->patch_count = pairs->sample_count = pairs->active_count = 0;
+}
+
+/* Takes back nodes from `count` on. */
+static void sbi_pair_return_nodes(sb_contact *contact, int count)
+{
+    while (contact->touch.node_count > count)
+        contact->node_place[contact->nodes[--contact->touch.node_count]] = -1;
+}
+
+SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    int nodes = contact->touch.node_count;
+    contact->touch.links = 0;
+    pairs->link_count = pairs->saved_count = 0;
+    if (!pairs->kinds)
+        return SB_OK;
+    pairs->reach = sb_max(pairs->longest, pairs->distance);
+    sbi_pairs_look(contact, contact->x);
+    sbi_pairs_find_near(contact, pairs->reach);
+    for (int thin = 0;; thin++) {
+        int face = sbi_pairs_next_near(contact, 0);
+        sbi_pairs_forget(contact);
+        sbi_pair_return_nodes(contact, nodes);
+        while (face >= 0 && sbi_pair_add_patch(contact, step, face, thin))
+            face = sbi_pairs_next_near(contact, face + 1);
+        contact->step_info.thinned |= thin > 0;
+        if (face < 0)
+            return SB_OK;
+        if (thin == SBI_PAIR_THINNEST)
+            return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of organs are near each other",
+                            contact->max_contacts);
+    }
+}
+
+/* ---- stiffness ---- */
+
+/* Mean of what the nodes of a region's faces in pairs have: one number for a region, so that organs pressed together
+ * evenly have the same pressure everywhere. */
+static void sbi_pair_measure_regions(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    memset(pairs->region_sum, 0, (size_t)contact->region_room * sizeof(sb_real));
+    memset(pairs->region_count, 0, (size_t)contact->region_room * sizeof(int));
+    for (int i = 0; i < pairs->slot_count; i++) {
+        const int *nodes = sbi_contact_face_nodes(contact->faces, pairs->slots[i]);
+        int region = contact->faces->regions[pairs->slots[i]];
+        for (int a = 0; a < contact->faces->sizes[pairs->slots[i]]; a++) {
+            int place = contact->node_place[nodes[a]];
+            if (place >= 0 && contact->stiffness_by_node[place] > 0) {
+                pairs->region_sum[region] += contact->stiffness_by_node[place];
+                pairs->region_count[region]++;
+            }
+        }
+    }
+    for (int r = 0; r < contact->region_room; r++)
+        if (pairs->region_count[r] > 0)
+            pairs->region_sum[r] /= (sb_real)pairs->region_count[r];
+}
+
+SBI_API void sbi_pairs_stiffen(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    if (pairs->sample_count == 0)
+        return;
+    sbi_pair_measure_regions(contact);
+    for (int i = 0; i < pairs->sample_count; i++) {
+        sbi_pair_sample *s = pairs->samples + i;
+        sb_real one = pairs->region_sum[contact->faces->regions[pairs->patches[s->patch].face]];
+        sb_real two = pairs->region_sum[contact->faces->regions[s->other]];
+        s->k = one > 0 && two > 0 ? SBI_PAIR_STIFFNESS * 2 * one * (two / (one + two)) : 0;
+    }
+}
+
+SBI_API double sbi_pairs_noise_square(const sb_contact *contact, double place)
+{
+    double sum = 0;
+    for (int i = 0; i < contact->pairs.sample_count; i++) {
+        const sbi_pair_sample *s = contact->pairs.samples + i;
+        double force = (double)(s->area * s->k) * (double)SB_EPSILON * place;
+        sum += 2 * force * force;
+    }
+    return sum;
+}
+
+/* ---- evaluation ---- */
+
+typedef struct sbi_pair_work {
+    sb_contact *contact;
+    const sb_vec3 *du;
+    int renew;
+} sbi_pair_work;
+
+static void sbi_pair_evaluate_sample(const sbi_pair_work *work, sbi_pair_sample *s)
+{
+    const sb_contact *contact = work->contact;
+    const sbi_pairs *pairs = &contact->pairs;
+    const int *nodes = pairs->patches[s->patch].nodes;
+    int count = contact->faces->sizes[s->face];
+    sb_vec3 one = sbi_contact_mean(s->weights, nodes, count, work->du), motion;
+    motion = sb_v3_sub(one, sbi_contact_mean(s->shares, s->other_nodes, contact->faces->sizes[s->other], work->du));
+    s->point = sb_v3_add(sbi_contact_mean(s->weights, nodes, count, contact->positions), one);
+    s->gap = sb_v3_dot(s->normal, sb_v3_add(s->start, motion)) - pairs->distance;
+    s->slip = sb_v3_norm(sbi_contact_tangential(motion, s->normal));
+    if (work->renew)
+        s->bound = pairs->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, motion, s->remembered, s->bound);
+}
+
+static void sbi_pair_evaluate_chunk(void *user, int chunk)
+{
+    const sbi_pair_work *work = (const sbi_pair_work *)user;
+    sbi_pairs *pairs = &work->contact->pairs;
+    int last = sbi_min_int((chunk + 1) * SBI_PAIR_CHUNK, pairs->sample_count);
+    for (int i = chunk * SBI_PAIR_CHUNK; i < last; i++)
+        sbi_pair_evaluate_sample(work, pairs->samples + i);
+}
+
+SB_INLINE sb_vec3 sbi_pair_force(const sbi_pair_sample *s)
+{
+    return sb_v3_scale(s->area, sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal));
+}
+
+/* Adds f to one side's nodes and takes it from the other's. */
+static void sbi_pair_scatter(const sb_contact *contact, const sbi_pair_sample *s, sb_vec3 f, sb_vec3 *out)
+{
+    const sbi_pair_patch *patch = contact->pairs.patches + s->patch;
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+        out[patch->nodes[a]] = sb_v3_madd(out[patch->nodes[a]], s->weights[a], f);
+    for (int a = 0; a < contact->faces->sizes[s->other]; a++)
+        out[s->other_nodes[a]] = sb_v3_madd(out[s->other_nodes[a]], -s->shares[a], f);
+}
+
+SBI_API void sbi_pairs_evaluate(sb_contact *contact, const sb_vec3 *du, int renew)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    int chunks = pairs->sample_count / SBI_PAIR_CHUNK + (pairs->sample_count % SBI_PAIR_CHUNK != 0);
+    sbi_pair_work work;
+    work.contact = contact;
+    work.du = du;
+    work.renew = renew;
+    sbi_run(sbi_body_jobs(contact->body), sbi_pair_evaluate_chunk, &work, chunks);
+    pairs->active_count = 0;
+    for (int i = 0; i < pairs->sample_count; i++)
+        if (pairs->samples[i].answer.state != SBI_CONTACT_OFF)
+            pairs->active[pairs->active_count++] = i;
+}
+
+SBI_API void sbi_pairs_add_forces(sb_contact *contact, sb_vec3 *force)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        sbi_pair_scatter(contact, s, sbi_pair_force(s), force);
+    }
+    contact->touch.touching += pairs->active_count;
+}
+
+/* ---- stiffness of the system ---- */
+
+static sb_vec3 sbi_pair_times(const sbi_pair_link *link, sb_vec3 v)
+{
+    sb_vec3 out = sb_v3_scale(link->tangent, v);
+    out = sb_v3_madd(out, (link->normal - link->tangent) * sb_v3_dot(link->n, v), link->n);
+    return sb_v3_madd(out, -link->tangent * sb_v3_dot(link->d, v), link->d);
+}
+
+static sbi_pair_link sbi_pair_make_link(const sbi_pairs *pairs, int sample)
+{
+    const sbi_pair_sample *s = pairs->samples + sample;
+    sbi_pair_link link;
+    link.sample = sample;
+    link.normal = s->area * s->answer.normal;
+    link.tangent = s->area * s->answer.tangent;
+    link.n = s->normal;
+    link.d = s->answer.direction;
+    return link;
+}
+
+SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        const sbi_pair_patch *patch = pairs->patches + s->patch;
+        sbi_pair_link link = sbi_pair_make_link(pairs, pairs->active[i]);
+        sb_vec3 way = {0, 0, 0};
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+            int place = patch->nodes[a];
+            unsigned axes = masked ? masked[contact->nodes[place]] : 0u;
+            way = sb_v3_madd(way, s->weights[a], sbi_contact_unmasked(axes, x[place]));
+        }
+        for (int a = 0; a < contact->faces->sizes[s->other]; a++) {
+            int place = s->other_nodes[a];
+            unsigned axes = masked ? masked[contact->nodes[place]] : 0u;
+            way = sb_v3_madd(way, -s->shares[a], sbi_contact_unmasked(axes, x[place]));
+        }
+        sbi_pair_scatter(contact, s, sbi_pair_times(&link, way), out);
+    }
+}
+
+/* A face's blocks += factor^2 K of a sample with these weights of its nodes. */
+static void sbi_pair_sum_blocks(sb_contact *contact, int face, const sb_real *weights, const sb_real *k)
+{
+    size_t width = (size_t)contact->faces->width;
+    sb_real(*blocks)[9] = contact->pairs.blocks + (size_t)contact->pairs.slot_of[face] * width * width;
+    int count = contact->faces->sizes[face];
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++)
+            for (int c = 0; c < 9; c++)
+                blocks[a * count + b][c] += weights[a] * weights[b] * k[c];
+}
+
+static void sbi_pair_make_blocks(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    size_t width = (size_t)contact->faces->width;
+    memset(pairs->blocks, 0, (size_t)pairs->slot_count * width * width * sizeof *pairs->blocks);
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        sb_real k[9];
+        sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+        sbi_pair_sum_blocks(contact, pairs->patches[s->patch].face, s->weights, k);
+        sbi_pair_sum_blocks(contact, s->other, s->shares, k);
+    }
+}
+
+static void sbi_pair_add_slot(sb_contact *contact, int slot, const unsigned char *masked, sb_matrix *matrix)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    size_t width = (size_t)contact->faces->width;
+    int face = pairs->slots[slot], count = contact->faces->sizes[face];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    const int *places = sbi_contact_face_blocks(contact->faces, contact->body, face);
+    const sb_real(*blocks)[9] = (const sb_real(*)[9])(pairs->blocks + (size_t)slot * width * width);
+    for (int i = 0; i < count * count; i++) {
+        sbi_contact_saved *saved = pairs->saved + pairs->saved_count++;
+        unsigned rows = masked ? masked[nodes[i / count]] : 0u, columns = masked ? masked[nodes[i % count]] : 0u;
+        saved->block = places[i];
+        memcpy(saved->values, matrix->blocks[places[i]], sizeof saved->values);
+        sbi_contact_add_block(matrix->blocks[places[i]], blocks[i], rows, columns);
+    }
+}
+
+SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    pairs->saved_count = pairs->link_count = 0;
+    contact->touch.links = pairs->active_count > 0;
+    if (pairs->active_count == 0)
+        return;
+    sbi_pair_make_blocks(contact);
+    for (int slot = 0; slot < pairs->slot_count; slot++)
+        sbi_pair_add_slot(contact, slot, masked, matrix);
+    for (int i = 0; i < pairs->active_count; i++)
+        pairs->links[pairs->link_count++] = sbi_pair_make_link(pairs, pairs->active[i]);
+}
+
+SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    while (pairs->saved_count > 0) { /* backwards, since faces share blocks */
+        const sbi_contact_saved *saved = pairs->saved + --pairs->saved_count;
+        memcpy(matrix->blocks[saved->block], saved->values, sizeof saved->values);
+    }
+}
+
+/* Mean of x [rows] with weights of nodes, without masked axes. */
+static sb_vec3 sbi_pair_mean(const int *nodes, const sb_real *weights, int count, const unsigned char *masked,
+                             const sb_vec3 *x)
+{
+    sb_vec3 sum = {0, 0, 0};
+    for (int a = 0; a < count; a++)
+        sum = sb_v3_madd(sum, weights[a], sbi_contact_unmasked(masked ? masked[nodes[a]] : 0u, x[nodes[a]]));
+    return sum;
+}
+
+static void sbi_pair_subtract(const int *nodes, const sb_real *weights, int count, const unsigned char *masked,
+                              sb_vec3 f, sb_vec3 *out)
+{
+    for (int a = 0; a < count; a++)
+        out[nodes[a]] = sb_v3_madd(out[nodes[a]], -weights[a], sbi_contact_unmasked(masked ? masked[nodes[a]] : 0u, f));
+}
+
+SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    const sbi_pairs *pairs = &contact->pairs;
+    double sum = 0;
+    for (int i = 0; i < pairs->link_count; i++) {
+        const sbi_pair_link *link = pairs->links + i;
+        const sbi_pair_sample *s = pairs->samples + link->sample;
+        int face = s->face, count = contact->faces->sizes[face], others = contact->faces->sizes[s->other];
+        const int *one = sbi_contact_face_nodes(contact->faces, face);
+        const int *two = sbi_contact_face_nodes(contact->faces, s->other);
+        sb_vec3 x1 = sbi_pair_mean(one, s->weights, count, masked, x);
+        sb_vec3 x2 = sbi_pair_mean(two, s->shares, others, masked, x);
+        sb_vec3 f1 = sbi_pair_times(link, x2);
+        sbi_pair_subtract(one, s->weights, count, masked, f1, out);
+        sbi_pair_subtract(two, s->shares, others, masked, sbi_pair_times(link, x1), out);
+        sum -= 2 * (double)sb_v3_dot(x1, f1);
+    }
+    return sum;
+}
+
+/* ---- whether anything has passed through ---- */
+
+/* 1 when the sample on its way comes from the front of a face to farther behind it than what is pushed back. */
+static int sbi_pair_strays(sb_contact *contact, int face, int other, sb_vec3 at, sb_vec3 way)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    sb_real most = SBI_PAIR_STRAY * sb_min(contact->pairs.thickness[other], contact->faces->lengths[other]);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 corners[3], ways[3];
+        sb_real depth;
+        for (int k = 0; k < 3; k++) {
+            int node = nodes[sbi_closest_part_node(kind, part, k)];
+            corners[k] = x[node];
+            ways[k] = contact->moved[node];
+        }
+        if (sbi_closest_meeting(corners, ways, at, way, &depth) >= 0 && depth > most &&
+            sbi_pair_is_inside(contact, face, other, sb_v3_add(at, way), depth, x, contact->moved))
+            return 1;
+    }
+    return 0;
+}
+
+static int sbi_pair_face_is_safe(sb_contact *contact, int face)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pair_parts(contact, face, 0));
+    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0);
+    for (int i = 0; others > 0 && i < rule->count; i++) {
+        const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
+        sb_vec3 at = sbi_contact_mean(weights, nodes, count, x);
+        sb_vec3 way = sbi_contact_mean(weights, nodes, count, contact->moved);
+        for (int k = 0; k < others; k++)
+            if (sbi_pair_strays(contact, face, contact->pairs.found[k], at, way))
+                return 0;
+    }
+    return 1;
+}
+
+/* 1 when no pair is deeper than where its side is sure, unless it was so before. */
+static int sbi_pair_samples_are_safe(const sb_contact *contact)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        sb_real depth = -(s->gap + pairs->distance), before = -sb_v3_dot(s->normal, s->start);
+        if (depth > SBI_PAIR_SAFE * s->least && depth > before)
+            return 0;
+    }
+    return 1;
+}
+
+SBI_API int sbi_pairs_are_safe(sb_contact *contact)
+{
+    if (!contact->pairs.kinds)
+        return 1;
+    if (!sbi_pair_samples_are_safe(contact))
+        return 0;
+    sbi_pairs_find_near(contact, 0);
+    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
+        if (!sbi_pair_face_is_safe(contact, face))
+            return 0;
+    return 1;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_pairs_keep.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_pairs_keep: what organs in touch remember from step to step, what is read of them and what is saved.
+ *
+ * Pressures are remembered as those of tools are (contact_memory.c): by corners of faces, each for the samples of its
+ * own faces, whatever they are paired with; both sides remember. Tractions are those of samples. */
+#include <string.h>
+
+
+/* Of the series of both sides' stiffness at a corner, see contact_memory.c. */
+#define SBI_PAIR_FORGETS ((sb_real)2)
+#define SBI_PAIR_REMEMBERS ((sb_real)3)
+
+/* ---- from the lists to samples ---- */
+
+static void sbi_pair_spread(sb_contact *contact)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    memset(contact->sums, 0, (size_t)contact->touch.node_count * sizeof *contact->sums);
+    for (int i = 0; i < pairs->pressure_count; i++) {
+        int place = contact->node_place[pairs->pressures[i].node];
+        if (place >= 0)
+            contact->sums[place].old = pairs->pressures[i].value;
+    }
+}
+
+SBI_API void sbi_pairs_remember_pressures(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    if (pairs->sample_count == 0)
+        return;
+    sbi_pair_spread(contact);
+    for (int i = 0; i < pairs->sample_count; i++) {
+        sbi_pair_sample *s = pairs->samples + i;
+        const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[s->face]];
+        s->memory = 0;
+        for (int a = 0; a < kind->corners; a++)
+            s->memory +=
+                sbi_contact_corner_share(kind, s->weights, a) * contact->sums[pairs->patches[s->patch].nodes[a]].old;
+    }
+}
+
+SBI_API void sbi_pairs_remember(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    int e = 0;
+    for (int i = 0; i < pairs->sample_count; i++) { /* both lists ascend by face and sample */
+        sbi_pair_sample *s = pairs->samples + i;
+        while (e < pairs->entry_count && (pairs->entries[e].face < s->face ||
+                                          (pairs->entries[e].face == s->face && pairs->entries[e].sample < s->sample)))
+            e++;
+        if (e < pairs->entry_count && pairs->entries[e].face == s->face && pairs->entries[e].sample == s->sample &&
+            pairs->entries[e].parts == pairs->patches[s->patch].parts)
+            s->remembered = pairs->entries[e].traction;
+    }
+    sbi_pairs_remember_pressures(contact);
+}
+
+/* ---- from samples to the lists ---- */
+
+/* Share of its pressure that a node must not remember: the matrix is too stiff there for it to be stable. */
+static sb_real sbi_pair_doubt(const sb_contact *contact, const sbi_pair_sample *s, int place)
+{
+    const sb_real most = SBI_PAIR_REMEMBERS, least = SBI_PAIR_FORGETS;
+    sb_real own = contact->stiffness_by_node[place];
+    sb_real other = contact->pairs.region_sum[contact->faces->regions[s->other]];
+    sb_real both = own > 0 && other > 0 ? own * (other / (own + other)) : 0;
+    if (s->k >= most * both)
+        return 0;
+    return s->k > least * both ? (most - s->k / both) / (most - least) : 1;
+}
+
+static void sbi_pair_add_sums(sb_contact *contact, const sbi_pair_sample *s)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[s->face]];
+    const int *nodes = contact->pairs.patches[s->patch].nodes;
+    sb_real fade = sb_max((sb_real)0, 1 - s->slip / s->spacing);
+    for (int a = 0; a < kind->corners && s->answer.pressure > 0; a++) {
+        sbi_contact_sum *sum = contact->sums + nodes[a];
+        sb_real force = sbi_contact_corner_share(kind, s->weights, a) * s->area * s->answer.pressure;
+        sum->force += force;
+        sum->rise += force * (s->answer.pressure - s->memory);
+        sum->kept += force * fade;
+        sum->doubt = sb_max(sum->doubt, sbi_pair_doubt(contact, s, nodes[a]));
+    }
+}
+
+SBI_API void sbi_pairs_keep_pressures(sb_contact *contact, int fades)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    sbi_pair_pressure *fresh = pairs->spare_pressures;
+    int count = 0;
+    if (!pairs->kinds)
+        return;
+    sbi_pair_spread(contact);
+    for (int i = 0; i < pairs->sample_count; i++)
+        sbi_pair_add_sums(contact, pairs->samples + i);
+    for (int k = 0; pairs->sample_count > 0 && k < contact->touch.node_count; k++) {
+        const sbi_contact_sum *sum = contact->sums + k;
+        if (!(sum->force > 0))
+            continue;
+        fresh[count].node = contact->nodes[k];
+        fresh[count].value = (sum->old + sum->rise / sum->force) * (1 - sum->doubt);
+        fresh[count].value *= fades ? sum->kept / sum->force : 1;
+        count += fresh[count].value > 0;
+    }
+    pairs->spare_pressures = pairs->pressures;
+    pairs->pressures = fresh;
+    pairs->pressure_count = count;
+}
+
+static sbi_pair_entry sbi_pair_make_entry(const sb_contact *contact, const sbi_pair_sample *s)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    const sbi_pair_patch *patch = pairs->patches + s->patch;
+    sbi_pair_entry entry;
+    memset(&entry, 0, sizeof entry);
+    entry.face = s->face;
+    entry.parts = patch->parts;
+    entry.sample = s->sample;
+    entry.other = s->other;
+    entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
+    entry.gap = s->gap;
+    entry.area = s->area;
+    memcpy(entry.shares, s->shares, sizeof entry.shares);
+    entry.traction = s->answer.traction;
+    entry.point = s->point;
+    entry.normal = s->normal;
+    entry.force = sb_v3_scale(s->area, sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal));
+    return entry;
+}
+
+SBI_API void sbi_pairs_keep_entries(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    sbi_pair_entry *fresh = pairs->spare;
+    int count = 0;
+    if (!pairs->kinds)
+        return;
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        if (!(s->answer.pressure > 0))
+            continue;
+        fresh[count] = sbi_pair_make_entry(contact, s);
+        contact->step_info.sticking += fresh[count++].sticks;
+        contact->step_info.deepest = sb_max(contact->step_info.deepest, -s->gap);
+    }
+    contact->step_info.touching += count;
+    pairs->spare = pairs->entries;
+    pairs->entries = fresh;
+    pairs->entry_count = count;
+}
+
+SBI_API void sbi_pairs_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    for (int i = 0; i < pairs->active_count; i++) {
+        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
+        const int *nodes = sbi_contact_face_nodes(contact->faces, s->face);
+        sb_vec3 home = sbi_contact_mean(s->weights, nodes, contact->faces->sizes[s->face], rest);
+        if (!(s->answer.pressure > 0))
+            continue;
+        *overlap = sb_max(*overlap, -s->gap);
+        *pushed = sb_max(*pushed, sb_abs(sb_v3_dot(sb_v3_sub(s->point, home), s->normal)));
+    }
+}
+
+SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_vec3 *out)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    for (int e = 0; e < pairs->entry_count; e++) {
+        const sbi_pair_entry *entry = pairs->entries + e;
+        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
+        const int *others = sbi_contact_face_nodes(contact->faces, entry->other);
+        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
+        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
+            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
+        for (int a = 0; a < contact->faces->sizes[entry->other]; a++)
+            out[others[a]] = sb_v3_madd(out[others[a]], -factor * entry->shares[a], entry->force);
+    }
+}
+
+/* ---- undo of static solves, changes of the mesh ---- */
+
+SBI_API void sbi_pairs_keep_before(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    if (!pairs->kinds)
+        return;
+    pairs->before_count = pairs->entry_count;
+    memcpy(pairs->before, pairs->entries, (size_t)pairs->entry_count * sizeof *pairs->entries);
+    pairs->before_pressure_count = pairs->pressure_count;
+    memcpy(pairs->before_pressures, pairs->pressures, (size_t)pairs->pressure_count * sizeof *pairs->pressures);
+}
+
+SBI_API void sbi_pairs_take_before(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    if (!pairs->kinds)
+        return;
+    pairs->entry_count = pairs->before_count;
+    memcpy(pairs->entries, pairs->before, (size_t)pairs->before_count * sizeof *pairs->entries);
+    pairs->pressure_count = pairs->before_pressure_count;
+    memcpy(pairs->pressures, pairs->before_pressures, (size_t)pairs->pressure_count * sizeof *pairs->pressures);
+}
+
+SBI_API void sbi_pairs_follow_faces(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_contact_faces *faces = contact->faces;
+    int count = 0;
+    pairs->link_count = contact->touch.links = 0;
+    for (int e = 0; e < pairs->entry_count; e++) {
+        sbi_pair_entry entry = pairs->entries[e];
+        entry.face = faces->live.moved[entry.face];
+        entry.other = faces->live.moved[entry.other];
+        if (entry.face >= 0 && entry.other >= 0)
+            pairs->entries[count++] = entry;
+    }
+    pairs->entry_count = count;
+    count = 0;
+    for (int set = 1; set >= 0; set--) { /* corners remember as long as a face with an entry has them */
+        for (int e = 0; e < pairs->entry_count; e++)
+            for (int a = 0; a < faces->sizes[pairs->entries[e].face]; a++)
+                contact->node_place[sbi_contact_face_nodes(faces, pairs->entries[e].face)[a]] = set ? 0 : -1;
+        for (int i = 0; set && i < pairs->pressure_count; i++)
+            if (contact->node_place[pairs->pressures[i].node] >= 0)
+                pairs->pressures[count++] = pairs->pressures[i];
+    }
+    pairs->pressure_count = count;
+    sbi_pairs_measure(contact);
+}
+
+/* ---- readings ---- */
+
+SBI_API void sbi_pairs_read_point(const sb_contact *contact, int number, sb_contact_point *point)
+{
+    const sbi_pair_entry *entry = contact->pairs.entries + number;
+    memset(point, 0, sizeof *point);
+    point->tool = -1;
+    point->element = contact->faces->elements[entry->face];
+    point->face = contact->faces->sides[entry->face];
+    point->other_element = contact->faces->elements[entry->other];
+    point->other_face = contact->faces->sides[entry->other];
+    point->sticks = entry->sticks;
+    point->gap = entry->gap;
+    point->area = entry->area;
+    point->point = entry->point;
+    point->normal = entry->normal;
+    point->force = entry->force;
+}
+
+SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    for (int e = 0; e < contact->pairs.entry_count; e++) {
+        const sbi_pair_entry *entry = contact->pairs.entries + e;
+        const int *nodes = sbi_contact_face_nodes(faces, entry->face);
+        const int *others = sbi_contact_face_nodes(faces, entry->other);
+        const sb_real *weights = sbi_contact_sample_weights(faces, entry->face, entry->parts, entry->sample);
+        sb_real push = sb_v3_dot(entry->force, entry->normal);
+        for (int a = 0; a < faces->sizes[entry->face]; a++)
+            pushes[nodes[a]] += weights[a] * push;
+        for (int a = 0; a < faces->sizes[entry->other]; a++)
+            pushes[others[a]] += entry->shares[a] * push;
+    }
+}
+
+/* ---- state: a part of its own, so that contact of tools alone is saved as it was ---- */
+
+enum { SBI_PAIR_VERSION = 1, SBI_PAIR_REALS = 14 };
+
+static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sb_real reals[SBI_PAIR_REALS] = {entry->gap, entry->area};
+    sbi_contact_put_int(out, faces->elements[entry->face]);
+    sbi_contact_put_int(out, faces->sides[entry->face]);
+    sbi_contact_put_int(out, faces->elements[entry->other]);
+    sbi_contact_put_int(out, faces->sides[entry->other]);
+    sbi_contact_put_int(out, entry->parts);
+    sbi_contact_put_int(out, entry->sample);
+    sbi_contact_put_int(out, entry->sticks);
+    sbi_contact_pack_vector(entry->traction, reals + 2);
+    sbi_contact_pack_vector(entry->point, reals + 5);
+    sbi_contact_pack_vector(entry->normal, reals + 8);
+    sbi_contact_pack_vector(entry->force, reals + 11);
+    sbi_contact_put_reals(out, reals, SBI_PAIR_REALS);
+    sbi_contact_put_reals(out, entry->shares, SB_MAX_FACE_NODES);
+}
+
+static void sbi_pair_save(const void *user, sbi_state_out *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    const sbi_pairs *pairs = &contact->pairs;
+    sbi_contact_put_int(out, pairs->kinds);
+    sbi_contact_put_reals(out, &pairs->friction, 1);
+    sbi_contact_put_reals(out, &pairs->distance, 1);
+    sbi_contact_put_int(out, pairs->entry_count);
+    for (int e = 0; e < pairs->entry_count; e++)
+        sbi_pair_put_entry(contact, pairs->entries + e, out);
+    sbi_contact_put_int(out, pairs->pressure_count);
+    for (int i = 0; i < pairs->pressure_count; i++) {
+        sbi_contact_put_int(out, pairs->pressures[i].node);
+        sbi_contact_put_reals(out, &pairs->pressures[i].value, 1);
+    }
+}
+
+/* entry->face: -1 where the mesh has no such faces or sample. */
+static void sbi_pair_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_pair_entry *entry)
+{
+    sb_real reals[SBI_PAIR_REALS];
+    int at[4];
+    memset(entry, 0, sizeof *entry);
+    for (int i = 0; i < 4; i++) {
+        at[i] = sbi_contact_get_int(in);
+        in->bad |= at[i] < 0;
+    }
+    entry->parts = sbi_contact_get_int(in);
+    entry->sample = sbi_contact_get_int(in);
+    entry->sticks = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, reals, SBI_PAIR_REALS);
+    sbi_contact_get_reals(in, entry->shares, SB_MAX_FACE_NODES);
+    entry->gap = reals[0], entry->area = reals[1];
+    entry->traction = sb_v3(reals[2], reals[3], reals[4]);
+    entry->point = sb_v3(reals[5], reals[6], reals[7]);
+    entry->normal = sb_v3(reals[8], reals[9], reals[10]);
+    entry->force = sb_v3(reals[11], reals[12], reals[13]);
+    in->bad |= entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS || entry->sample < 0 || !(entry->area > 0) ||
+               (entry->sticks & ~1);
+    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, at[0], at[1]) : -1;
+    entry->other = entry->face >= 0 ? sbi_contact_find_face(contact->faces, at[2], at[3]) : -1;
+    if (entry->other < 0 || !sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->weights ||
+        entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
+        entry->face = -1;
+}
+
+static sbi_pair_pressure sbi_pair_get_pressure(sbi_contact_in *in)
+{
+    sbi_pair_pressure pressure;
+    pressure.node = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, &pressure.value, 1);
+    in->bad |= pressure.node < 0 || !(pressure.value > 0);
+    return pressure;
+}
+
+static int sbi_pair_get_pressure_count(sbi_contact_in *in, int contacts)
+{
+    int count = sbi_contact_get_int(in);
+    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
+    return in->bad ? 0 : count;
+}
+
+static sb_result sbi_pair_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                sb_error *error)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    sb_real law[2];
+    int kinds = sbi_contact_get_int(&in), count, pressures;
+    (void)body;
+    sbi_contact_get_reals(&in, law, 2);
+    if (!in.bad &&
+        (kinds != contact->pairs.kinds || law[0] != contact->pairs.friction || law[1] != contact->pairs.distance))
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the state is of a contact with other pairs, pair_friction or pair_distance");
+    count = sbi_contact_get_int(&in);
+    if (!in.bad && count > contact->max_contacts)
+        return sbi_fail(error, SB_ERROR_STATE, "the state has %d pairs, max_contacts is %d", count,
+                        contact->max_contacts);
+    for (int e = 0; e < count && !in.bad; e++) {
+        sbi_pair_entry entry;
+        sbi_pair_get_entry(contact, &in, 0, &entry);
+    }
+    pressures = sbi_pair_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures && !in.bad; i++)
+        (void)sbi_pair_get_pressure(&in);
+    if (in.bad || count < 0 || in.left != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved pairs of a contact are damaged");
+    return SB_OK;
+}
+
+static int sbi_pair_is_before(const sbi_pair_entry *a, const sbi_pair_entry *b)
+{
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+static void sbi_pair_insert(sbi_pairs *pairs, const sbi_pair_entry *entry)
+{
+    int at = pairs->entry_count++;
+    for (; at > 0 && sbi_pair_is_before(entry, pairs->entries + at - 1); at--)
+        pairs->entries[at] = pairs->entries[at - 1];
+    pairs->entries[at] = *entry;
+}
+
+static void sbi_pair_load(void *user, const unsigned char *bytes, size_t size)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_pairs *pairs = &contact->pairs;
+    sbi_contact_in in = {bytes, size, 0};
+    sb_real law[2];
+    int count, pressures;
+    (void)sbi_contact_get_int(&in);
+    sbi_contact_get_reals(&in, law, 2);
+    count = sbi_contact_get_int(&in);
+    pairs->entry_count = pairs->pressure_count = 0;
+    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+        return;
+    for (int e = 0; e < count; e++) {
+        sbi_pair_entry entry;
+        sbi_pair_get_entry(contact, &in, 1, &entry);
+        if (entry.face >= 0)
+            sbi_pair_insert(pairs, &entry);
+    }
+    pressures = sbi_pair_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures; i++) {
+        sbi_pair_pressure pressure = sbi_pair_get_pressure(&in);
+        if (pressure.node < contact->faces->node_room)
+            pairs->pressures[pairs->pressure_count++] = pressure;
+    }
+}
+
+/* It has no commands. */
+static sb_result sbi_pair_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
+                                 sb_error *error)
+{
+    (void)user, (void)ints, (void)int_count, (void)reals, (void)real_count;
+    return sbi_fail(error, SB_ERROR_FORMAT, "pairs of organs have no recorded commands");
+}
+
+SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error)
+{
+    sbi_state_part part;
+    if (!contact->pairs.kinds)
+        return SB_OK;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, SBI_PAIRS_PART, sizeof SBI_PAIRS_PART);
+    part.version = SBI_PAIR_VERSION;
+    part.user = contact;
+    part.save = sbi_pair_save;
+    part.check = sbi_pair_check;
+    part.load = sbi_pair_load;
+    part.replay = sbi_pair_replay;
+    return sbi_body_join(contact->body, &part, error);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_live.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_live: contact on a body whose mesh changes: arrays by face and node, and what is remembered of faces. */
 #include <string.h>
 
 
+/* The same of pairs: what is known of faces at rest is made anew when they change. */
+static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
+{
+    size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room;
+    sbi_pairs *p = &c->pairs;
+    p->cones = (sbi_pair_cone *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof *p->cones);
+    p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
+    p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    p->slot_of = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    p->around = (int *)sbi_arena_take(arena, faces, (size_t)c->faces->width * sizeof(int));
+    p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
+    p->organ_counts = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    p->organ_lengths = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    p->thickness = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    c->touch.product = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+}
+
 /* Arrays by face and by node: all hold what a step needs only while it lasts. */
 static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
-    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,  &c->touch.linear, &c->touch.left, &c->touch.way,
-                           &c->touch.kept,  &c->positions, &c->places,       &c->moved};
+    sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
+                           &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
+                           &c->moved,       &c->hung_in,    &c->hung_out};
     c->near = (int *)sbi_arena_take(arena, tools * faces, sizeof(int));
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
@@ -69078,6 +71316,8 @@ static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
     c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    if (c->pairs.kinds)
+        sbi_contact_lay_out_pairs(c, arena);
 }
 
 static size_t sbi_contact_room_bytes(sb_contact *contact)
@@ -69099,6 +71339,8 @@ static void sbi_contact_set_room(sb_contact *contact, void *memory)
         contact->node_place[i] = -1;
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].face_count = 0;
+    for (int f = 0; contact->pairs.kinds && f < contact->faces->face_room; f++)
+        contact->pairs.slot_of[f] = -1;
     contact->room_faces = contact->faces->face_room;
     contact->room_nodes = contact->faces->node_room;
 }
@@ -69178,6 +71420,7 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
     if (changed) {
         contact->entry_count = count;
         sbi_contact_drop_pressures(contact);
+        sbi_pairs_follow_faces(contact);
     }
     return SB_OK;
 }
@@ -69271,11 +71514,17 @@ static int *sbi_sweep_near(const sb_contact *contact, int tool)
     return contact->near + (size_t)tool * (size_t)contact->faces->face_room;
 }
 
-static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain)
+/* around: how much farther (m) it may go. */
+static void sbi_sweep_find_faces(sb_contact *contact, int number, const sb_pose *to, const sb_vec3 *chain,
+                                 sb_real around)
 {
     sbi_contact_tool *tool = contact->tools + number;
     sb_vec3 low, high;
     sbi_sweep_box(tool->shape, tool->chain_reached, &tool->reached, chain, to, &low, &high);
+    if (around < SB_REAL_MAX / 4) { /* that of a plane has no bounds */
+        low = sb_v3_sub(low, sb_v3(around, around, around));
+        high = sb_v3_add(high, sb_v3(around, around, around));
+    }
     tool->face_count =
         sbi_contact_faces_query(contact->faces, low, high, sbi_sweep_near(contact, number), contact->faces->face_room);
 }
@@ -69314,6 +71563,15 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
     return least;
 }
 
+/* What is left of tools' ways when a step was refused. */
+static sb_real sbi_sweep_less(const sbi_touch_step *step)
+{
+    sb_real less = 1;
+    for (int i = 0; i < step->tries; i++)
+        less *= (sb_real)0.5;
+    return step->tries >= SBI_SWEEP_STAYS ? 0 : less;
+}
+
 /* How far a tool may go into the body in a step (m): less the deeper it lies, unless it is on its way out. */
 static sb_real sbi_sweep_reach(sb_contact *contact, int number, sb_real way)
 {
@@ -69327,30 +71585,19 @@ static sb_real sbi_sweep_reach(sb_contact *contact, int number, sb_real way)
     share = sb_min((sb_real)1, reach / way);
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
-    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, 0);
     if (!(sbi_sweep_gap(contact, tool->shape, tool->chain_next, &tool->next, sbi_sweep_near(contact, number),
                         tool->face_count, NULL) < -depth))
         return reach;
     return reach * sb_max((sb_real)0, 1 - depth / (SBI_SWEEP_FULL * inner));
 }
 
-/* Share of the way to where it is sent that a tool may go: free up to the body, and some into it. */
-static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step)
+/* Share of the way (m) to where it is sent on which a tool is clear of the body. */
+static sb_real sbi_sweep_free(sb_contact *contact, int number, sb_real way)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real share = 0, reach;
-    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
-    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), part = 1 / (sb_real)step->parts_left, less = 1;
-    for (int i = 0; i < step->tries; i++)
-        less *= (sb_real)0.5;
-    if (step->tries >= SBI_SWEEP_STAYS)
-        return 0;
-    if (step->dt == 0)
-        return less;
-    reach = sbi_sweep_reach(contact, number, way);
-    if (way <= reach)
-        return less * part;
-    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted);
+    sb_real clear = SBI_SWEEP_CLEAR * sbi_tool_radius(tool->shape), share = 0;
+    sbi_sweep_find_faces(contact, number, &tool->wanted, tool->chain_wanted, 0);
     for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
         sb_pose at = sbi_pose_between(&tool->reached, &tool->wanted, share);
         sb_real gap;
@@ -69361,7 +71608,24 @@ static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_
             break;
         share = gap < way ? share + gap / way : 1; /* without faces the gap has no bound */
     }
-    return less * sb_min(part, share + reach / way);
+    return sb_min((sb_real)1, share);
+}
+
+/* Share of the way to where it is sent that a tool may go: free up to the body, which is the share *clear unless the
+ * way is short, and some into it. */
+static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step, sb_real *clear)
+{
+    sbi_contact_tool *tool = contact->tools + number;
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left, reach;
+    sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
+    *clear = 0;
+    if (less == 0 || step->dt == 0)
+        return less;
+    reach = sbi_sweep_reach(contact, number, way);
+    if (way <= reach)
+        return less * part;
+    *clear = sbi_sweep_free(contact, number, way);
+    return less * sb_min(part, *clear + reach / way);
 }
 
 /* A tool that the body pressed on goes along with it. */
@@ -69374,19 +71638,50 @@ static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
     return pose;
 }
 
+/* A tool on a spring begins where its way is no longer clear, and may go from there as far as a rigid one goes. */
+static void sbi_sweep_hung(sbi_contact_tool *tool, const sbi_touch_step *step, sb_real clear)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left;
+    sb_real most =
+        less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape); /* not `reach`: it may be pushed out */
+    spring->hand_next = sbi_pose_between(&spring->hand, &tool->wanted, step->factor * part);
+    spring->hand_balance = sbi_pose_between(&spring->hand, &spring->hand_next, step->level);
+    spring->level = step->level;
+    spring->limit = most;
+    spring->centre =
+        clear > 0 ? sbi_pose_between(&tool->reached, &tool->wanted, less * sb_min(part, clear)) : tool->from;
+    if (step->tries > SBI_SWEEP_STAYS)
+        spring->centre = tool->next;
+    if (!(spring->turning > 0)) { /* it turns by itself, and what is left is for its way */
+        sb_pose turned = spring->centre;
+        sb_real turn, share;
+        turned.rotation = spring->hand_balance.rotation;
+        turn = sbi_tool_motion(tool->shape, tool->chain_reached, &spring->centre, tool->chain_reached, &turned);
+        share = turn > most / 2 ? most / 2 / turn : 1;
+        spring->centre = sbi_pose_between(&spring->centre, &turned, share);
+        spring->limit = most - share * turn;
+    }
+    tool->next = tool->balance = spring->centre;
+}
+
 static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step *step)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real share = sbi_sweep_share(contact, number, step) * step->factor;
+    sb_real clear, share = sbi_sweep_share(contact, number, step, &clear) * step->factor, around = 0;
     tool->from = step->stage > 0 ? tool->stage : tool->reached;
     tool->next = sbi_pose_between(&tool->reached, &tool->wanted, share);
     if (step->tries > SBI_SWEEP_STAYS)
         tool->next = sbi_sweep_give_way(tool, step->tries - SBI_SWEEP_STAYS);
-    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     tool->balance = sbi_pose_between(&tool->reached, &tool->next, step->level);
+    if (sbi_contact_is_hung(tool)) {
+        sbi_sweep_hung(tool, step, clear);
+        around = tool->spring.limit;
+    }
+    sbi_sweep_bend(tool, share, tool->chain_wanted, tool->chain_next);
     sbi_sweep_bend(tool, step->level, tool->chain_next, tool->chain_balance);
-    tool->way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
-    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next);
+    tool->way = around + sbi_tool_motion(tool->shape, tool->chain_reached, &tool->from, tool->chain_next, &tool->next);
+    sbi_sweep_find_faces(contact, number, &tool->next, tool->chain_next, around);
 }
 
 /* Places at the start of the step. */
@@ -69407,7 +71702,8 @@ static int sbi_sweep_overreaches(const sb_contact *contact)
 {
     for (int i = 0; contact->is_static && i < contact->max_tools; i++) {
         const sbi_contact_tool *tool = contact->tools + i;
-        if (tool->shape && tool->face_count > 0 && tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
+        if (tool->shape && !sbi_contact_is_hung(tool) && tool->face_count > 0 &&
+            tool->way > SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape))
             return i;
     }
     return -1;
@@ -69494,7 +71790,7 @@ SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
         const sbi_contact_tool *tool = contact->tools + i;
         if (!tool->shape)
             continue;
-        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next);
+        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next, 0);
         if (!sbi_sweep_tool_is_safe(contact, i, u))
             return 0;
     }
@@ -69536,8 +71832,7 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
 #define SBI_CONTACT_FORGETS ((sb_real)2)
 #define SBI_CONTACT_REMEMBERS ((sb_real)3)
 
-/* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
-static sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner)
+SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner)
 {
     int n = kind->corners;
     sb_real share = weights[corner];
@@ -69643,6 +71938,360 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_hung.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_hung: tools that hang on their pose by a spring.
+ *
+ * Such a tool has no mass: it is where the surface and the spring balance. For each displacement x that a step asks
+ * forces at its pose q(x) is found by Newton's method, in 3 or 6 unknowns, so that the forces are those of a tool that
+ * has given way already. What they change by with x is
+ *     K = Kxx - Kxq (Kqq + S)^-1 Kqx,    Kxx = sum w w^T k,  Kxq = -sum w k J,  Kqq = sum J^T k J,
+ * k the stiffness of a sample, J = [1, -r x] how the tool moves there, S that of the spring. Kxx has its blocks in the
+ * matrix; the rest couples all nodes that the tool touches and is multiplied within conjugate gradients. Soft and stiff
+ * springs are then the same to the step: nothing is delayed, and there is nothing to swing.
+ *
+ * In a step the tool may go as far from its centre as a rigid one goes in touch (contact_sweep.c): what would take it
+ * farther, as when it slips off an edge, holds it there until the next step. */
+#include <string.h>
+
+
+enum { SBI_HUNG_MOST = 24, SBI_HUNG_CUTS = 6, SBI_HUNG_ROUNDS = 3, SBI_HUNG_AT_LIMIT = 3 };
+
+#define SBI_HUNG_CLOSE ((sb_real)1e-9) /* imbalance that is none, of the forces in balance */
+#define SBI_HUNG_TURNS ((sb_real)0.3)  /* of the slope at the start, at the end of a way that needs no search */
+
+/* What moves a tool out of balance where it is, and how large the forces are that balance. */
+typedef struct sbi_hung_balance {
+    sb_real b[6];               /* N, N m about its position: of the spring, less those on the surface */
+    sb_real sizes[2], noise[2]; /* N, N m; of rounding */
+} sbi_hung_balance;
+
+SB_INLINE void sbi_hung_put(sb_real *out, sb_vec3 v) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+SB_INLINE sb_vec3 sbi_hung_get(const sb_real *in) { return sb_v3(in[0], in[1], in[2]); }
+
+static sb_vec3 sbi_hung_times(const sb_real k[9], sb_vec3 v)
+{
+    return sb_v3(k[0] * v.x + k[1] * v.y + k[2] * v.z, k[3] * v.x + k[4] * v.y + k[5] * v.z,
+                 k[6] * v.x + k[7] * v.y + k[8] * v.z);
+}
+
+/* ---- the balance ---- */
+
+/* Stiffness of the spring along its pull: less where it pulls with all that it may. */
+static sb_real sbi_hung_stiffness(const sbi_contact_tool *tool)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_real length = sb_v3_norm(sb_v3_sub(spring->hand_balance.position, tool->balance.position));
+    return spring->stiffness * length > spring->most ? spring->most / length : spring->stiffness;
+}
+
+static void sbi_hung_pull(sbi_contact_tool *tool)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sb_vec3 way = sb_v3_sub(spring->hand_balance.position, tool->balance.position);
+    sb_vec3 turn = sbi_pose_turn_to_space(&tool->balance, sbi_pose_rotation(&tool->balance, &spring->hand_balance));
+    spring->pull = sb_v3_scale(sbi_hung_stiffness(tool), way);
+    spring->twist = sb_v3_scale(spring->turning, turn);
+}
+
+/* At the last evaluation. */
+static void sbi_hung_measure(const sb_contact *contact, sbi_contact_tool *tool, sbi_hung_balance *balance)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_vec3 force, torque;
+    sb_real reach = 0;
+    sbi_hung_pull(tool);
+    force = spring->pull, torque = spring->twist;
+    balance->sizes[0] = sb_v3_norm(force), balance->sizes[1] = sb_v3_norm(torque);
+    for (int p = spring->first; p < spring->last; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 f = sb_v3_scale(s->area, sbi_contact_stress(s)), arm = sb_v3_sub(s->point, tool->balance.position);
+            if (s->answer.state == SBI_CONTACT_OFF)
+                continue;
+            force = sb_v3_sub(force, f);
+            torque = sb_v3_sub(torque, sb_v3_cross(arm, f));
+            balance->sizes[0] += sb_v3_norm(f);
+            balance->sizes[1] += sb_v3_norm(arm) * sb_v3_norm(f);
+            reach = sb_max(reach, sb_v3_norm(arm));
+        }
+    }
+    balance->noise[0] = (sb_real)contact->touch.noise;
+    balance->noise[1] = reach * balance->noise[0];
+    sbi_hung_put(balance->b, force);
+    sbi_hung_put(balance->b + 3, torque);
+}
+
+static int sbi_hung_is_balanced(const sbi_contact_tool *tool, const sbi_hung_balance *balance)
+{
+    const sb_real close = sb_max(SBI_HUNG_CLOSE, 16 * SB_EPSILON);
+    for (int i = 0; i < (tool->spring.turning > 0 ? 6 : 3); i++)
+        if (!(sb_abs(balance->b[i]) <= close * balance->sizes[i / 3] + balance->noise[i / 3]))
+            return 0;
+    return 1;
+}
+
+/* ---- Newton's method for the pose ---- */
+
+/* Kqq + S at the last evaluation, factored. */
+static void sbi_hung_factor(const sb_contact *contact, sbi_contact_tool *tool)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    int n = spring->turning > 0 ? 6 : 3;
+    const sb_vec3 units[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    sb_real h[6][6];
+    memset(h, 0, sizeof h);
+    for (int p = spring->first; p < spring->last; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+            const sbi_contact_sample *s = contact->samples + i;
+            sb_vec3 arm = sb_v3_sub(s->point, tool->balance.position);
+            sb_real k[9];
+            if (s->answer.state == SBI_CONTACT_OFF)
+                continue;
+            sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+            for (int j = 0; j < n; j++) {
+                sb_vec3 f = sbi_hung_times(k, j < 3 ? units[j] : sb_v3_cross(units[j - 3], arm));
+                sb_vec3 t = sb_v3_cross(arm, f);
+                h[0][j] += f.x, h[1][j] += f.y, h[2][j] += f.z;
+                h[3][j] += t.x, h[4][j] += t.y, h[5][j] += t.z;
+            }
+        }
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            spring->factor[n * i + j] = h[i][j] + (i != j ? 0 : i < 3 ? sbi_hung_stiffness(tool) : spring->turning);
+    spring->size = sb_cholesky_factor(spring->factor, n) == 0 ? n : 0;
+}
+
+/* The tool goes a share of a way from a pose, or as far as it may. */
+static void sbi_hung_go(sbi_contact_tool *tool, const sb_pose *from, const sb_real way[6], sb_real share)
+{
+    sb_pose to = *from;
+    sb_real motion;
+    to.position = sb_v3_madd(from->position, share, sbi_hung_get(way));
+    if (tool->spring.turning > 0)
+        to.rotation = sb_quat_normalise(
+            sb_quat_mul(sb_quat_from_rotation_vector(sb_v3_scale(share, sbi_hung_get(way + 3))), from->rotation));
+    motion = sbi_tool_motion(tool->shape, tool->chain_balance, &tool->spring.centre, tool->chain_balance, &to);
+    tool->spring.held = !(motion <= tool->spring.limit);
+    tool->balance = tool->spring.held ? sbi_pose_between(&tool->spring.centre, &to, tool->spring.limit / motion) : to;
+}
+
+static sb_real sbi_hung_slope(const sbi_contact_tool *tool, const sbi_hung_balance *balance, const sb_real way[6])
+{
+    sb_real sum = 0;
+    for (int i = 0; i < tool->spring.size; i++)
+        sum += way[i] * balance->b[i];
+    return sum;
+}
+
+/* Goes along a way whose end would lie behind where the forces balance on it: to there, by false position. */
+static void sbi_hung_search(sb_contact *contact, sbi_contact_tool *tool, const sbi_contact_work *work,
+                            const sb_pose *from, const sb_real way[6], sb_real begin, sbi_hung_balance *balance)
+{
+    sb_real low = 0, high = 1, at_low = begin, at_high = sbi_hung_slope(tool, balance, way);
+    for (int i = 0; i < SBI_HUNG_CUTS; i++) {
+        sb_real share = (low * at_high - high * at_low) / (at_high - at_low), slope;
+        sbi_hung_go(tool, from, way, share);
+        sbi_contact_evaluate_tool(work, tool);
+        sbi_hung_measure(contact, tool, balance);
+        slope = sbi_hung_slope(tool, balance, way);
+        if (sb_abs(slope) <= SBI_HUNG_TURNS * begin)
+            return;
+        if (slope < 0)
+            high = share, at_high = slope, at_low *= (sb_real)0.5;
+        else
+            low = share, at_low = slope, at_high *= (sb_real)0.5;
+    }
+}
+
+/* Finds where the tool balances with bounds of friction as they are. Returns 1 when it was there already. */
+static int sbi_hung_settle(sb_contact *contact, sbi_contact_tool *tool, const sbi_contact_work *work)
+{
+    sbi_contact_spring *spring = &tool->spring;
+    sbi_hung_balance balance;
+    int at_limit = 0;
+    sbi_hung_measure(contact, tool, &balance);
+    for (int i = 0; i < SBI_HUNG_MOST; i++) {
+        const sb_pose from = tool->balance;
+        sb_real way[6], begin;
+        if (sbi_hung_is_balanced(tool, &balance))
+            return i == 0;
+        sbi_hung_factor(contact, tool);
+        if (spring->size == 0 || at_limit == SBI_HUNG_AT_LIMIT)
+            return 0;
+        memcpy(way, balance.b, sizeof way);
+        sb_cholesky_solve(spring->factor, spring->size, way);
+        begin = sbi_hung_slope(tool, &balance, way);
+        sbi_hung_go(tool, &from, way, 1);
+        sbi_contact_evaluate_tool(work, tool);
+        sbi_hung_measure(contact, tool, &balance);
+        if (sbi_hung_slope(tool, &balance, way) < -SBI_HUNG_TURNS * begin)
+            sbi_hung_search(contact, tool, work, &from, way, begin, &balance);
+        at_limit += spring->held;
+    }
+    return 0;
+}
+
+/* The pose at the end of the step, where forces balance before it. */
+static sb_pose sbi_hung_further(const sb_pose *from, const sb_pose *balance, sb_real level)
+{
+    sb_pose end = *balance;
+    if (level == 1)
+        return end;
+    end.position = sb_v3_madd(from->position, 1 / level, sb_v3_sub(balance->position, from->position));
+    end.rotation = sb_quat_normalise(sb_quat_mul(
+        from->rotation, sb_quat_from_rotation_vector(sb_v3_scale(1 / level, sbi_pose_rotation(from, balance)))));
+    return end;
+}
+
+SBI_API void sbi_contact_settle_hung(sb_contact *contact, const sbi_contact_work *given)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        sbi_contact_work work = *given;
+        if (!sbi_contact_is_hung(tool))
+            continue;
+        work.renew = 0;
+        for (int round = 0; !sbi_hung_settle(contact, tool, &work) && given->renew && tool->friction > 0; round++) {
+            if (round == SBI_HUNG_ROUNDS)
+                break;
+            sbi_contact_evaluate_tool(given, tool);
+        }
+        sbi_hung_factor(contact, tool);
+        if (tool->spring.held)
+            tool->spring.size = 0;
+        tool->next = sbi_hung_further(&tool->reached, &tool->balance, tool->spring.level);
+    }
+}
+
+/* ---- in the system ---- */
+
+/* out -= Kxq (Kqq + S)^-1 Kqx x of a tool */
+static void sbi_hung_subtract(const sb_contact *contact, const sbi_contact_tool *tool, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sbi_contact_spring *spring = &tool->spring;
+    sb_real z[6] = {0, 0, 0, 0, 0, 0};
+    for (int pass = 0; pass < 2; pass++) {
+        for (int p = spring->first; p < spring->last; p++) {
+            const sbi_contact_patch *patch = contact->patches + p;
+            int count = contact->faces->sizes[patch->face];
+            for (int i = patch->first; patch->touching && i < patch->first + patch->count; i++) {
+                const sbi_contact_sample *s = contact->samples + i;
+                sb_vec3 arm = sb_v3_sub(s->point, tool->balance.position), f, t;
+                sb_real k[9];
+                if (s->answer.state == SBI_CONTACT_OFF)
+                    continue;
+                sbi_contact_stiffness(&s->answer, s->normal, s->area, k);
+                if (pass == 0) {
+                    f = sbi_hung_times(k, sbi_contact_mean(s->weights, patch->nodes, count, x));
+                    t = sb_v3_cross(arm, f);
+                    z[0] += f.x, z[1] += f.y, z[2] += f.z, z[3] += t.x, z[4] += t.y, z[5] += t.z;
+                    continue;
+                }
+                f = sbi_hung_times(k, sb_v3_add(sbi_hung_get(z), sb_v3_cross(sbi_hung_get(z + 3), arm)));
+                for (int a = 0; a < count; a++)
+                    out[patch->nodes[a]] = sb_v3_madd(out[patch->nodes[a]], -s->weights[a], f);
+            }
+        }
+        if (pass == 0) {
+            sb_cholesky_solve(spring->factor, spring->size, z);
+            for (int i = spring->size; i < 6; i++)
+                z[i] = 0;
+        }
+    }
+}
+
+SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 *x, sb_vec3 *out)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        if (sbi_contact_is_hung(contact->tools + t) && contact->tools[t].spring.size > 0)
+            sbi_hung_subtract(contact, contact->tools + t, x, out);
+}
+
+static void sbi_hung_multiply(void *user, const double *x, double *y)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    int count = contact->touch.node_count;
+    for (int k = 0; k < count; k++) {
+        contact->hung_in[k] = sb_v3((sb_real)x[3 * k], (sb_real)x[3 * k + 1], (sb_real)x[3 * k + 2]);
+        contact->hung_out[k] = sb_v3(0, 0, 0);
+    }
+    sbi_contact_subtract_hung(contact, contact->hung_in, contact->hung_out);
+    for (int k = 0; k < count; k++) {
+        y[3 * k] = (double)contact->hung_out[k].x;
+        y[3 * k + 1] = (double)contact->hung_out[k].y;
+        y[3 * k + 2] = (double)contact->hung_out[k].z;
+    }
+}
+
+SBI_API void sbi_contact_begin_hung(sb_contact *contact)
+{
+    sbi_guest *coupling = &contact->touch.coupling;
+    int any = 0;
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].spring.first = contact->tools[t].spring.last = 0;
+    for (int p = contact->patch_count; p-- > 0;) {
+        sbi_contact_spring *spring = &contact->tools[contact->patches[p].tool].spring;
+        spring->last = sbi_max_int(spring->last, p + 1);
+        spring->first = p;
+        any |= sbi_contact_is_hung(contact->tools + contact->patches[p].tool);
+    }
+    coupling->user = contact;
+    coupling->is_tangent = 1;
+    coupling->multiply = sbi_hung_multiply;
+    coupling->nodes = contact->nodes;
+    coupling->node_count = any ? contact->touch.node_count : 0;
+}
+
+/* ---- end ---- */
+
+SBI_API int sbi_contact_is_held(const sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        if (sbi_contact_is_hung(contact->tools + t) && contact->tools[t].spring.held)
+            return 1;
+    return 0;
+}
+
+SBI_API void sbi_contact_keep_springs(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_spring *spring = &contact->tools[t].spring;
+        if (!sbi_contact_is_hung(contact->tools + t))
+            continue;
+        spring->hand_done = spring->hand_next;
+        spring->pull_done = spring->pull;
+        spring->twist_done = spring->twist;
+    }
+}
+
+SBI_API void sbi_contact_commit_springs(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_spring *spring = &contact->tools[t].spring;
+        if (!sbi_contact_is_hung(contact->tools + t))
+            continue;
+        spring->hand = spring->hand_done;
+        spring->force = spring->pull_done;
+        spring->torque = spring->twist_done;
+    }
+}
+
+SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wrench *on_tool)
+{
+    if (!contact || !on_tool)
+        return SB_ERROR_ARGUMENT;
+    if (tool < 0 || tool >= contact->max_tools || !contact->tools[tool].shape)
+        return SB_ERROR_INDEX;
+    on_tool->force = contact->tools[tool].spring.force;
+    on_tool->torque = contact->tools[tool].spring.torque;
+    return SB_OK;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_step.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_step: contact within a step: samples near tools, their stiffness and memory, forces and blocks. */
@@ -69657,7 +72306,7 @@ enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20
 
 /* ---- nodes and patches ---- */
 
-static int sbi_contact_place_node(sb_contact *contact, int node)
+SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
 {
     if (contact->node_place[node] < 0) {
         contact->node_place[node] = contact->touch.node_count;
@@ -69672,6 +72321,7 @@ static void sbi_contact_forget_nodes(sb_contact *contact)
     for (int k = 0; k < contact->touch.node_count; k++)
         contact->node_place[contact->nodes[k]] = -1;
     contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+    sbi_pairs_forget(contact);
 }
 
 /* What the samples of a face are looked at with. */
@@ -69849,7 +72499,7 @@ static double sbi_contact_noise(const sb_contact *contact)
         double force = (double)(contact->samples[i].area * contact->samples[i].k) * (double)SB_EPSILON * place;
         sum += force * force;
     }
-    return sqrt(sum);
+    return sqrt(sum + sbi_pairs_noise_square(contact, place));
 }
 
 /* ---- memory ---- */
@@ -69889,6 +72539,7 @@ static void sbi_contact_keep_before(sb_contact *contact)
     memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
     contact->before_pressure_count = contact->pressure_count;
     memcpy(contact->before_pressures, contact->pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+    sbi_pairs_keep_before(contact);
 }
 
 /* ---- begin ---- */
@@ -69912,26 +72563,28 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
                             contact->max_contacts);
         }
     }
+    contact->step_info.thinned = thin > 0;
+    result = sbi_pairs_begin(contact, step, error);
+    if (result != SB_OK) {
+        sbi_contact_forget_nodes(contact);
+        return result;
+    }
+    sbi_contact_begin_hung(contact);
     sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
     sbi_contact_remember_pressures(contact);
+    sbi_pairs_stiffen(contact);
+    sbi_pairs_remember(contact);
     contact->touch.nodes = contact->nodes;
     contact->touch.noise = sbi_contact_noise(contact);
-    contact->step_info.candidates = contact->sample_count;
+    contact->step_info.candidates = contact->sample_count + contact->pairs.sample_count;
     contact->step_info.retries = step->tries;
-    contact->step_info.thinned = thin > 0;
     contact->blocks_current = 0;
     contact->saved_count = 0;
     return SB_OK;
 }
 
 /* ---- evaluation ---- */
-
-typedef struct sbi_contact_work {
-    sb_contact *contact;
-    const sb_vec3 *du;
-    int renew;
-} sbi_contact_work;
 
 static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
                                         sbi_contact_sample *s)
@@ -69941,8 +72594,11 @@ static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_
     int count = contact->faces->sizes[patch->face];
     sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
     sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
-    sb_vec3 slip = sb_v3_sub(u, s->carried);
-    s->point = sb_v3_add(sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), u);
+    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
+    if (sbi_contact_is_hung(tool))
+        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
+    slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(start, u);
     s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
                                &normal);
     s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
@@ -69956,8 +72612,8 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
 {
     const sbi_contact_work *work = (const sbi_contact_work *)user;
     sb_contact *contact = work->contact;
-    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_CHUNK, contact->patch_count);
-    for (int p = chunk * SBI_CONTACT_CHUNK; p < last; p++) {
+    int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
+    for (int p = first; p < last; p++) {
         sbi_contact_patch *patch = contact->patches + p;
         patch->touching = 0;
         for (int i = patch->first; i < patch->first + patch->count; i++) {
@@ -69967,9 +72623,18 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
     }
 }
 
-SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
+static void sbi_contact_evaluate_patches(sbi_contact_work *work)
 {
-    return sb_v3_madd(s->answer.traction, s->answer.pressure, s->normal);
+    int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
+    sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
+}
+
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool)
+{
+    sbi_contact_work own = *work;
+    own.first = tool->spring.first;
+    own.last = tool->spring.last;
+    sbi_contact_evaluate_patches(&own);
 }
 
 /* Forces on the nodes, in the order of samples. */
@@ -69989,17 +72654,21 @@ static void sbi_contact_sum_forces(sb_contact *contact)
                 force[patch->nodes[a]] = sb_v3_madd(force[patch->nodes[a]], s->weights[a], f);
         }
     }
+    sbi_pairs_add_forces(contact, force);
 }
 
 static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_work work;
-    int chunks = contact->patch_count / SBI_CONTACT_CHUNK + (contact->patch_count % SBI_CONTACT_CHUNK != 0);
     work.contact = contact;
     work.du = du;
     work.renew = renew;
-    sbi_run(sbi_body_jobs(contact->body), sbi_contact_evaluate_chunk, &work, chunks);
+    work.first = 0;
+    work.last = contact->patch_count;
+    sbi_contact_evaluate_patches(&work);
+    sbi_contact_settle_hung(contact, &work);
+    sbi_pairs_evaluate(contact, du, renew);
     sbi_contact_sum_forces(contact);
     contact->blocks_current = 0;
 }
@@ -70044,12 +72713,6 @@ static void sbi_contact_make_blocks(sb_contact *contact)
     contact->blocks_current = 1;
 }
 
-/* v without masked axes. */
-SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
-{
-    return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
-}
-
 static sb_vec3 sbi_contact_times(const sb_real *m, sb_vec3 v)
 {
     return sb_v3(m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
@@ -70073,12 +72736,14 @@ static void sbi_contact_multiply(void *user, const unsigned char *masked, const 
                 out[patch->nodes[a]] = sb_v3_add(out[patch->nodes[a]], sbi_contact_times(blocks[a * count + b], v));
         }
     }
+    sbi_pairs_multiply(contact, masked, x, out);
+    if (contact->touch.couples)
+        sbi_contact_subtract_hung(contact, x, out);
     for (int k = 0; masked && k < contact->touch.node_count; k++)
         out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
 }
 
-/* values += block without masked rows and columns. */
-static void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
+SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
 {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -70107,12 +72772,14 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
             sbi_contact_add_block(matrix->blocks[places[i]], blocks[i], rows, columns);
         }
     }
+    sbi_pairs_add_blocks(contact, masked, matrix);
 }
 
 /* Backwards, since faces share blocks. */
 static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 {
     sb_contact *contact = (sb_contact *)user;
+    sbi_pairs_restore_blocks(contact, matrix);
     while (contact->saved_count > 0) {
         const sbi_contact_saved *saved = contact->saved + --contact->saved_count;
         memcpy(matrix->blocks[saved->block], saved->values, sizeof saved->values);
@@ -70121,7 +72788,10 @@ static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 
 /* ---- end ---- */
 
-static int sbi_contact_accept(void *user, const sb_vec3 *u) { return sbi_contact_is_safe((sb_contact *)user, u); }
+static int sbi_contact_accept(void *user, const sb_vec3 *u)
+{
+    return sbi_contact_is_safe((sb_contact *)user, u) && sbi_pairs_are_safe((sb_contact *)user);
+}
 
 /* A sample in touch becomes an entry. */
 static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
@@ -70194,6 +72864,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
     contact->spare = contact->entries;
     contact->entries = fresh;
     contact->entry_count = count;
+    sbi_pairs_keep_entries(contact);
 }
 
 /* Tools are where they went. */
@@ -70231,6 +72902,7 @@ static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *over
             *pushed = sb_max(*pushed, sb_abs(sb_v3_dot(sb_v3_sub(s->point, home), s->normal)));
         }
     }
+    sbi_pairs_measure_overlap(contact, overlap, pushed);
 }
 
 /* Samples remember their pressures until they alone hold the surface off the tools. */
@@ -70238,16 +72910,22 @@ static int sbi_contact_balance(void *user, int round)
 {
     sb_contact *contact = (sb_contact *)user;
     sb_real overlap, pushed;
+    if (sbi_contact_is_held(contact))
+        return -1;
     sbi_contact_measure_overlap(contact, &overlap, &pushed);
     if (round <= SBI_CONTACT_ROUNDS && overlap > SBI_CONTACT_OVERLAP * pushed) {
         sbi_contact_keep_pressures(contact, 0);
+        sbi_pairs_keep_pressures(contact, 0);
         sbi_contact_remember_pressures(contact);
+        sbi_pairs_remember_pressures(contact);
         return 1;
     }
     sbi_contact_keep_pressures(contact, 0);
+    sbi_pairs_keep_pressures(contact, 0);
     sbi_contact_keep_entries(contact);
     for (int t = 0; t < contact->max_tools; t++)
         contact->tools[t].stage = contact->tools[t].balance;
+    sbi_contact_keep_springs(contact);
     return 0;
 }
 
@@ -70261,6 +72939,7 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
         for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
             out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
     }
+    sbi_pairs_add_done(contact, factor, out);
 }
 
 static void sbi_contact_commit(void *user)
@@ -70268,8 +72947,11 @@ static void sbi_contact_commit(void *user)
     sb_contact *contact = (sb_contact *)user;
     if (!contact->is_static) {
         sbi_contact_keep_pressures(contact, 1);
+        sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
+        sbi_contact_keep_springs(contact);
     }
+    sbi_contact_commit_springs(contact);
     for (int t = 0; contact->is_static && t < contact->max_tools; t++)
         contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
@@ -70289,11 +72971,13 @@ static void sbi_contact_go_back(sb_contact *contact)
     memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
     contact->pressure_count = contact->before_pressure_count;
     memcpy(contact->pressures, contact->before_pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
+    sbi_pairs_take_before(contact);
 }
 
 static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
+    contact->touch.links = 0;
     if (contact->is_static)
         sbi_contact_go_back(contact);
     sbi_contact_forget_nodes(contact);
@@ -70338,6 +73022,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
+    touch->multiply_links = sbi_pairs_multiply_links;
     touch->accept = sbi_contact_accept;
     touch->balance = sbi_contact_balance;
     touch->add_done = sbi_contact_add_done;
@@ -70452,6 +73137,12 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
         result = sbi_contact_check_depth(contact, made->shape, made->chain_reached, &made->reached, error);
     made->wanted = made->next = made->balance = made->reached;
     made->friction = def->friction;
+    made->spring.stiffness = def->coupling_stiffness;
+    made->spring.turning = def->coupling_turning;
+    made->spring.most = def->max_force;
+    made->spring.hand = made->reached;
+    if (result == SB_OK && sbi_contact_is_hung(made))
+        result = sbi_body_reserve_coupling(contact->body, contact->faces->node_room, error);
     return result;
 }
 
@@ -70496,6 +73187,7 @@ static void sbi_contact_forget(sb_contact *contact, int tool)
             contact->pressures[count++] = contact->pressures[i];
     contact->pressure_count = count;
     contact->tools[tool].force = contact->tools[tool].torque = sb_v3(0, 0, 0);
+    contact->tools[tool].spring.force = contact->tools[tool].spring.torque = sb_v3(0, 0, 0);
     contact->tools[tool].nearest.known = 0;
     contact->is_solved = 0;
 }
@@ -70542,7 +73234,7 @@ SB_API sb_result sb_contact_place_tool(sb_contact *contact, int tool, const sb_p
         result = sbi_contact_check_depth(contact, t->shape, t->chain_reached, &unit, error);
     if (result != SB_OK)
         return result;
-    t->reached = t->wanted = t->next = t->balance = unit;
+    t->reached = t->wanted = t->next = t->balance = t->spring.hand = unit;
     sbi_contact_forget(contact, tool);
     sbi_contact_tell_pose(contact, SBI_CONTACT_PLACE, tool, pose);
     return SB_OK;
@@ -70624,18 +73316,18 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 #include <string.h>
 
 
-enum { SBI_CONTACT_VERSION = 2 };
+enum { SBI_CONTACT_VERSION = 3 }; /* 3: springs of tools */
 
 /* ---- words ---- */
 
-static void sbi_contact_put_int(sbi_state_out *out, int value)
+SBI_API void sbi_contact_put_int(sbi_state_out *out, int value)
 {
     unsigned char bytes[8];
     sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 8);
     sbi_state_put(out, bytes, sizeof bytes);
 }
 
-static void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
+SBI_API void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
 {
     for (int i = 0; i < count; i++) {
         unsigned char bytes[8];
@@ -70643,13 +73335,6 @@ static void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int
         sbi_state_put(out, bytes, sizeof bytes);
     }
 }
-
-/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
-typedef struct sbi_contact_in {
-    const unsigned char *bytes;
-    size_t left;
-    int bad;
-} sbi_contact_in;
 
 static uint64_t sbi_contact_get_word(sbi_contact_in *in)
 {
@@ -70664,9 +73349,9 @@ static uint64_t sbi_contact_get_word(sbi_contact_in *in)
     return word;
 }
 
-static int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
+SBI_API int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
 
-static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
+SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
 {
     for (int i = 0; i < count; i++) {
         values[i] = sbi_real_of(sbi_contact_get_word(in));
@@ -70676,7 +73361,7 @@ static void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count
 
 /* ---- what goes from step to step ---- */
 
-enum { SBI_CONTACT_TOOL_REALS = 21, SBI_CONTACT_ENTRY_REALS = 14 };
+enum { SBI_CONTACT_TOOL_REALS = 37, SBI_CONTACT_ENTRY_REALS = 14 };
 
 static sb_pose sbi_contact_unpack_pose(const sb_real *in)
 {
@@ -70699,6 +73384,10 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
     sbi_contact_pack_pose(&tool->wanted, reals + 8);
     sbi_contact_pack_vector(tool->force, reals + 15);
     sbi_contact_pack_vector(tool->torque, reals + 18);
+    reals[21] = tool->spring.stiffness, reals[22] = tool->spring.turning, reals[23] = tool->spring.most;
+    sbi_contact_pack_pose(&tool->spring.hand, reals + 24);
+    sbi_contact_pack_vector(tool->spring.force, reals + 31);
+    sbi_contact_pack_vector(tool->spring.torque, reals + 34);
     sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
     for (int i = 0; i < points; i++) {
         sbi_contact_pack_vector(tool->chain_reached[i], reals);
@@ -70762,8 +73451,15 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     read.torque = sb_v3(reals[18], reals[19], reals[20]);
     read.next = read.balance = read.reached;
     read.nearest.known = 0;
+    read.spring.hand = sbi_contact_unpack_pose(reals + 24);
+    read.spring.force = sb_v3(reals[31], reals[32], reals[33]);
+    read.spring.torque = sb_v3(reals[34], reals[35], reals[36]);
+    if (!in->bad &&
+        (reals[21] != tool->spring.stiffness || reals[22] != tool->spring.turning || reals[23] != tool->spring.most))
+        return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state hangs on another spring", number);
     in->bad |= !(read.friction >= 0) || sb_quat_dot(read.reached.rotation, read.reached.rotation) == 0 ||
-               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0;
+               sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0 ||
+               sb_quat_dot(read.spring.hand.rotation, read.spring.hand.rotation) == 0;
     for (int i = 0; i < points; i++) {
         sbi_contact_get_reals(in, reals, 6);
         if (takes) {
@@ -70776,8 +73472,7 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
     return SB_OK;
 }
 
-/* The face of a cell's side, or -1: keys ascend. */
-static int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
+SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
 {
     int low = 0, high = faces->face_end;
     if (side >= faces->side_count || element > (faces->face_end > 0 ? faces->elements[faces->face_end - 1] : -1))
@@ -70954,7 +73649,11 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
     return sbi_body_join(contact->body, &part, error);
 }
 
-SBI_API void sbi_contact_leave_state(const sb_contact *contact) { sbi_body_leave(contact->body, SBI_CONTACT_PART); }
+SBI_API void sbi_contact_leave_state(const sb_contact *contact)
+{
+    sbi_body_leave(contact->body, SBI_CONTACT_PART);
+    sbi_body_leave(contact->body, SBI_PAIRS_PART);
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_read.c ==== */
@@ -70972,6 +73671,7 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
         sb_contact_point *point = points + e;
         memset(point, 0, sizeof *point);
         point->tool = entry->tool;
+        point->other_element = point->other_face = -1;
         point->element = contact->faces->elements[entry->face];
         point->face = contact->faces->sides[entry->face];
         point->sticks = entry->sticks;
@@ -70981,7 +73681,9 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
         point->normal = entry->normal;
         point->force = entry->force;
     }
-    return contact->entry_count;
+    for (int e = 0; points && e < contact->pairs.entry_count && contact->entry_count + e < capacity; e++)
+        sbi_pairs_read_point(contact, e, points + contact->entry_count + e);
+    return contact->entry_count + contact->pairs.entry_count;
 }
 
 SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures)
@@ -71001,10 +73703,83 @@ SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressu
         for (int a = 0; a < faces->sizes[entry->face]; a++)
             pressures[list[a]] += weights[a] * push;
     }
+    sbi_pairs_add_pushes(contact, pressures);
     for (int i = 0; i < nodes; i++) {
         sb_real area = sbi_contact_node_area(faces, i);
         pressures[i] = area > 0 ? pressures[i] / area : 0;
     }
+    return SB_OK;
+}
+
+/* ---- a grip ---- */
+
+/* Sums over what a jaw touches. */
+typedef struct sbi_grip_sum {
+    sb_vec3 push, force;          /* N on the body: without friction, and with it */
+    sb_real pushes, stuck, bound; /* N: sums of sizes; of those that stick; most that friction holds */
+} sbi_grip_sum;
+
+static sbi_grip_sum sbi_grip_add_up(const sb_contact *contact, int tool)
+{
+    sbi_grip_sum sum;
+    memset(&sum, 0, sizeof sum);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sb_real push = sb_v3_dot(entry->force, entry->normal);
+        if (entry->tool != tool)
+            continue;
+        sum.push = sb_v3_madd(sum.push, push, entry->normal);
+        sum.force = sb_v3_add(sum.force, entry->force);
+        sum.pushes += push;
+        sum.stuck += entry->sticks ? push : 0;
+        sum.bound += contact->tools[tool].friction * push;
+    }
+    return sum;
+}
+
+/* The wrench on a tool about another place. */
+static void sbi_grip_add_wrench(const sbi_contact_tool *tool, sb_vec3 place, sb_wrench *sum)
+{
+    sb_vec3 force = sb_v3_scale(-1, tool->force), arm = sb_v3_sub(tool->balance.position, place);
+    sum->force = sb_v3_add(sum->force, force);
+    sum->torque = sb_v3_add(sum->torque, sb_v3_sub(sb_v3_cross(arm, force), tool->torque));
+}
+
+static int sbi_grip_has_tool(const sb_contact *contact, int tool)
+{
+    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape != NULL;
+}
+
+SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, sb_grip *grip)
+{
+    sbi_grip_sum a, b;
+    sb_vec3 axis;
+    sb_real size, load;
+    if (!contact || !grip)
+        return SB_ERROR_ARGUMENT;
+    if (jaw == other || !sbi_grip_has_tool(contact, jaw) || !sbi_grip_has_tool(contact, other))
+        return SB_ERROR_INDEX;
+    memset(grip, 0, sizeof *grip);
+    grip->place = sb_v3_scale((sb_real)0.5,
+                              sb_v3_add(contact->tools[jaw].balance.position, contact->tools[other].balance.position));
+    sbi_grip_add_wrench(contact->tools + jaw, grip->place, &grip->net);
+    sbi_grip_add_wrench(contact->tools + other, grip->place, &grip->net);
+    a = sbi_grip_add_up(contact, jaw);
+    b = sbi_grip_add_up(contact, other);
+    axis = sb_v3_sub(a.push, b.push);
+    size = sb_v3_norm(axis);
+    if (!(a.pushes > 0) || !(b.pushes > 0) || !(size > 0))
+        return SB_OK;
+    axis = sb_v3_scale(1 / size, axis);
+    grip->force = sb_min(sb_v3_dot(a.force, axis), -sb_v3_dot(b.force, axis));
+    if (!(grip->force > 0)) { /* they press the same way */
+        grip->force = 0;
+        return SB_OK;
+    }
+    grip->axis = axis;
+    grip->sticking = (a.stuck + b.stuck) / (a.pushes + b.pushes);
+    load = sb_v3_norm(sb_v3_madd(grip->net.force, -sb_v3_dot(grip->net.force, axis), axis));
+    grip->used = a.bound + b.bound > 0 ? load / (a.bound + b.bound) : 0;
     return SB_OK;
 }
 
@@ -71034,6 +73809,8 @@ SB_API sb_contact_def sb_default_contact_def(void)
     def.max_iterations = 4;
     def.max_contacts = 8192;
     def.max_tools = 8;
+    def.pairs = 0;
+    def.pair_friction = def.pair_distance = 0;
     def.cookie = SBI_CONTACT_COOKIE;
     return def;
 }
@@ -71056,12 +73833,45 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
                         def->max_contacts);
     if (def->max_tools < 1 || def->max_tools > 64)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_tools is %d, it must be in [1, 64]", def->max_tools);
+    if (def->pairs & ~(SB_CONTACT_SELF | SB_CONTACT_ORGANS))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pairs is %d, it must be of SB_CONTACT_SELF | SB_CONTACT_ORGANS",
+                        def->pairs);
+    if (!(def->pair_friction >= 0) || !sb_is_finite(def->pair_friction))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pair_friction is %g, it must be at least 0",
+                        (double)def->pair_friction);
+    if (!(def->pair_distance >= 0) || !sb_is_finite(def->pair_distance))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pair_distance is %g m, it must be at least 0",
+                        (double)def->pair_distance);
     if (sbi_body_get_touch(def->body))
         return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
     if (!sbi_body_is_implicit(def->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
     return SB_OK;
+}
+
+/* Arrays of pairs that do not depend on the mesh. */
+static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
+{
+    size_t samples = (size_t)c->max_contacts, regions = (size_t)c->region_room, corners;
+    size_t width = (size_t)c->faces->width, blocks = (size_t)c->pairs.slot_room * width * width;
+    sbi_pairs *p = &c->pairs;
+    corners = SBI_CONTACT_MOST_CORNERS * samples;
+    p->patches = (sbi_pair_patch *)sbi_arena_take(arena, (size_t)c->patch_room, sizeof *p->patches);
+    p->samples = (sbi_pair_sample *)sbi_arena_take(arena, samples, sizeof *p->samples);
+    p->links = (sbi_pair_link *)sbi_arena_take(arena, samples, sizeof *p->links);
+    p->active = (int *)sbi_arena_take(arena, samples, sizeof(int));
+    p->slots = (int *)sbi_arena_take(arena, (size_t)p->slot_room, sizeof(int));
+    p->blocks = (sb_real(*)[9])sbi_arena_take(arena, blocks, sizeof *p->blocks);
+    p->saved = (sbi_contact_saved *)sbi_arena_take(arena, blocks, sizeof *p->saved);
+    p->region_sum = (sb_real *)sbi_arena_take(arena, regions, sizeof(sb_real));
+    p->region_count = (int *)sbi_arena_take(arena, regions, sizeof(int));
+    p->entries = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->entries);
+    p->spare = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->spare);
+    p->before = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->before);
+    p->pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->pressures);
+    p->spare_pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->spare_pressures);
+    p->before_pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->before_pressures);
 }
 
 /* Arrays that do not depend on the mesh. */
@@ -71084,6 +73894,8 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
     c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
     c->before_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
+    if (c->pairs.kinds)
+        sbi_contact_lay_out_lists(c, arena);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -71110,8 +73922,13 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     for (int f = 0; f < c->faces->face_end; f++)
         c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
     c->touch.max_iterations = def->max_iterations;
+    c->pairs.kinds = def->pairs;
+    c->pairs.friction = def->pair_friction;
+    c->pairs.distance = def->pair_distance;
+    c->pairs.slot_room = sbi_min_int(c->patch_room, c->faces->face_room);
     if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
+    sbi_pairs_measure(c);
     return SB_OK;
 }
 
@@ -71149,6 +73966,8 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         return result;
     }
     result = sbi_contact_join_state(made, error);
+    if (result == SB_OK)
+        result = sbi_pairs_join_state(made, error);
     if (result == SB_OK)
         result = sbi_contact_listen(made, error);
     if (result == SB_OK)
@@ -71379,17 +74198,43 @@ SB_INLINE sbi_d3 sbi_turn_apply(sbi_turn q, sbi_d3 v)
     sbi_d3 axis = sbi_d(q.x, q.y, q.z), t = sbi_d_scale(2, sbi_d_cross(axis, v));
     return sbi_d_add(sbi_d_madd(v, q.w, t), sbi_d_cross(axis, t));
 }
+/* The same rotation as the images of the axes: for many vectors. */
+typedef struct sbi_d_axes {
+    sbi_d3 x, y, z;
+} sbi_d_axes;
+SB_INLINE sbi_d_axes sbi_turn_axes(sbi_turn q)
+{
+    sbi_d_axes a;
+    double x = 2 * q.x, y = 2 * q.y, z = 2 * q.z;
+    double wx = q.w * x, wy = q.w * y, wz = q.w * z, xx = q.x * x, xy = q.x * y, xz = q.x * z;
+    double yy = q.y * y, yz = q.y * z, zz = q.z * z;
+    a.x = sbi_d(1 - yy - zz, xy + wz, xz - wy);
+    a.y = sbi_d(xy - wz, 1 - xx - zz, yz + wx);
+    a.z = sbi_d(xz + wy, yz - wx, 1 - xx - yy);
+    return a;
+}
+SB_INLINE sbi_d3 sbi_axes_apply(const sbi_d_axes *a, sbi_d3 v)
+{
+    return sbi_d(a->x.x * v.x + a->y.x * v.y + a->z.x * v.z, a->x.y * v.x + a->y.y * v.y + a->z.y * v.z,
+                 a->x.z * v.x + a->y.z * v.y + a->z.z * v.z);
+}
 /* q turned further by a small rotation vector (rad, in space); exact to its third power. */
 SB_INLINE sbi_turn sbi_turn_further(sbi_turn q, sbi_d3 by)
 {
     return sbi_turn_unit(sbi_turn_mul(sbi_turn_make(1, 0.5 * by.x, 0.5 * by.y, 0.5 * by.z), q), q);
 }
-/* The rotation vector (rad, in space, at most pi long) that leads from one rotation to another. */
+/* The rotation vector (rad, in space, at most pi long) that leads from one rotation to another. Of small ones by the
+ * series of 2 asin(s) / s, whose first term that is left out is 6e-18 of it. */
 SB_INLINE sbi_d3 sbi_turn_between(sbi_turn from, sbi_turn to)
 {
     sbi_turn q = sbi_turn_mul(to, sbi_turn_make(from.w, -from.x, -from.y, -from.z));
-    double sign = q.w < 0 ? -1 : 1, sine = sqrt(q.x * q.x + q.y * q.y + q.z * q.z);
-    double scale = sine > 1e-8 ? 2 * sbi_dense_atan2(sine, sign * q.w) / sine : 2;
+    double sign = q.w < 0 ? -1 : 1, square = q.x * q.x + q.y * q.y + q.z * q.z, scale;
+    if (square < 1e-3) {
+        scale = 2 + square * (1 / 3.0 + square * (3 / 20.0 + square * (5 / 56.0 + square * (35 / 576.0))));
+    } else {
+        double sine = sqrt(square);
+        scale = 2 * sbi_dense_atan2(sine, sign * q.w) / sine;
+    }
     return sbi_d_scale(sign * scale, sbi_d(q.x, q.y, q.z));
 }
 /* Of a row-major rotation matrix, which may be off by rounding; `fallback` for what is none, as a matrix of zeros. */
@@ -71472,6 +74317,9 @@ typedef struct sbi_haptic_model {
     sbi_haptic_frame frame;
     sbi_d3 places[SBI_HAPTIC_CLUSTERS];  /* m, pose0(r) */
     sbi_d3 anchors[SBI_HAPTIC_CLUSTERS]; /* m, where friction would vanish */
+    sbi_d3 levers[SBI_HAPTIC_CLUSTERS];  /* m, torque over push */
+    double gives[SBI_HAPTIC_CLUSTERS];   /* m/N, 1 over stiffness, 0 of none; along the normal and across it */
+    double gives_across[SBI_HAPTIC_CLUSTERS];
     sbi_haptic_factor factor;
 } sbi_haptic_model;
 
@@ -71615,9 +74463,10 @@ SBI_API void sbi_haptic_model_set(sbi_haptic_model *model, const sbi_haptic_fram
     for (int c = 0; c < frame->count; c++) {
         const sbi_haptic_cluster *k = frame->clusters + c;
         model->places[c] = sbi_d_add(frame->pose.position, sbi_haptic_arm(k, &frame->pose));
-        model->anchors[c] = model->places[c];
-        if (k->tangential > 0)
-            model->anchors[c] = sbi_d_madd(model->places[c], 1 / k->tangential, k->traction);
+        model->levers[c] = k->push > 0 ? sbi_d_scale(1 / k->push, k->torque) : sbi_d(0, 0, 0);
+        model->gives[c] = k->stiffness > 0 ? 1 / k->stiffness : 0;
+        model->gives_across[c] = k->tangential > 0 ? 1 / k->tangential : 0;
+        model->anchors[c] = sbi_d_madd(model->places[c], model->gives_across[c], k->traction);
     }
 }
 
@@ -71631,50 +74480,58 @@ typedef struct sbi_haptic_touch {
     int slides;        /* 1: all of it; a contact that has slid is still there when the next call begins */
 } sbi_haptic_touch;
 
-static sbi_haptic_touch sbi_haptic_touch_at(const sbi_haptic_model *model, int c, const sbi_d_pose *pose)
+/* axes: the pose's rotation */
+static sbi_haptic_touch sbi_haptic_touch_at(const sbi_haptic_model *model, int c, const sbi_d_pose *pose,
+                                            const sbi_d_axes *axes)
 {
     const sbi_haptic_cluster *k = model->frame.clusters + c;
     sbi_haptic_touch at;
-    double bound, size;
-    at.arm = sbi_haptic_arm(k, pose);
+    double bound, square;
+    at.arm = sbi_axes_apply(axes, k->point);
     at.place = sbi_d_add(pose->position, at.arm);
     at.push = k->push - k->stiffness * sbi_d_dot(k->normal, sbi_d_sub(at.place, model->places[c]));
     if (!(at.push > 0))
         at.push = 0;
     at.traction = sbi_d_scale(k->tangential, sbi_d_across(sbi_d_sub(model->anchors[c], at.place), k->normal));
     bound = k->friction * at.push;
-    size = sbi_d_norm(at.traction);
-    at.kept = size > bound ? bound / size : 1;
-    at.slides = size > SBI_FRICTION_FULL * bound;
+    square = sbi_d_dot(at.traction, at.traction);
+    at.kept = square > bound * bound ? bound / sqrt(square) : 1;
+    at.slides = square > SBI_FRICTION_FULL * SBI_FRICTION_FULL * bound * bound;
     at.traction = sbi_d_scale(at.kept, at.traction);
     return at;
 }
 
-static void sbi_haptic_add_touch(const sbi_haptic_cluster *cluster, const sbi_haptic_touch *at, sbi_d_wrench *sum)
+SB_INLINE void sbi_haptic_add_touch(const sbi_haptic_model *model, int c, const sbi_haptic_touch *at, sbi_d_wrench *sum)
 {
-    sbi_d3 force = sbi_d_madd(at->traction, at->push, cluster->normal);
+    sbi_d3 force = sbi_d_madd(at->traction, at->push, model->frame.clusters[c].normal);
     sum->force = sbi_d_add(sum->force, force);
     sum->torque = sbi_d_add(sum->torque, sbi_d_cross(at->arm, force));
-    if (cluster->push > 0 && at->push > 0)
-        sum->torque = sbi_d_madd(sum->torque, at->push / cluster->push, cluster->torque);
+    sum->torque = sbi_d_madd(sum->torque, at->push, model->levers[c]);
 }
 
-/* The wrench at a pose. Draws the anchors along and adds up the planes' energy (J). */
-static sbi_d_wrench sbi_haptic_model_at(sbi_haptic_model *model, const sbi_d_pose *pose, double *stored)
+/* Draws the anchors of planes along and adds up their energy (J). touches [count] */
+static void sbi_haptic_keep(sbi_haptic_model *model, const sbi_haptic_touch *touches, double *stored)
 {
+    for (int c = 0; c < model->frame.count; c++) {
+        const sbi_haptic_touch *at = touches + c;
+        *stored += 0.5 * model->gives[c] * at->push * at->push;
+        *stored += 0.5 * model->gives_across[c] * sbi_d_dot(at->traction, at->traction);
+        if (at->kept < 1)
+            model->anchors[c] = sbi_d_madd(at->place, model->gives_across[c], at->traction);
+    }
+}
+
+/* The wrench at a pose, and what each plane has of it. */
+static sbi_d_wrench sbi_haptic_model_at(const sbi_haptic_model *model, const sbi_d_pose *pose,
+                                        sbi_haptic_touch *touches)
+{
+    const sbi_d_axes axes = sbi_turn_axes(pose->rotation);
     sbi_d_wrench sum;
     memset(&sum, 0, sizeof sum);
     for (int c = 0; c < model->frame.count; c++) {
-        const sbi_haptic_cluster *k = model->frame.clusters + c;
-        sbi_haptic_touch at = sbi_haptic_touch_at(model, c, pose);
-        sbi_haptic_add_touch(k, &at, &sum);
-        if (k->stiffness > 0)
-            *stored += at.push * at.push / (2 * k->stiffness);
-        if (k->tangential > 0) {
-            *stored += sbi_d_dot(at.traction, at.traction) / (2 * k->tangential);
-            if (at.kept < 1)
-                model->anchors[c] = sbi_d_madd(at.place, 1 / k->tangential, at.traction);
-        }
+        touches[c] = sbi_haptic_touch_at(model, c, pose, &axes);
+        if (touches[c].push > 0)
+            sbi_haptic_add_touch(model, c, touches + c, &sum);
     }
     return sum;
 }
@@ -71687,6 +74544,7 @@ typedef struct sbi_haptic_balance {
     double b[6];                    /* wrench out of balance; then the way there */
     double least[2], in_balance[2]; /* imbalance that is none; forces and torques in balance */
     double off;                     /* imbalance over what is in balance */
+    sbi_d_wrench tissue;
     sbi_haptic_touch touches[SBI_HAPTIC_CLUSTERS];
 } sbi_haptic_balance;
 
@@ -71755,14 +74613,9 @@ static sbi_d_wrench sbi_haptic_coupling_wrench(const sbi_haptic_coupling *coupli
 static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_model *model,
                                   const sbi_haptic_coupling *coupling, const sbi_d_pose *hand, const sbi_d_pose *tool)
 {
-    sbi_d_wrench sum, felt;
-    memset(&sum, 0, sizeof sum);
+    sbi_d_wrench sum = sbi_haptic_model_at(model, tool, balance->touches), felt;
     balance->size = coupling->rotation > 0 ? 6 : 3;
-    for (int c = 0; c < model->frame.count; c++) {
-        balance->touches[c] = sbi_haptic_touch_at(model, c, tool);
-        if (balance->touches[c].push > 0)
-            sbi_haptic_add_touch(model->frame.clusters + c, balance->touches + c, &sum);
-    }
+    balance->tissue = sum;
     felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
     sbi_d_put(balance->b, sbi_d_sub(sum.force, felt.force));
     sbi_d_put(balance->b + 3, sbi_d_sub(sum.torque, felt.torque));
@@ -71778,11 +74631,10 @@ static void sbi_haptic_balance_at(sbi_haptic_balance *balance, const sbi_haptic_
     }
 }
 
-/* Elimination with row exchanges. */
-static void sbi_haptic_eliminate(sbi_haptic_factor *factor)
+/* Elimination with row exchanges; n: its size, known to the compiler. */
+SB_INLINE void sbi_haptic_eliminate(sbi_haptic_factor *factor, int n)
 {
     double(*h)[6] = factor->h;
-    int n = factor->size;
     for (int k = 0; k < n; k++) {
         int best = k;
         for (int i = k + 1; i < n; i++)
@@ -71820,13 +74672,15 @@ static void sbi_haptic_make_factor(sbi_haptic_factor *factor, const sbi_haptic_m
         for (int i = 0; i < balance->size; i++)
             factor->h[i][j] = column[i];
     }
-    sbi_haptic_eliminate(factor);
+    if (factor->size == 6)
+        sbi_haptic_eliminate(factor, 6);
+    else
+        sbi_haptic_eliminate(factor, 3);
 }
 
 /* b = h^-1 b */
-static void sbi_haptic_factor_solve(const sbi_haptic_factor *factor, double *b)
+SB_INLINE void sbi_haptic_factor_solve_size(const sbi_haptic_factor *factor, double *b, int n)
 {
-    int n = factor->size;
     for (int k = 0; k < n; k++) {
         double swap = b[k];
         b[k] = b[factor->rows[k]];
@@ -71842,53 +74696,66 @@ static void sbi_haptic_factor_solve(const sbi_haptic_factor *factor, double *b)
     }
 }
 
-/* Moves the tool to where it balances. The factor of the last call serves while it divides the imbalance by ten. */
+static void sbi_haptic_factor_solve(const sbi_haptic_factor *factor, double *b)
+{
+    if (factor->size == 6)
+        sbi_haptic_factor_solve_size(factor, b, 6);
+    else
+        sbi_haptic_factor_solve_size(factor, b, 3);
+}
+
+/* Moves the tool to where it balances. The factor of the last call serves while it divides the imbalance by ten. *found
+ * is what the planes do at the end, or less than SBI_COUPLING_NEAR of the forces from it. */
 static void sbi_haptic_balance_find(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
-                                    const sbi_d_pose *hand, sbi_d_pose *tool)
+                                    const sbi_d_pose *hand, sbi_d_pose *tool, sbi_haptic_balance *found)
 {
     sbi_haptic_factor *factor = &model->factor;
-    sbi_haptic_balance balance;
     double before = 0;
     int near_it = 0;
     if (!(coupling->rotation > 0))
         tool->rotation = hand->rotation;
     for (int iteration = 0; iteration < SBI_COUPLING_MOST && !near_it; iteration++) {
-        sbi_haptic_balance_at(&balance, model, coupling, hand, tool);
-        if (balance.off <= SBI_COUPLING_CLOSE)
+        sbi_haptic_balance_at(found, model, coupling, hand, tool);
+        if (found->off <= SBI_COUPLING_CLOSE)
             return;
-        if (factor->size != balance.size || (iteration > 0 && !(balance.off < SBI_COUPLING_SERVES * before)))
-            sbi_haptic_make_factor(factor, model, coupling, &balance);
-        near_it = iteration > 0 && balance.off <= SBI_COUPLING_NEAR;
-        before = balance.off;
-        sbi_haptic_factor_solve(factor, balance.b);
-        if (!sbi_d3_within(sbi_d_from(balance.b), SBI_HAPTIC_LARGE)) { /* of forged frames: begins anew at the hand */
+        if (factor->size != found->size || (iteration > 0 && !(found->off < SBI_COUPLING_SERVES * before)))
+            sbi_haptic_make_factor(factor, model, coupling, found);
+        near_it = iteration > 0 && found->off <= SBI_COUPLING_NEAR;
+        before = found->off;
+        sbi_haptic_factor_solve(factor, found->b);
+        if (!sbi_d3_within(sbi_d_from(found->b), SBI_HAPTIC_LARGE)) { /* of forged frames: begins anew at the hand */
             *tool = *hand;
             factor->size = 0;
-            return;
+            break;
         }
-        tool->position = sbi_d_add(tool->position, sbi_d_from(balance.b));
-        if (balance.size == 6)
-            tool->rotation = sbi_turn_further(tool->rotation, sbi_d_from(balance.b + 3));
+        tool->position = sbi_d_add(tool->position, sbi_d_from(found->b));
+        if (found->size == 6)
+            tool->rotation = sbi_turn_further(tool->rotation, sbi_d_from(found->b + 3));
     }
+    if (!near_it)
+        found->tissue = sbi_haptic_model_at(model, tool, found->touches);
 }
 
 SBI_API sbi_d_wrench sbi_haptic_model_feel(sbi_haptic_model *model, const sbi_haptic_coupling *coupling,
                                            const sbi_d_pose *hand, sbi_d_pose *tool, double *stored)
 {
-    sbi_d_wrench felt, tissue;
+    sbi_haptic_balance found;
+    sbi_d_wrench felt;
     *stored = 0;
     if (!(coupling->translation > 0)) {
         *tool = *hand;
-        return sbi_haptic_model_at(model, tool, stored);
+        felt = sbi_haptic_model_at(model, tool, found.touches);
+        sbi_haptic_keep(model, found.touches, stored);
+        return felt;
     }
-    sbi_haptic_balance_find(model, coupling, hand, tool);
+    sbi_haptic_balance_find(model, coupling, hand, tool, &found);
+    sbi_haptic_keep(model, found.touches, stored);
     felt = sbi_haptic_coupling_wrench(coupling, hand, tool);
-    tissue = sbi_haptic_model_at(model, tool, stored);
     *stored += sbi_d_dot(felt.force, felt.force) / (2 * coupling->translation);
     if (coupling->rotation > 0)
         *stored += sbi_d_dot(felt.torque, felt.torque) / (2 * coupling->rotation);
     else
-        felt.torque = tissue.torque;
+        felt.torque = found.tissue.torque;
     return felt;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
@@ -72731,6 +75598,9 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.contact is NULL: a hand needs the contact of its tool");
     if (sb_contact_reached(def->contact, def->tool, pose, NULL) != SB_OK)
         return sbi_fail(error, SB_ERROR_INDEX, "def.tool is %d: the contact has no such tool", def->tool);
+    if (sbi_contact_is_hung(def->contact->tools + def->tool))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);
     return SB_OK;
 }
 
