@@ -40,9 +40,9 @@
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
- * organ only where they are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a surface
- * that is folded from the start, do not. A step in which something may have passed through is refused like that of a
- * tool.
+ * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
+ * surface that is folded from the start, do not. A step in which something may have passed through is refused like that
+ * of a tool.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
