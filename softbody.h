@@ -5630,9 +5630,9 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
- * organ only where they are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a surface
- * that is folded from the start, do not. A step in which something may have passed through is refused like that of a
- * tool.
+ * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
+ * surface that is folded from the start, do not. A step in which something may have passed through is refused like that
+ * of a tool.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -61580,6 +61580,36 @@ static void sbi_step_end_way(sbi_step *step)
     step->touch->residual = (sb_real)sbi_step_touch_residual(step);
 }
 
+/* How much of contact's forces at the first guess is new since the step before: 0 at rest, 1 where they are others. */
+static sb_real sbi_step_touch_news(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sbi_touch *touch = step->touch;
+    double sum = 0, size = sbi_touch_norm(b, touch->force);
+    for (int k = 0; k < touch->node_count; k++)
+        b->work[touch->nodes[k]] = sb_v3(0, 0, 0);
+    touch->add_done(touch->user, 1, b->work);
+    for (int k = 0; k < touch->node_count; k++) {
+        sb_vec3 v = sb_v3_sub(touch->force[k], b->work[touch->nodes[k]]);
+        v = sbi_body_pick_axes(b->fixed[touch->nodes[k]], sb_v3(0, 0, 0), v);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    return size > 0 ? (sb_real)fmin(1, sqrt(sum) / size) : 0;
+}
+
+/* What this system is solved to: a share of what its forces will yet change by, the last as well as the step asks. Of
+ * forces that are new the first system leaves some tenth. */
+static sb_real sbi_step_touch_aim(const sbi_step *step)
+{
+    const sbi_touch *touch = step->touch;
+    const sb_real share = (sb_real)0.3;
+    sb_real tolerance = step->linear_tolerance, expected;
+    if (touch->touching == 0 || touch->iterations == touch->max_iterations)
+        return tolerance;
+    expected = touch->iterations > 1 ? touch->residual : (sb_real)0.1 * sbi_step_touch_news(step);
+    return sb_max(tolerance, share * expected);
+}
+
 static sb_result sbi_step_solve_touch(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -61587,14 +61617,15 @@ static sb_result sbi_step_solve_touch(sbi_step *step)
     sb_real tolerance = step->linear_tolerance;
     for (touch->iterations = 1;; touch->iterations++) {
         sb_result result;
+        sb_real aim = sbi_step_touch_aim(step);
         double share;
         memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, aim), touch->iterations == 1);
         if (result != SB_OK)
             return result;
         share = sbi_step_search_touch(step, tolerance);
         sbi_step_end_way(step);
-        touch->capped = !(share == 1 && touch->residual <= tolerance);
+        touch->capped = !(share == 1 && touch->residual <= tolerance && aim <= tolerance);
         if (!touch->capped || touch->iterations >= touch->max_iterations)
             break;
         sbi_step_renew_touch(step);
@@ -69133,7 +69164,6 @@ typedef struct sbi_pairs {
     int *organs;               /* of each face */
     sb_real *thickness;        /* m behind the face's middle, no more than it matters */
     sb_vec3 *centres;          /* m */
-    sb_real *radii;            /* m: no corner is farther from the centre */
     sb_vec3 *rest_normals;     /* out of the body */
     sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
     int *organ_counts;         /* [nodes] */
@@ -69776,7 +69806,7 @@ SBI_API sb_real sbi_closest_meeting(const sb_vec3 *x, const sb_vec3 *v, sb_vec3 
 
 /* Faces look at each other when their normals have a product below this. */
 #define SBI_NEAR_FACING ((sb_real)-0.25)
-/* Faces of one organ do not touch when they are nearer than this at rest, in lengths of a face. */
+/* Faces of one organ do not touch when their middles are nearer than this at rest, in lengths of a face. */
 #define SBI_NEAR_APART ((sb_real)2)
 /* Thickness matters up to so many lengths of the organ's faces. */
 #define SBI_NEAR_THICKEST ((sb_real)4)
@@ -69807,14 +69837,10 @@ static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *
     const int *n = sbi_contact_face_nodes(faces, face);
     int corners = faces->kinds[faces->sizes[face]].corners, organ = contact->body->node_component[n[0]];
     sb_vec3 centre = {0, 0, 0};
-    sb_real radius = 0;
     for (int a = 0; a < corners; a++)
         centre = sb_v3_madd(centre, 1 / (sb_real)corners, rest[n[a]]);
-    for (int a = 0; a < corners; a++)
-        radius = sb_max(radius, sb_v3_norm(sb_v3_sub(rest[n[a]], centre)));
     pairs->organs[face] = organ;
     pairs->centres[face] = centre;
-    pairs->radii[face] = radius;
     pairs->rest_normals[face] = sbi_near_unit(sbi_near_vector(faces, face, rest));
     pairs->slot_of[face] = -1;
     pairs->organ_lengths[organ] += faces->lengths[face];
@@ -69960,8 +69986,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
     if (!same)
         return 1;
     apart = sb_v3_sub(pairs->centres[face], pairs->centres[other]);
-    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]) +
-            pairs->radii[face] + pairs->radii[other];
+    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]);
     return sb_v3_dot(apart, apart) > least * least;
 }
 
@@ -71270,7 +71295,6 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->organ_counts = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     p->organ_lengths = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     p->thickness = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
-    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
