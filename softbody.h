@@ -704,6 +704,7 @@
 #define sb_contact_set_friction sb_contact_set_friction_f32
 #define sb_contact_wrench sb_contact_wrench_f32
 #define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_stiffness sb_contact_stiffness_f32
 #define sb_contact_coupling sb_contact_coupling_f32
 #define sb_contact_grip sb_contact_grip_f32
 #define sb_contact_points sb_contact_points_f32
@@ -5629,9 +5630,9 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
- * organ only where they are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a surface
- * that is folded from the start, do not. A step in which something may have passed through is refused like that of a
- * tool.
+ * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
+ * surface that is folded from the start, do not. A step in which something may have passed through is refused like that
+ * of a tool.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -5704,6 +5705,13 @@ SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrenc
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
 
+/* k[i][j]: what component i of the wrench (force, then torque about the tool's position, which goes along) would change
+ * by if the tool had gone farther along axis j (m), or turned (rad) about axis j - 3 through its position, with the
+ * tissue giving way as in the last step: N/m, N, N m. What slips keeps its bound, and normals their directions. Of a
+ * tool on a spring that of the surface alone. Six linear solves to 1e-3, which allocate nothing. 0 where nothing
+ * touches. SB_ERROR_STATE: something was done since the last step or static solve (a state loaded, a tool placed), so
+ * that its system is gone. */
+SB_API sb_result sb_contact_stiffness(sb_contact *contact, int tool, sb_real k[6][6]);
 /* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
  * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
  * to. */
@@ -61572,6 +61580,36 @@ static void sbi_step_end_way(sbi_step *step)
     step->touch->residual = (sb_real)sbi_step_touch_residual(step);
 }
 
+/* How much of contact's forces at the first guess is new since the step before: 0 at rest, 1 where they are others. */
+static sb_real sbi_step_touch_news(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sbi_touch *touch = step->touch;
+    double sum = 0, size = sbi_touch_norm(b, touch->force);
+    for (int k = 0; k < touch->node_count; k++)
+        b->work[touch->nodes[k]] = sb_v3(0, 0, 0);
+    touch->add_done(touch->user, 1, b->work);
+    for (int k = 0; k < touch->node_count; k++) {
+        sb_vec3 v = sb_v3_sub(touch->force[k], b->work[touch->nodes[k]]);
+        v = sbi_body_pick_axes(b->fixed[touch->nodes[k]], sb_v3(0, 0, 0), v);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    return size > 0 ? (sb_real)fmin(1, sqrt(sum) / size) : 0;
+}
+
+/* What this system is solved to: a share of what its forces will yet change by, the last as well as the step asks. Of
+ * forces that are new the first system leaves some tenth. */
+static sb_real sbi_step_touch_aim(const sbi_step *step)
+{
+    const sbi_touch *touch = step->touch;
+    const sb_real share = (sb_real)0.3;
+    sb_real tolerance = step->linear_tolerance, expected;
+    if (touch->touching == 0 || touch->iterations == touch->max_iterations)
+        return tolerance;
+    expected = touch->iterations > 1 ? touch->residual : (sb_real)0.1 * sbi_step_touch_news(step);
+    return sb_max(tolerance, share * expected);
+}
+
 static sb_result sbi_step_solve_touch(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -61579,14 +61617,15 @@ static sb_result sbi_step_solve_touch(sbi_step *step)
     sb_real tolerance = step->linear_tolerance;
     for (touch->iterations = 1;; touch->iterations++) {
         sb_result result;
+        sb_real aim = sbi_step_touch_aim(step);
         double share;
         memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, aim), touch->iterations == 1);
         if (result != SB_OK)
             return result;
         share = sbi_step_search_touch(step, tolerance);
         sbi_step_end_way(step);
-        touch->capped = !(share == 1 && touch->residual <= tolerance);
+        touch->capped = !(share == 1 && touch->residual <= tolerance && aim <= tolerance);
         if (!touch->capped || touch->iterations >= touch->max_iterations)
             break;
         sbi_step_renew_touch(step);
@@ -69125,7 +69164,6 @@ typedef struct sbi_pairs {
     int *organs;               /* of each face */
     sb_real *thickness;        /* m behind the face's middle, no more than it matters */
     sb_vec3 *centres;          /* m */
-    sb_real *radii;            /* m: no corner is farther from the centre */
     sb_vec3 *rest_normals;     /* out of the body */
     sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
     int *organ_counts;         /* [nodes] */
@@ -69768,7 +69806,7 @@ SBI_API sb_real sbi_closest_meeting(const sb_vec3 *x, const sb_vec3 *v, sb_vec3 
 
 /* Faces look at each other when their normals have a product below this. */
 #define SBI_NEAR_FACING ((sb_real)-0.25)
-/* Faces of one organ do not touch when they are nearer than this at rest, in lengths of a face. */
+/* Faces of one organ do not touch when their middles are nearer than this at rest, in lengths of a face. */
 #define SBI_NEAR_APART ((sb_real)2)
 /* Thickness matters up to so many lengths of the organ's faces. */
 #define SBI_NEAR_THICKEST ((sb_real)4)
@@ -69799,14 +69837,10 @@ static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *
     const int *n = sbi_contact_face_nodes(faces, face);
     int corners = faces->kinds[faces->sizes[face]].corners, organ = contact->body->node_component[n[0]];
     sb_vec3 centre = {0, 0, 0};
-    sb_real radius = 0;
     for (int a = 0; a < corners; a++)
         centre = sb_v3_madd(centre, 1 / (sb_real)corners, rest[n[a]]);
-    for (int a = 0; a < corners; a++)
-        radius = sb_max(radius, sb_v3_norm(sb_v3_sub(rest[n[a]], centre)));
     pairs->organs[face] = organ;
     pairs->centres[face] = centre;
-    pairs->radii[face] = radius;
     pairs->rest_normals[face] = sbi_near_unit(sbi_near_vector(faces, face, rest));
     pairs->slot_of[face] = -1;
     pairs->organ_lengths[organ] += faces->lengths[face];
@@ -69952,8 +69986,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
     if (!same)
         return 1;
     apart = sb_v3_sub(pairs->centres[face], pairs->centres[other]);
-    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]) +
-            pairs->radii[face] + pairs->radii[other];
+    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]);
     return sb_v3_dot(apart, apart) > least * least;
 }
 
@@ -71262,7 +71295,6 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->organ_counts = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     p->organ_lengths = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     p->thickness = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
-    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
@@ -73680,6 +73712,87 @@ SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressu
     return SB_OK;
 }
 
+/* ---- stiffness ---- */
+
+#define SBI_CONTACT_COLUMN_TOLERANCE ((sb_real)1e-3)
+
+/* How a point of a tool moves by its unknown j. */
+static sb_vec3 sbi_contact_unit_way(int j, sb_vec3 arm)
+{
+    sb_vec3 unit = sb_v3((sb_real)(j % 3 == 0), (sb_real)(j % 3 == 1), (sb_real)(j % 3 == 2));
+    return j < 3 ? unit : sb_v3_cross(unit, arm);
+}
+
+/* Force on the body of an entry whose tool moves by `way` against the tissue. */
+static sb_vec3 sbi_contact_way_force(const sbi_contact_entry *entry, sb_vec3 way)
+{
+    sb_real k[9];
+    sbi_contact_stiffness(&entry->answer, entry->normal, entry->area, k);
+    return sb_v3(k[0] * way.x + k[1] * way.y + k[2] * way.z, k[3] * way.x + k[4] * way.y + k[5] * way.z,
+                 k[6] * way.x + k[7] * way.y + k[8] * way.z);
+}
+
+/* rhs = what a tool's way along j loads the nodes with. */
+static void sbi_contact_load_column(const sb_contact *contact, int tool, int j, sb_vec3 *rhs)
+{
+    memset(rhs, 0, (size_t)sb_body_node_count(contact->body) * sizeof *rhs);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
+        sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), force;
+        if (entry->tool != tool)
+            continue;
+        force = sbi_contact_way_force(entry, sbi_contact_unit_way(j, arm));
+        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
+            rhs[nodes[a]] = sb_v3_madd(rhs[nodes[a]], weights[a], force);
+    }
+}
+
+/* Column j of k, the tissue following by x. */
+static void sbi_contact_read_column(const sb_contact *contact, int tool, int j, const sb_vec3 *x, sb_real k[6][6])
+{
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), follows, force, torque;
+        if (entry->tool != tool)
+            continue;
+        follows = sbi_contact_mean(sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample),
+                                   sbi_contact_face_nodes(contact->faces, entry->face),
+                                   contact->faces->sizes[entry->face], x);
+        force = sbi_contact_way_force(entry, sb_v3_sub(sbi_contact_unit_way(j, arm), follows));
+        torque = sb_v3_cross(arm, force);
+        k[0][j] -= force.x, k[1][j] -= force.y, k[2][j] -= force.z;
+        k[3][j] -= torque.x, k[4][j] -= torque.y, k[5][j] -= torque.z;
+    }
+}
+
+static int sbi_contact_has_tool(const sb_contact *contact, int tool)
+{
+    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape != NULL;
+}
+
+SB_API sb_result sb_contact_stiffness(sb_contact *contact, int tool, sb_real k[6][6])
+{
+    if (!contact || !k)
+        return SB_ERROR_ARGUMENT;
+    if (!sbi_contact_has_tool(contact, tool))
+        return SB_ERROR_INDEX;
+    if (!contact->is_solved || contact->faces_old)
+        return SB_ERROR_STATE;
+    memset(k, 0, 36 * sizeof(sb_real));
+    for (int j = 0; j < 6; j++) {
+        sb_result result;
+        sbi_contact_load_column(contact, tool, j, contact->hung_in);
+        result =
+            sbi_body_solve_column(contact->body, contact->hung_in, contact->hung_out, SBI_CONTACT_COLUMN_TOLERANCE);
+        if (result != SB_OK)
+            return result;
+        sbi_contact_read_column(contact, tool, j, contact->hung_out, k);
+    }
+    return SB_OK;
+}
+
 /* ---- a grip ---- */
 
 /* Sums over what a jaw touches. */
@@ -73714,11 +73827,6 @@ static void sbi_grip_add_wrench(const sbi_contact_tool *tool, sb_vec3 place, sb_
     sum->torque = sb_v3_add(sum->torque, sb_v3_sub(sb_v3_cross(arm, force), tool->torque));
 }
 
-static int sbi_grip_has_tool(const sb_contact *contact, int tool)
-{
-    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape != NULL;
-}
-
 SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, sb_grip *grip)
 {
     sbi_grip_sum a, b;
@@ -73726,7 +73834,7 @@ SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, 
     sb_real size, load;
     if (!contact || !grip)
         return SB_ERROR_ARGUMENT;
-    if (jaw == other || !sbi_grip_has_tool(contact, jaw) || !sbi_grip_has_tool(contact, other))
+    if (jaw == other || !sbi_contact_has_tool(contact, jaw) || !sbi_contact_has_tool(contact, other))
         return SB_ERROR_INDEX;
     memset(grip, 0, sizeof *grip);
     grip->place = sb_v3_scale((sb_real)0.5,

@@ -304,6 +304,69 @@ static void test_constrained(void)
     CHECK_NEAR(wrench[1].force.z, wrench[0].force.z, 0.02 * (double)wrench[0].force.z);
 }
 
+/* ---- the stiffness that a tool reads, against differences of steps ---- */
+
+/* Wrench when the last step had taken the tool a little along an axis, or turned it. */
+static sb_wrench wrench_after(const press *p, int tool, const void *state, size_t size, sb_pose pose, int axis,
+                              double way)
+{
+    sb_vec3 turn = {0, 0, 0}, moved = {0, 0, 0};
+    sb_wrench wrench;
+    sb_real *to = axis < 3 ? &moved.x : &turn.x;
+    to[axis % 3] = REAL(way);
+    CHECK_OK(sb_body_state_load(p->body, state, size, NULL));
+    pose.position = sb_v3_add(pose.position, moved);
+    pose.rotation = sb_quat_mul(sb_quat_from_rotation_vector(turn), pose.rotation);
+    CHECK_OK(sb_contact_move_tool(p->contact, tool, &pose));
+    CHECK_OK(sb_body_step(p->body, REAL(0.02), NULL));
+    wrench = press_wrench(p, tool);
+    return wrench;
+}
+
+static void test_stiffness(void)
+{
+    const double middle = 0.5 * block_side, arm = 0.02, step = sizeof(sb_real) == 8 ? 1e-7 : 2e-5;
+    press p = block_make(1, 30);
+    sb_tool_def def = press_plane(20, sb_v3(REAL(middle), REAL(middle), REAL(block_side + 1e-4)), 1);
+    int tool = press_add(&p, &def);
+    sb_real k[6][6];
+    size_t size;
+    void *state;
+    double largest[2] = {0, 0};
+    CHECK_RESULT(sb_contact_stiffness(p.contact, tool, k), SB_ERROR_STATE);
+    def.pose.position.z = REAL(block_side - 0.002);
+    CHECK_OK(sb_contact_move_tool(p.contact, tool, &def.pose));
+    for (int i = 0; i < 40; i++)
+        CHECK_OK(sb_body_step(p.body, REAL(0.02), NULL));
+    size = sb_body_state_size(p.body);
+    state = malloc(size);
+    CHECK_OK(sb_body_state_save(p.body, state, size));
+    CHECK_OK(sb_body_step(p.body, REAL(0.02), NULL));
+    CHECK_OK(sb_contact_stiffness(p.contact, tool, k));
+    CHECK_RESULT(sb_contact_stiffness(p.contact, 5, k), SB_ERROR_INDEX);
+    for (int j = 0; j < 6; j++) {
+        double way = j < 3 ? step : step / arm;
+        sb_wrench more = wrench_after(&p, tool, state, size, def.pose, j, way);
+        sb_wrench less = wrench_after(&p, tool, state, size, def.pose, j, -way);
+        sb_vec3 force = sb_v3_scale(REAL(0.5 / way), sb_v3_sub(more.force, less.force));
+        sb_vec3 torque = sb_v3_scale(REAL(0.5 / way), sb_v3_sub(more.torque, less.torque));
+        double found[6];
+        found[0] = (double)force.x, found[1] = (double)force.y, found[2] = (double)force.z;
+        found[3] = (double)torque.x, found[4] = (double)torque.y, found[5] = (double)torque.z;
+        for (int i = 0; i < 6; i++) {
+            double unit = (i < 3 ? 1 : arm) * (j < 3 ? 1 : arm);
+            double off = fabs(found[i] - (double)k[i][j]) / unit;
+            largest[j / 3] = fmax(largest[j / 3], off);
+        }
+        CHECK(k[j][j] < 0);
+    }
+    printf("    of %.4g N/m off by %.3g, of turns by %.3g\n", -(double)k[2][2], largest[0], largest[1]);
+    CHECK(largest[0] < scene_tolerance(1e-2, 1e5) * -(double)k[2][2]);
+    CHECK(largest[1] < scene_tolerance(1e-2, 1e5) * -(double)k[2][2]);
+    free(state);
+    press_free(&p);
+}
+
 static void test_refused(void)
 {
     press p = block_make(1, 4);
@@ -323,4 +386,4 @@ static void test_refused(void)
 CHECK_SUITE(contact_hung, {"springs in series", test_series}, {"dragged along", test_drag},
             {"largest force", test_max_force}, {"energy", test_energy}, {"squeezed", test_squeezed},
             {"static", test_static}, {"scale", test_scale}, {"constrained", test_constrained},
-            {"refused", test_refused});
+            {"stiffness", test_stiffness}, {"refused", test_refused});

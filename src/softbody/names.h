@@ -313,6 +313,7 @@
 #define sb_contact_set_friction sb_contact_set_friction_f32
 #define sb_contact_wrench sb_contact_wrench_f32
 #define sb_contact_reached sb_contact_reached_f32
+#define sb_contact_stiffness sb_contact_stiffness_f32
 #define sb_contact_coupling sb_contact_coupling_f32
 #define sb_contact_grip sb_contact_grip_f32
 #define sb_contact_points sb_contact_points_f32

@@ -185,6 +185,36 @@ static void sbi_step_end_way(sbi_step *step)
     step->touch->residual = (sb_real)sbi_step_touch_residual(step);
 }
 
+/* How much of contact's forces at the first guess is new since the step before: 0 at rest, 1 where they are others. */
+static sb_real sbi_step_touch_news(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sbi_touch *touch = step->touch;
+    double sum = 0, size = sbi_touch_norm(b, touch->force);
+    for (int k = 0; k < touch->node_count; k++)
+        b->work[touch->nodes[k]] = sb_v3(0, 0, 0);
+    touch->add_done(touch->user, 1, b->work);
+    for (int k = 0; k < touch->node_count; k++) {
+        sb_vec3 v = sb_v3_sub(touch->force[k], b->work[touch->nodes[k]]);
+        v = sbi_body_pick_axes(b->fixed[touch->nodes[k]], sb_v3(0, 0, 0), v);
+        sum += (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+    }
+    return size > 0 ? (sb_real)fmin(1, sqrt(sum) / size) : 0;
+}
+
+/* What this system is solved to: a share of what its forces will yet change by, the last as well as the step asks. Of
+ * forces that are new the first system leaves some tenth. */
+static sb_real sbi_step_touch_aim(const sbi_step *step)
+{
+    const sbi_touch *touch = step->touch;
+    const sb_real share = (sb_real)0.3;
+    sb_real tolerance = step->linear_tolerance, expected;
+    if (touch->touching == 0 || touch->iterations == touch->max_iterations)
+        return tolerance;
+    expected = touch->iterations > 1 ? touch->residual : (sb_real)0.1 * sbi_step_touch_news(step);
+    return sb_max(tolerance, share * expected);
+}
+
 static sb_result sbi_step_solve_touch(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -192,14 +222,15 @@ static sb_result sbi_step_solve_touch(sbi_step *step)
     sb_real tolerance = step->linear_tolerance;
     for (touch->iterations = 1;; touch->iterations++) {
         sb_result result;
+        sb_real aim = sbi_step_touch_aim(step);
         double share;
         memcpy(b->previous, b->increment, (size_t)b->domain.node_count * sizeof(sb_vec3));
-        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, tolerance), touch->iterations == 1);
+        result = sbi_step_solve_once(step, sbi_step_touch_tolerance(step, aim), touch->iterations == 1);
         if (result != SB_OK)
             return result;
         share = sbi_step_search_touch(step, tolerance);
         sbi_step_end_way(step);
-        touch->capped = !(share == 1 && touch->residual <= tolerance);
+        touch->capped = !(share == 1 && touch->residual <= tolerance && aim <= tolerance);
         if (!touch->capped || touch->iterations >= touch->max_iterations)
             break;
         sbi_step_renew_touch(step);

@@ -40,9 +40,9 @@
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
- * organ only where they are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a surface
- * that is folded from the start, do not. A step in which something may have passed through is refused like that of a
- * tool.
+ * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
+ * surface that is folded from the start, do not. A step in which something may have passed through is refused like that
+ * of a tool.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -117,6 +117,13 @@ SB_API sb_result sb_contact_wrench(const sb_contact *contact, int tool, sb_wrenc
 /* Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL. */
 SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose *pose, sb_real *lag);
 
+/* k[i][j]: what component i of the wrench (force, then torque about the tool's position, which goes along) would change
+ * by if the tool had gone farther along axis j (m), or turned (rad) about axis j - 3 through its position, with the
+ * tissue giving way as in the last step: N/m, N, N m. What slips keeps its bound, and normals their directions. Of a
+ * tool on a spring that of the surface alone. Six linear solves to 1e-3, which allocate nothing. 0 where nothing
+ * touches. SB_ERROR_STATE: something was done since the last step or static solve (a state loaded, a tool placed), so
+ * that its system is gone. */
+SB_API sb_result sb_contact_stiffness(sb_contact *contact, int tool, sb_real k[6][6]);
 /* What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to
  * 1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent
  * to. */

@@ -18,7 +18,6 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->organ_counts = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     p->organ_lengths = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     p->thickness = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
-    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));

@@ -11,7 +11,7 @@
 
 /* Faces look at each other when their normals have a product below this. */
 #define SBI_NEAR_FACING ((sb_real)-0.25)
-/* Faces of one organ do not touch when they are nearer than this at rest, in lengths of a face. */
+/* Faces of one organ do not touch when their middles are nearer than this at rest, in lengths of a face. */
 #define SBI_NEAR_APART ((sb_real)2)
 /* Thickness matters up to so many lengths of the organ's faces. */
 #define SBI_NEAR_THICKEST ((sb_real)4)
@@ -42,14 +42,10 @@ static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *
     const int *n = sbi_contact_face_nodes(faces, face);
     int corners = faces->kinds[faces->sizes[face]].corners, organ = contact->body->node_component[n[0]];
     sb_vec3 centre = {0, 0, 0};
-    sb_real radius = 0;
     for (int a = 0; a < corners; a++)
         centre = sb_v3_madd(centre, 1 / (sb_real)corners, rest[n[a]]);
-    for (int a = 0; a < corners; a++)
-        radius = sb_max(radius, sb_v3_norm(sb_v3_sub(rest[n[a]], centre)));
     pairs->organs[face] = organ;
     pairs->centres[face] = centre;
-    pairs->radii[face] = radius;
     pairs->rest_normals[face] = sbi_near_unit(sbi_near_vector(faces, face, rest));
     pairs->slot_of[face] = -1;
     pairs->organ_lengths[organ] += faces->lengths[face];
@@ -195,8 +191,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
     if (!same)
         return 1;
     apart = sb_v3_sub(pairs->centres[face], pairs->centres[other]);
-    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]) +
-            pairs->radii[face] + pairs->radii[other];
+    least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]);
     return sb_v3_dot(apart, apart) > least * least;
 }
 

@@ -72,7 +72,6 @@ typedef struct sbi_pairs {
     int *organs;               /* of each face */
     sb_real *thickness;        /* m behind the face's middle, no more than it matters */
     sb_vec3 *centres;          /* m */
-    sb_real *radii;            /* m: no corner is farther from the centre */
     sb_vec3 *rest_normals;     /* out of the body */
     sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
     int *organ_counts;         /* [nodes] */

@@ -52,6 +52,87 @@ SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressu
     return SB_OK;
 }
 
+/* ---- stiffness ---- */
+
+#define SBI_CONTACT_COLUMN_TOLERANCE ((sb_real)1e-3)
+
+/* How a point of a tool moves by its unknown j. */
+static sb_vec3 sbi_contact_unit_way(int j, sb_vec3 arm)
+{
+    sb_vec3 unit = sb_v3((sb_real)(j % 3 == 0), (sb_real)(j % 3 == 1), (sb_real)(j % 3 == 2));
+    return j < 3 ? unit : sb_v3_cross(unit, arm);
+}
+
+/* Force on the body of an entry whose tool moves by `way` against the tissue. */
+static sb_vec3 sbi_contact_way_force(const sbi_contact_entry *entry, sb_vec3 way)
+{
+    sb_real k[9];
+    sbi_contact_stiffness(&entry->answer, entry->normal, entry->area, k);
+    return sb_v3(k[0] * way.x + k[1] * way.y + k[2] * way.z, k[3] * way.x + k[4] * way.y + k[5] * way.z,
+                 k[6] * way.x + k[7] * way.y + k[8] * way.z);
+}
+
+/* rhs = what a tool's way along j loads the nodes with. */
+static void sbi_contact_load_column(const sb_contact *contact, int tool, int j, sb_vec3 *rhs)
+{
+    memset(rhs, 0, (size_t)sb_body_node_count(contact->body) * sizeof *rhs);
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
+        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
+        sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), force;
+        if (entry->tool != tool)
+            continue;
+        force = sbi_contact_way_force(entry, sbi_contact_unit_way(j, arm));
+        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
+            rhs[nodes[a]] = sb_v3_madd(rhs[nodes[a]], weights[a], force);
+    }
+}
+
+/* Column j of k, the tissue following by x. */
+static void sbi_contact_read_column(const sb_contact *contact, int tool, int j, const sb_vec3 *x, sb_real k[6][6])
+{
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), follows, force, torque;
+        if (entry->tool != tool)
+            continue;
+        follows = sbi_contact_mean(sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample),
+                                   sbi_contact_face_nodes(contact->faces, entry->face),
+                                   contact->faces->sizes[entry->face], x);
+        force = sbi_contact_way_force(entry, sb_v3_sub(sbi_contact_unit_way(j, arm), follows));
+        torque = sb_v3_cross(arm, force);
+        k[0][j] -= force.x, k[1][j] -= force.y, k[2][j] -= force.z;
+        k[3][j] -= torque.x, k[4][j] -= torque.y, k[5][j] -= torque.z;
+    }
+}
+
+static int sbi_contact_has_tool(const sb_contact *contact, int tool)
+{
+    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape != NULL;
+}
+
+SB_API sb_result sb_contact_stiffness(sb_contact *contact, int tool, sb_real k[6][6])
+{
+    if (!contact || !k)
+        return SB_ERROR_ARGUMENT;
+    if (!sbi_contact_has_tool(contact, tool))
+        return SB_ERROR_INDEX;
+    if (!contact->is_solved || contact->faces_old)
+        return SB_ERROR_STATE;
+    memset(k, 0, 36 * sizeof(sb_real));
+    for (int j = 0; j < 6; j++) {
+        sb_result result;
+        sbi_contact_load_column(contact, tool, j, contact->hung_in);
+        result =
+            sbi_body_solve_column(contact->body, contact->hung_in, contact->hung_out, SBI_CONTACT_COLUMN_TOLERANCE);
+        if (result != SB_OK)
+            return result;
+        sbi_contact_read_column(contact, tool, j, contact->hung_out, k);
+    }
+    return SB_OK;
+}
+
 /* ---- a grip ---- */
 
 /* Sums over what a jaw touches. */
@@ -86,11 +167,6 @@ static void sbi_grip_add_wrench(const sbi_contact_tool *tool, sb_vec3 place, sb_
     sum->torque = sb_v3_add(sum->torque, sb_v3_sub(sb_v3_cross(arm, force), tool->torque));
 }
 
-static int sbi_grip_has_tool(const sb_contact *contact, int tool)
-{
-    return tool >= 0 && tool < contact->max_tools && contact->tools[tool].shape != NULL;
-}
-
 SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, sb_grip *grip)
 {
     sbi_grip_sum a, b;
@@ -98,7 +174,7 @@ SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, 
     sb_real size, load;
     if (!contact || !grip)
         return SB_ERROR_ARGUMENT;
-    if (jaw == other || !sbi_grip_has_tool(contact, jaw) || !sbi_grip_has_tool(contact, other))
+    if (jaw == other || !sbi_contact_has_tool(contact, jaw) || !sbi_contact_has_tool(contact, other))
         return SB_ERROR_INDEX;
     memset(grip, 0, sizeof *grip);
     grip->place = sb_v3_scale((sb_real)0.5,
