@@ -183,17 +183,18 @@ $(eval $(call suite,mingw,$(MINGW) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-stati
 $(eval $(call suite,wasm,$(WASM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm,$(call some,$(PORTABLE))))
 
 # Takes most of the suite's time; the builds that differ in language or system only leave it out (SLOW= runs all).
-SLOW = -step/10,000 -step/1,000 -reference $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c)) \
+SLOW = -step/10,000 -step/1,000 -reference -contact_series $(patsubst tests/test_%.c,-%,$(wildcard tests/test_verification_*.c)) \
 	-grid/badly -grid/weighted -grid/convergence -grid/stretched -grid/bars -match/livers -nicp/livers -loads/livers
 QUICK = $(or $(FILTER),$(SLOW))
 # Long too, and left to make check by make test.
 SLOWER = -multigrid/bodies -needle_materials/every -parts/parts -needle_programs/the -live_mesh/iterations \
 	-integrators/explicit -schemes/one -contact/balance -contact/hertz -contact_hostile/squeezed -contact_hostile/fall \
+	-contact_pairs/weight -contact_pairs/thrown -contact_hung/dragged \
 	-stuffing/thin -stuffing/surfaces -step_guest/elements -surface/check -needle/no
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
-	-viscoelastic/violence -load/1,000 -bbar/violence
+	-viscoelastic/violence -load/1,000 -bbar/violence -contact_sweep
 LINKED = mesh body load constraint record
 
 SNIPPET_CFLAGS = -O0

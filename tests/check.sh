@@ -44,8 +44,9 @@ counted "tests in double, each with 128 kB of stack and bad operations as signal
 counted "examples, README, fuzz corpus" "$make test-programs"
 counted "tests in float" "CHECK_QUICK=1 $make test-float FILTER='\$(SLOW)'"
 counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1"
-# Waiting threads leave their processor to the other step. Two long tests have no threads and are left out.
-counted "tests with OpenMP" "OMP_WAIT_POLICY=passive $make test-openmp FILTER='\$(SLOW) -step/rest -step/Newmark'"
+# Waiting threads leave their processor to the other step. Long tests that have no threads are left out.
+counted "tests with OpenMP" "OMP_WAIT_POLICY=passive $make test-openmp FILTER='\$(SLOW) -step/rest -step/Newmark \
+    -contact_sweep -contact_organ -contact_hung -contact_hostile -contact_static -contact_substeps'"
 counted "golden results of compilers and optimisations" "$make test-golden $(few "GOLDEN_NAMES='gcc-O3 clang-O0'")"
 counted "tests of threads under the thread sanitizer" "$make test-tsan"
 counted "random sessions on every element" "$make soak SOAK_SECONDS=5"
