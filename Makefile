@@ -189,7 +189,7 @@ QUICK = $(or $(FILTER),$(SLOW))
 # Long too, and left to make check by make test.
 SLOWER = -multigrid/bodies -needle_materials/every -parts/parts -needle_programs/the -live_mesh/iterations \
 	-integrators/explicit -schemes/one -contact/balance -contact/hertz -contact_hostile/squeezed -contact_hostile/fall \
-	-contact_pairs/weight -contact_pairs/thrown -contact_hung/dragged \
+	-contact_pairs/weight -contact_pairs/thrown -contact_pairs/folded -contact_hung/dragged \
 	-stuffing/thin -stuffing/surfaces -step_guest/elements -surface/check -needle/no
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.

@@ -65594,14 +65594,6 @@ static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, s
     return result;
 }
 
-/* 1: it failed with something that touches the body, or because something may have passed through it. */
-static int sbi_substeps_may_help(const sb_body *b, sb_result result)
-{
-    int is_the_motion = result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
-                        result == SB_ERROR_NOT_CONVERGED;
-    return is_the_motion && (b->touch->touching > 0 || b->touch->refused);
-}
-
 /* ---- a step ---- */
 
 SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
@@ -65614,10 +65606,10 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
         return sbi_step_whole(body, dt, guests, guest_count, 1, info);
     info = info ? info : &own;
     begun = sbi_body_now(body);
-    body->touch->touching = body->touch->refused = 0;
+    body->touch->refused = 0;
     sbi_body_mute(body);
     result = sbi_step_whole(body, dt, NULL, 0, 1, info);
-    if (sbi_substeps_may_help(body, result))
+    if (result == SB_ERROR_DIVERGED && body->touch->refused)
         result = sbi_substeps_divide(body, dt, result, info);
     sbi_body_unmute(body);
     info->seconds_total = sbi_body_now(body) - begun;

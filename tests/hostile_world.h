@@ -404,6 +404,14 @@ static sb_contact *world_contact(world *w)
     return w->contact;
 }
 
+/* Its system is that of the last step. */
+static sb_contact *world_stepped(world *w)
+{
+    sb_contact *contact = world_contact(w);
+    CHECK_OK(sb_body_step(w->touched, REAL(0.01), NULL));
+    return contact;
+}
+
 static sb_tool_state world_hand;
 static sb_haptic_def *world_haptic_def(world *w)
 {

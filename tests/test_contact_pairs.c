@@ -412,12 +412,14 @@ static void check_fold(sb_element_type type, int along, int across, int pairs, i
 static void test_folded(void)
 {
     int twice, touched, without;
+    check_fold(SB_HEX8, 40, 2, SB_CONTACT_SELF, &twice, &touched);
+    CHECK(twice == 0 && touched > 1000);
+    if (check_quick())
+        return;
     check_fold(SB_TET4, 40, 2, 0, &without, &touched);
     CHECK(without > 1000 && touched == 0);
     check_fold(SB_TET4, 40, 2, SB_CONTACT_SELF, &twice, &touched);
     CHECK(twice <= without / 1000 && touched > 1000);
-    check_fold(SB_HEX8, 40, 2, SB_CONTACT_SELF, &twice, &touched);
-    CHECK(twice == 0 && touched > 1000);
 }
 
 static sb_material pile_material(void) { return sb_material_corotated(REAL(1e4), REAL(0.4), 1000); }
