@@ -69457,12 +69457,13 @@ SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes); /
 SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error);
 
 /* ---- contact_step.c ---- */
-/* Place of a node in the list of those in touch. */
-SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
-/* values += block without masked rows and columns. */
-SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns);
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* ---- contact_sample.c ---- */
+/* Place of a node in the list of those in touch. */
+SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
+enum { SBI_CONTACT_CHUNK = 16 }; /* patches that one thread takes at a time */
 
 /* An evaluation. renew: bounds of friction become those of here. */
 typedef struct sbi_contact_work {
@@ -69471,6 +69472,8 @@ typedef struct sbi_contact_work {
     int renew;
     int first, last; /* patches */
 } sbi_contact_work;
+/* Patches from work->first to work->last. */
+SBI_API void sbi_contact_evaluate_patches(sbi_contact_work *work);
 /* The patches of a tool, at its pose of balance. */
 SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
 
@@ -69551,6 +69554,15 @@ SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
     return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
 }
 
+/* values += block without masked rows and columns. */
+SB_INLINE void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (!(rows >> i & 1u) && !(columns >> j & 1u))
+                values[3 * i + j] += block[3 * i + j];
+}
+
 /* Place of a sample with these weights. */
 SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
 {
@@ -69561,6 +69573,76 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 }
 
 #endif /* SB_CONTACT_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_sample.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_sample: nodes of the samples of a step, and samples evaluated at a trial displacement. */
+
+/* ---- nodes ---- */
+
+SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
+{
+    if (contact->node_place[node] < 0) {
+        contact->node_place[node] = contact->touch.node_count;
+        contact->positions[contact->touch.node_count] = contact->x[node];
+        contact->nodes[contact->touch.node_count++] = node;
+    }
+    return contact->node_place[node];
+}
+
+/* ---- evaluation ---- */
+
+static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
+                                        sbi_contact_sample *s)
+{
+    const sb_contact *contact = work->contact;
+    const sbi_contact_tool *tool = contact->tools + patch->tool;
+    int count = contact->faces->sizes[patch->face];
+    sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
+    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
+    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
+    if (sbi_contact_is_hung(tool))
+        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
+    slip = sb_v3_sub(u, s->carried);
+    s->point = sb_v3_add(start, u);
+    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
+                               &normal);
+    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
+    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
+    if (work->renew)
+        s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
+}
+
+static void sbi_contact_evaluate_chunk(void *user, int chunk)
+{
+    const sbi_contact_work *work = (const sbi_contact_work *)user;
+    sb_contact *contact = work->contact;
+    int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
+    for (int p = first; p < last; p++) {
+        sbi_contact_patch *patch = contact->patches + p;
+        patch->touching = 0;
+        for (int i = patch->first; i < patch->first + patch->count; i++) {
+            sbi_contact_evaluate_sample(work, patch, contact->samples + i);
+            patch->touching += contact->samples[i].answer.state != SBI_CONTACT_OFF;
+        }
+    }
+}
+
+SBI_API void sbi_contact_evaluate_patches(sbi_contact_work *work)
+{
+    int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
+    sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
+}
+
+SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool)
+{
+    sbi_contact_work own = *work;
+    own.first = tool->spring.first;
+    own.last = tool->spring.last;
+    sbi_contact_evaluate_patches(&own);
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_closest.c ==== */
@@ -70819,7 +70901,7 @@ SBI_API int sbi_pairs_are_safe(sb_contact *contact)
 
 /* ==== src/softbody/contact/contact_pairs_keep.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* contact_pairs_keep: what organs in touch remember from step to step, what is read of them and what is saved.
+/* contact_pairs_keep: what organs in touch remember from step to step, and what is read of them.
  *
  * Pressures are remembered as those of tools are (contact_memory.c): by corners of faces, each for the samples of its
  * own faces, whatever they are paired with; both sides remember. Tractions are those of samples. */
@@ -71084,185 +71166,6 @@ SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes)
         for (int a = 0; a < faces->sizes[entry->other]; a++)
             pushes[others[a]] += entry->shares[a] * push;
     }
-}
-
-/* ---- state: a part of its own, so that contact of tools alone is saved as it was ---- */
-
-enum { SBI_PAIR_VERSION = 1, SBI_PAIR_REALS = 14 };
-
-static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
-{
-    const sbi_contact_faces *faces = contact->faces;
-    sb_real reals[SBI_PAIR_REALS] = {entry->gap, entry->area};
-    sbi_contact_put_int(out, faces->elements[entry->face]);
-    sbi_contact_put_int(out, faces->sides[entry->face]);
-    sbi_contact_put_int(out, faces->elements[entry->other]);
-    sbi_contact_put_int(out, faces->sides[entry->other]);
-    sbi_contact_put_int(out, entry->parts);
-    sbi_contact_put_int(out, entry->sample);
-    sbi_contact_put_int(out, entry->sticks);
-    sbi_contact_pack_vector(entry->traction, reals + 2);
-    sbi_contact_pack_vector(entry->point, reals + 5);
-    sbi_contact_pack_vector(entry->normal, reals + 8);
-    sbi_contact_pack_vector(entry->force, reals + 11);
-    sbi_contact_put_reals(out, reals, SBI_PAIR_REALS);
-    sbi_contact_put_reals(out, entry->shares, SB_MAX_FACE_NODES);
-}
-
-static void sbi_pair_save(const void *user, sbi_state_out *out)
-{
-    const sb_contact *contact = (const sb_contact *)user;
-    const sbi_pairs *pairs = &contact->pairs;
-    sbi_contact_put_int(out, pairs->kinds);
-    sbi_contact_put_reals(out, &pairs->friction, 1);
-    sbi_contact_put_reals(out, &pairs->distance, 1);
-    sbi_contact_put_int(out, pairs->entry_count);
-    for (int e = 0; e < pairs->entry_count; e++)
-        sbi_pair_put_entry(contact, pairs->entries + e, out);
-    sbi_contact_put_int(out, pairs->pressure_count);
-    for (int i = 0; i < pairs->pressure_count; i++) {
-        sbi_contact_put_int(out, pairs->pressures[i].node);
-        sbi_contact_put_reals(out, &pairs->pressures[i].value, 1);
-    }
-}
-
-/* entry->face: -1 where the mesh has no such faces or sample. */
-static void sbi_pair_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_pair_entry *entry)
-{
-    sb_real reals[SBI_PAIR_REALS];
-    int at[4];
-    memset(entry, 0, sizeof *entry);
-    for (int i = 0; i < 4; i++) {
-        at[i] = sbi_contact_get_int(in);
-        in->bad |= at[i] < 0;
-    }
-    entry->parts = sbi_contact_get_int(in);
-    entry->sample = sbi_contact_get_int(in);
-    entry->sticks = sbi_contact_get_int(in);
-    sbi_contact_get_reals(in, reals, SBI_PAIR_REALS);
-    sbi_contact_get_reals(in, entry->shares, SB_MAX_FACE_NODES);
-    entry->gap = reals[0], entry->area = reals[1];
-    entry->traction = sb_v3(reals[2], reals[3], reals[4]);
-    entry->point = sb_v3(reals[5], reals[6], reals[7]);
-    entry->normal = sb_v3(reals[8], reals[9], reals[10]);
-    entry->force = sb_v3(reals[11], reals[12], reals[13]);
-    in->bad |= entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS || entry->sample < 0 || !(entry->area > 0) ||
-               (entry->sticks & ~1);
-    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, at[0], at[1]) : -1;
-    entry->other = entry->face >= 0 ? sbi_contact_find_face(contact->faces, at[2], at[3]) : -1;
-    if (entry->other < 0 || !sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->weights ||
-        entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
-        entry->face = -1;
-}
-
-static sbi_pair_pressure sbi_pair_get_pressure(sbi_contact_in *in)
-{
-    sbi_pair_pressure pressure;
-    pressure.node = sbi_contact_get_int(in);
-    sbi_contact_get_reals(in, &pressure.value, 1);
-    in->bad |= pressure.node < 0 || !(pressure.value > 0);
-    return pressure;
-}
-
-static int sbi_pair_get_pressure_count(sbi_contact_in *in, int contacts)
-{
-    int count = sbi_contact_get_int(in);
-    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
-    return in->bad ? 0 : count;
-}
-
-static sb_result sbi_pair_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
-                                sb_error *error)
-{
-    const sb_contact *contact = (const sb_contact *)user;
-    sbi_contact_in in = {bytes, size, 0};
-    sb_real law[2];
-    int kinds = sbi_contact_get_int(&in), count, pressures;
-    (void)body;
-    sbi_contact_get_reals(&in, law, 2);
-    if (!in.bad &&
-        (kinds != contact->pairs.kinds || law[0] != contact->pairs.friction || law[1] != contact->pairs.distance))
-        return sbi_fail(error, SB_ERROR_STATE,
-                        "the state is of a contact with other pairs, pair_friction or pair_distance");
-    count = sbi_contact_get_int(&in);
-    if (!in.bad && count > contact->max_contacts)
-        return sbi_fail(error, SB_ERROR_STATE, "the state has %d pairs, max_contacts is %d", count,
-                        contact->max_contacts);
-    for (int e = 0; e < count && !in.bad; e++) {
-        sbi_pair_entry entry;
-        sbi_pair_get_entry(contact, &in, 0, &entry);
-    }
-    pressures = sbi_pair_get_pressure_count(&in, count);
-    for (int i = 0; i < pressures && !in.bad; i++)
-        (void)sbi_pair_get_pressure(&in);
-    if (in.bad || count < 0 || in.left != 0)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved pairs of a contact are damaged");
-    return SB_OK;
-}
-
-static int sbi_pair_is_before(const sbi_pair_entry *a, const sbi_pair_entry *b)
-{
-    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
-}
-
-/* Entries go where their order wants them: faces may have other numbers here. */
-static void sbi_pair_insert(sbi_pairs *pairs, const sbi_pair_entry *entry)
-{
-    int at = pairs->entry_count++;
-    for (; at > 0 && sbi_pair_is_before(entry, pairs->entries + at - 1); at--)
-        pairs->entries[at] = pairs->entries[at - 1];
-    pairs->entries[at] = *entry;
-}
-
-static void sbi_pair_load(void *user, const unsigned char *bytes, size_t size)
-{
-    sb_contact *contact = (sb_contact *)user;
-    sbi_pairs *pairs = &contact->pairs;
-    sbi_contact_in in = {bytes, size, 0};
-    sb_real law[2];
-    int count, pressures;
-    (void)sbi_contact_get_int(&in);
-    sbi_contact_get_reals(&in, law, 2);
-    count = sbi_contact_get_int(&in);
-    pairs->entry_count = pairs->pressure_count = 0;
-    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
-        return;
-    for (int e = 0; e < count; e++) {
-        sbi_pair_entry entry;
-        sbi_pair_get_entry(contact, &in, 1, &entry);
-        if (entry.face >= 0)
-            sbi_pair_insert(pairs, &entry);
-    }
-    pressures = sbi_pair_get_pressure_count(&in, count);
-    for (int i = 0; i < pressures; i++) {
-        sbi_pair_pressure pressure = sbi_pair_get_pressure(&in);
-        if (pressure.node < contact->faces->node_room)
-            pairs->pressures[pairs->pressure_count++] = pressure;
-    }
-}
-
-/* It has no commands. */
-static sb_result sbi_pair_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
-                                 sb_error *error)
-{
-    (void)user, (void)ints, (void)int_count, (void)reals, (void)real_count;
-    return sbi_fail(error, SB_ERROR_FORMAT, "pairs of organs have no recorded commands");
-}
-
-SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error)
-{
-    sbi_state_part part;
-    if (!contact->pairs.kinds)
-        return SB_OK;
-    memset(&part, 0, sizeof part);
-    memcpy(part.name, SBI_PAIRS_PART, sizeof SBI_PAIRS_PART);
-    part.version = SBI_PAIR_VERSION;
-    part.user = contact;
-    part.save = sbi_pair_save;
-    part.check = sbi_pair_check;
-    part.load = sbi_pair_load;
-    part.replay = sbi_pair_replay;
-    return sbi_body_join(contact->body, &part, error);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -72292,22 +72195,12 @@ SB_API sb_result sb_contact_coupling(const sb_contact *contact, int tool, sb_wre
 #include <string.h>
 
 
-enum { SBI_CONTACT_CHUNK = 16, SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
+enum { SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
 
 /* Overlap that a static solve leaves, over how far the surface was pushed. */
 #define SBI_CONTACT_OVERLAP ((sb_real)1e-3)
 
 /* ---- nodes and patches ---- */
-
-SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
-{
-    if (contact->node_place[node] < 0) {
-        contact->node_place[node] = contact->touch.node_count;
-        contact->positions[contact->touch.node_count] = contact->x[node];
-        contact->nodes[contact->touch.node_count++] = node;
-    }
-    return contact->node_place[node];
-}
 
 static void sbi_contact_forget_nodes(sb_contact *contact)
 {
@@ -72579,57 +72472,6 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 
 /* ---- evaluation ---- */
 
-static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
-                                        sbi_contact_sample *s)
-{
-    const sb_contact *contact = work->contact;
-    const sbi_contact_tool *tool = contact->tools + patch->tool;
-    int count = contact->faces->sizes[patch->face];
-    sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
-    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
-    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
-    if (sbi_contact_is_hung(tool))
-        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
-    slip = sb_v3_sub(u, s->carried);
-    s->point = sb_v3_add(start, u);
-    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
-                               &normal);
-    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
-    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
-    if (work->renew)
-        s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
-    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
-}
-
-static void sbi_contact_evaluate_chunk(void *user, int chunk)
-{
-    const sbi_contact_work *work = (const sbi_contact_work *)user;
-    sb_contact *contact = work->contact;
-    int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
-    for (int p = first; p < last; p++) {
-        sbi_contact_patch *patch = contact->patches + p;
-        patch->touching = 0;
-        for (int i = patch->first; i < patch->first + patch->count; i++) {
-            sbi_contact_evaluate_sample(work, patch, contact->samples + i);
-            patch->touching += contact->samples[i].answer.state != SBI_CONTACT_OFF;
-        }
-    }
-}
-
-static void sbi_contact_evaluate_patches(sbi_contact_work *work)
-{
-    int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
-    sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
-}
-
-SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool)
-{
-    sbi_contact_work own = *work;
-    own.first = tool->spring.first;
-    own.last = tool->spring.last;
-    sbi_contact_evaluate_patches(&own);
-}
-
 /* Forces on the nodes, in the order of samples. */
 static void sbi_contact_sum_forces(sb_contact *contact)
 {
@@ -72734,14 +72576,6 @@ static void sbi_contact_multiply(void *user, const unsigned char *masked, const 
         sbi_contact_subtract_hung(contact, x, out);
     for (int k = 0; masked && k < contact->touch.node_count; k++)
         out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
-}
-
-SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
-{
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            if (!(rows >> i & 1u) && !(columns >> j & 1u))
-                values[3 * i + j] += block[3 * i + j];
 }
 
 static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_matrix *matrix)
@@ -73646,6 +73480,191 @@ SBI_API void sbi_contact_leave_state(const sb_contact *contact)
 {
     sbi_body_leave(contact->body, SBI_CONTACT_PART);
     sbi_body_leave(contact->body, SBI_PAIRS_PART);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_pairs_state.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_pairs_state: organs in touch as a part of their own of the body's state, so that contact of tools alone is saved
+ * as it was. Faces are named by cell and side. */
+#include <string.h>
+
+
+enum { SBI_PAIR_VERSION = 1, SBI_PAIR_REALS = 14 };
+
+static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sb_real reals[SBI_PAIR_REALS] = {entry->gap, entry->area};
+    sbi_contact_put_int(out, faces->elements[entry->face]);
+    sbi_contact_put_int(out, faces->sides[entry->face]);
+    sbi_contact_put_int(out, faces->elements[entry->other]);
+    sbi_contact_put_int(out, faces->sides[entry->other]);
+    sbi_contact_put_int(out, entry->parts);
+    sbi_contact_put_int(out, entry->sample);
+    sbi_contact_put_int(out, entry->sticks);
+    sbi_contact_pack_vector(entry->traction, reals + 2);
+    sbi_contact_pack_vector(entry->point, reals + 5);
+    sbi_contact_pack_vector(entry->normal, reals + 8);
+    sbi_contact_pack_vector(entry->force, reals + 11);
+    sbi_contact_put_reals(out, reals, SBI_PAIR_REALS);
+    sbi_contact_put_reals(out, entry->shares, SB_MAX_FACE_NODES);
+}
+
+static void sbi_pair_save(const void *user, sbi_state_out *out)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    const sbi_pairs *pairs = &contact->pairs;
+    sbi_contact_put_int(out, pairs->kinds);
+    sbi_contact_put_reals(out, &pairs->friction, 1);
+    sbi_contact_put_reals(out, &pairs->distance, 1);
+    sbi_contact_put_int(out, pairs->entry_count);
+    for (int e = 0; e < pairs->entry_count; e++)
+        sbi_pair_put_entry(contact, pairs->entries + e, out);
+    sbi_contact_put_int(out, pairs->pressure_count);
+    for (int i = 0; i < pairs->pressure_count; i++) {
+        sbi_contact_put_int(out, pairs->pressures[i].node);
+        sbi_contact_put_reals(out, &pairs->pressures[i].value, 1);
+    }
+}
+
+/* entry->face: -1 where the mesh has no such faces or sample. */
+static void sbi_pair_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_pair_entry *entry)
+{
+    sb_real reals[SBI_PAIR_REALS];
+    int at[4];
+    memset(entry, 0, sizeof *entry);
+    for (int i = 0; i < 4; i++) {
+        at[i] = sbi_contact_get_int(in);
+        in->bad |= at[i] < 0;
+    }
+    entry->parts = sbi_contact_get_int(in);
+    entry->sample = sbi_contact_get_int(in);
+    entry->sticks = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, reals, SBI_PAIR_REALS);
+    sbi_contact_get_reals(in, entry->shares, SB_MAX_FACE_NODES);
+    entry->gap = reals[0], entry->area = reals[1];
+    entry->traction = sb_v3(reals[2], reals[3], reals[4]);
+    entry->point = sb_v3(reals[5], reals[6], reals[7]);
+    entry->normal = sb_v3(reals[8], reals[9], reals[10]);
+    entry->force = sb_v3(reals[11], reals[12], reals[13]);
+    in->bad |= entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS || entry->sample < 0 || !(entry->area > 0) ||
+               (entry->sticks & ~1);
+    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, at[0], at[1]) : -1;
+    entry->other = entry->face >= 0 ? sbi_contact_find_face(contact->faces, at[2], at[3]) : -1;
+    if (entry->other < 0 || !sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->weights ||
+        entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
+        entry->face = -1;
+}
+
+static sbi_pair_pressure sbi_pair_get_pressure(sbi_contact_in *in)
+{
+    sbi_pair_pressure pressure;
+    pressure.node = sbi_contact_get_int(in);
+    sbi_contact_get_reals(in, &pressure.value, 1);
+    in->bad |= pressure.node < 0 || !(pressure.value > 0);
+    return pressure;
+}
+
+static int sbi_pair_get_pressure_count(sbi_contact_in *in, int contacts)
+{
+    int count = sbi_contact_get_int(in);
+    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
+    return in->bad ? 0 : count;
+}
+
+static sb_result sbi_pair_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                sb_error *error)
+{
+    const sb_contact *contact = (const sb_contact *)user;
+    sbi_contact_in in = {bytes, size, 0};
+    sb_real law[2];
+    int kinds = sbi_contact_get_int(&in), count, pressures;
+    (void)body;
+    sbi_contact_get_reals(&in, law, 2);
+    if (!in.bad &&
+        (kinds != contact->pairs.kinds || law[0] != contact->pairs.friction || law[1] != contact->pairs.distance))
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the state is of a contact with other pairs, pair_friction or pair_distance");
+    count = sbi_contact_get_int(&in);
+    if (!in.bad && count > contact->max_contacts)
+        return sbi_fail(error, SB_ERROR_STATE, "the state has %d pairs, max_contacts is %d", count,
+                        contact->max_contacts);
+    for (int e = 0; e < count && !in.bad; e++) {
+        sbi_pair_entry entry;
+        sbi_pair_get_entry(contact, &in, 0, &entry);
+    }
+    pressures = sbi_pair_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures && !in.bad; i++)
+        (void)sbi_pair_get_pressure(&in);
+    if (in.bad || count < 0 || in.left != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved pairs of a contact are damaged");
+    return SB_OK;
+}
+
+static int sbi_pair_is_before(const sbi_pair_entry *a, const sbi_pair_entry *b)
+{
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+static void sbi_pair_insert(sbi_pairs *pairs, const sbi_pair_entry *entry)
+{
+    int at = pairs->entry_count++;
+    for (; at > 0 && sbi_pair_is_before(entry, pairs->entries + at - 1); at--)
+        pairs->entries[at] = pairs->entries[at - 1];
+    pairs->entries[at] = *entry;
+}
+
+static void sbi_pair_load(void *user, const unsigned char *bytes, size_t size)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_pairs *pairs = &contact->pairs;
+    sbi_contact_in in = {bytes, size, 0};
+    sb_real law[2];
+    int count, pressures;
+    (void)sbi_contact_get_int(&in);
+    sbi_contact_get_reals(&in, law, 2);
+    count = sbi_contact_get_int(&in);
+    pairs->entry_count = pairs->pressure_count = 0;
+    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+        return;
+    for (int e = 0; e < count; e++) {
+        sbi_pair_entry entry;
+        sbi_pair_get_entry(contact, &in, 1, &entry);
+        if (entry.face >= 0)
+            sbi_pair_insert(pairs, &entry);
+    }
+    pressures = sbi_pair_get_pressure_count(&in, count);
+    for (int i = 0; i < pressures; i++) {
+        sbi_pair_pressure pressure = sbi_pair_get_pressure(&in);
+        if (pressure.node < contact->faces->node_room)
+            pairs->pressures[pairs->pressure_count++] = pressure;
+    }
+}
+
+/* It has no commands. */
+static sb_result sbi_pair_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
+                                 sb_error *error)
+{
+    (void)user, (void)ints, (void)int_count, (void)reals, (void)real_count;
+    return sbi_fail(error, SB_ERROR_FORMAT, "pairs of organs have no recorded commands");
+}
+
+SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error)
+{
+    sbi_state_part part;
+    if (!contact->pairs.kinds)
+        return SB_OK;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, SBI_PAIRS_PART, sizeof SBI_PAIRS_PART);
+    part.version = SBI_PAIR_VERSION;
+    part.user = contact;
+    part.save = sbi_pair_save;
+    part.check = sbi_pair_check;
+    part.load = sbi_pair_load;
+    part.replay = sbi_pair_replay;
+    return sbi_body_join(contact->body, &part, error);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 

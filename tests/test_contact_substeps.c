@@ -98,7 +98,7 @@ static void test_supports(void)
         for (int n = 0; n < p.mesh.node_count; n++)
             if (p.mesh.nodes[n].z > REAL(0.0199)) {
                 sb_vec3 place = sb_v3_add(p.mesh.nodes[n], at);
-                CHECK(sb_v3_norm(sb_v3_sub(place, sb_body_positions(p.body)[n])) < 1e-6);
+                CHECK(sb_v3_norm(sb_v3_sub(place, sb_body_positions(p.body)[n])) < REAL(1e-6));
             }
     }
     CHECK(divided > 0);

@@ -208,7 +208,7 @@ static void run_sweeps_of(sb_tool_shape shape, int tool_count, int is_free, int 
 {
     int rounds = getenv("CHECK_SLOW") ? atoi(getenv("CHECK_SLOW")) : check_rounds(38);
     const char *seconds = getenv("CHECK_SECONDS");
-    double most = seconds && *seconds ? strtod(seconds, NULL) / SWEEP_KINDS : 0;
+    double most = seconds && *seconds ? strtod(seconds, NULL) / (double)SWEEP_KINDS : 0;
     clock_t begun = clock();
     tally sum;
     memset(&sum, 0, sizeof sum);

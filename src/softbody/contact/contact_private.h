@@ -246,12 +246,13 @@ SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes); /
 SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error);
 
 /* ---- contact_step.c ---- */
-/* Place of a node in the list of those in touch. */
-SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
-/* values += block without masked rows and columns. */
-SBI_API void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns);
 /* What the body calls in its steps. */
 SBI_API void sbi_contact_join(sb_contact *contact);
+
+/* ---- contact_sample.c ---- */
+/* Place of a node in the list of those in touch. */
+SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
+enum { SBI_CONTACT_CHUNK = 16 }; /* patches that one thread takes at a time */
 
 /* An evaluation. renew: bounds of friction become those of here. */
 typedef struct sbi_contact_work {
@@ -260,6 +261,8 @@ typedef struct sbi_contact_work {
     int renew;
     int first, last; /* patches */
 } sbi_contact_work;
+/* Patches from work->first to work->last. */
+SBI_API void sbi_contact_evaluate_patches(sbi_contact_work *work);
 /* The patches of a tool, at its pose of balance. */
 SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
 
@@ -338,6 +341,15 @@ SBI_API void sbi_contact_leave_state(const sb_contact *contact);
 SB_INLINE sb_vec3 sbi_contact_unmasked(unsigned axes, sb_vec3 v)
 {
     return sb_v3(axes & SB_X ? 0 : v.x, axes & SB_Y ? 0 : v.y, axes & SB_Z ? 0 : v.z);
+}
+
+/* values += block without masked rows and columns. */
+SB_INLINE void sbi_contact_add_block(sb_real *values, const sb_real *block, unsigned rows, unsigned columns)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (!(rows >> i & 1u) && !(columns >> j & 1u))
+                values[3 * i + j] += block[3 * i + j];
 }
 
 /* Place of a sample with these weights. */
