@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle programs, grasp,
-# palpation, one_body, register_liver and insilico as a user would, with good and bad arguments and files:
+# palpation, drop, one_body, register_liver and insilico as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -575,10 +575,26 @@ expect 2 'is none of: pbsm' insilico --methods magic
 expect 2 'no-such-file.vtk' insilico no-such-file.vtk
 expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --methods icp -o no-such-folder/x.svg
 
+# ---- drop ----
+expect 0 '^usage: drop' drop --help
+expect 0 '^rest=[01] floor_over_weight=[0-9.]* overlap_mm=[0-9.]* step_ms=' drop --count 2 --cells 3 -o drop
+check "the floor carries the weight" holds "$(last floor_over_weight) > 0.99 && $(last floor_over_weight) < 1.01"
+check "drop.png is a picture" is_png drop.png
+check "a row for each step" [ "$(wc -l <drop.csv | tr -d ' ')" = 241 ]
+expect 0 '^rest=' drop --count 1 --cells 2 --seconds 0.1 --self --series fallen -o drop
+check "a series of the steps" [ "$(ls fallen_*.vtk | wc -l | tr -d ' ')" = 6 ]
+long expect_data 0 '^rest=' drop volumes/liver_a_tet4_2k.vtk --count 2 --seconds 0.5 -o organ
+expect 2 '--count needs a whole number from 1 to' drop --count 0
+expect 2 '--speed needs a number from' drop --speed -1
+expect 2 'hard is no option\|--hard is no option' drop --hard
+expect 2 'no-such.vtk' drop no-such.vtk
+expect_data 2 'is a surface' drop surfaces/liver_a.obj
+expect 2 'no-such-folder/x.csv: cannot be written' drop --count 1 --cells 2 --seconds 0.1 -o no-such-folder/x
+
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation"
+    palpation drop"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1
@@ -624,6 +640,7 @@ fi
 if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
     full_disk x.csv grasp --way 0.001 -o full/x
     full_disk x.csv palpation --cells 6 --size 0.012 --grid 5 -o full/x
+    full_disk x.csv drop --count 1 --cells 2 --seconds 0.1 -o full/x
     full_disk x.vtk custom_element -n 1 -o full/x.vtk
     full_disk demo.png demo --no-vtk --frames 10 -o full
     full_disk demo_0000.vtk demo --frames 10 --every 5 -o full
