@@ -73485,8 +73485,8 @@ SBI_API void sbi_contact_leave_state(const sb_contact *contact)
 
 /* ==== src/softbody/contact/contact_pairs_state.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* contact_pairs_state: organs in touch as a part of their own of the body's state, so that contact of tools alone is saved
- * as it was. Faces are named by cell and side. */
+/* contact_pairs_state: organs in touch as a part of their own of the body's state, so that contact of tools alone is
+ * saved as it was. Faces are named by cell and side. */
 #include <string.h>
 
 
