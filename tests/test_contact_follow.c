@@ -241,7 +241,7 @@ static void test_follow_changes_taken_back(void)
     unsigned long long seed = 22;
     for (int round = 0; round < 10; round++) {
         pair p;
-        follow_op ops[12];
+        static follow_op ops[12]; /* too large for small stacks */
         int count = 0;
         sbi_contact_faces *before;
         pair_make(&p, SB_TET4, 0.3);

@@ -198,7 +198,7 @@ static int sbi_hung_settle(sb_contact *contact, sbi_contact_tool *tool, const sb
 static sb_pose sbi_hung_further(const sb_pose *from, const sb_pose *balance, sb_real level)
 {
     sb_pose end = *balance;
-    if (level == 1)
+    if (level == 1 || !(level > 0)) /* 0: the accelerations that a first step starts from are looked for */
         return end;
     end.position = sb_v3_madd(from->position, 1 / level, sb_v3_sub(balance->position, from->position));
     end.rotation = sb_quat_normalise(sb_quat_mul(
