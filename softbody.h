@@ -65602,7 +65602,7 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
     sb_step_info own;
     sb_result result;
     double begun;
-    if (!body || !body->touch || guest_count > 0)
+    if (!body || !body->touch || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
         return sbi_step_whole(body, dt, guests, guest_count, 1, info);
     info = info ? info : &own;
     begun = sbi_body_now(body);
@@ -68072,6 +68072,7 @@ typedef struct sbi_contact_faces {
     int *elements;            /* the cell behind it */
     unsigned char *sides;     /* its number among the faces of that cell */
     int *regions;             /* index of its material in the body */
+    int region_count;         /* materials, also of cells that have no face yet */
     sb_real *areas;           /* m^2 at rest */
     sb_real *lengths;         /* m at rest: what is cut into parts, see sbi_contact_face_parts */
     int *blocks;              /* [face][width * width] once they were asked for */
@@ -68681,6 +68682,7 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
         return sbi_contact_no_memory(body, error);
     if (allocator)
         made->allocator = *allocator;
+    made->region_count = body->material_count;
     if (sbi_contact_make_rules(made, sbi_element_make(body->domain.element_type, body->domain.table)))
         result = sbi_contact_fill(made, body, error);
     else
@@ -69365,6 +69367,7 @@ struct sb_contact {
     sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
+    int kept;                     /* 1: a static solve is under way, and they are what it began with */
     sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
     sb_contact_info kept_info;
     int kept_is_solved;
@@ -70044,8 +70047,7 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
 {
     sb_vec3 a = contact->pairs.vectors[face], b = contact->pairs.vectors[other];
-    sb_real product = sb_v3_dot(a, b);
-    return product < 0 && product * product > SBI_NEAR_FACING * SBI_NEAR_FACING * sb_v3_dot(a, a) * sb_v3_dot(b, b) &&
+    return sb_v3_dot(a, b) < -SBI_NEAR_FACING * sb_v3_norm(a) * sb_v3_norm(b) &&
            sbi_pairs_are_apart(contact, face, other);
 }
 
@@ -71254,12 +71256,23 @@ SBI_API int sbi_contact_take_room(sb_contact *contact)
 
 /* ---- changes of the mesh ---- */
 
-static void sbi_contact_give_up(void *user)
+/* Arrays are as large as the faces, which keep what room they were given for a change that was refused. */
+static int sbi_contact_has_room(const sb_contact *contact)
 {
-    sb_contact *contact = (sb_contact *)user;
-    sbi_free(&contact->allocator, contact->next_room);
+    return contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes;
+}
+
+/* The arrays that were made for a change take the place of those there were, if there are any. */
+static void sbi_contact_take_next_room(sb_contact *contact)
+{
+    if (!contact->next_room)
+        return;
+    sbi_free(&contact->allocator, contact->room_memory);
+    sbi_contact_set_room(contact, contact->next_room);
     contact->next_room = NULL;
 }
+
+static void sbi_contact_give_up(void *user) { sbi_contact_take_next_room((sb_contact *)user); }
 
 static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
 {
@@ -71268,7 +71281,7 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     size_t bytes;
     if (result != SB_OK)
         return result;
-    if (contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes)
+    if (sbi_contact_has_room(contact))
         return SB_OK;
     bytes = sbi_contact_room_bytes(contact);
     contact->next_room = bytes == (size_t)-1 ? NULL : sbi_alloc_zeroed(&contact->allocator, bytes, 1);
@@ -71296,13 +71309,12 @@ static void sbi_contact_drop_pressures(sb_contact *contact)
 SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
 {
     int changed = 0, count = 0;
-    sb_result result;
-    if (!contact->faces_old)
+    sb_result result = SB_OK;
+    if (!contact->faces_old && sbi_contact_has_room(contact))
         return SB_OK;
-    result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
-    if (result == SB_OK &&
-        (contact->faces->face_room != contact->room_faces || contact->faces->node_room != contact->room_nodes) &&
-        !sbi_contact_take_room(contact))
+    if (contact->faces_old)
+        result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
+    if (result == SB_OK && !sbi_contact_has_room(contact) && !sbi_contact_take_room(contact))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
     if (result != SB_OK)
         return result;
@@ -71313,6 +71325,8 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
         if (entry.face >= 0)
             contact->entries[count++] = entry;
     }
+    for (int t = 0; changed && t < contact->max_tools; t++)
+        contact->tools[t].nearest.known = 0;
     if (changed) {
         contact->entry_count = count;
         sbi_contact_drop_pressures(contact);
@@ -71324,11 +71338,8 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
 static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_change *change)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (contact->next_room) {
-        sbi_free(&contact->allocator, contact->room_memory);
-        sbi_contact_set_room(contact, contact->next_room);
-        contact->next_room = NULL;
-    }
+    sbi_contact_take_next_room(contact);
+    contact->is_solved = 0; /* its system is of the mesh before */
     sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
     (void)sbi_contact_update_faces(contact, NULL); /* where it fails the next step says so */
@@ -71679,7 +71690,7 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
 {
     const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
-    for (int i = 0; i < contact->faces->node_room; i++)
+    for (int i = 0; i < sb_body_node_count(contact->body); i++)
         contact->moved[i] = sb_v3_sub(sb_v3_add(rest[i], u[i]), x[i]);
     sbi_contact_faces_refit(contact->faces, x, contact->moved, 1);
     for (int i = 0; i < contact->max_tools; i++) {
@@ -72035,7 +72046,7 @@ static int sbi_hung_settle(sb_contact *contact, sbi_contact_tool *tool, const sb
 static sb_pose sbi_hung_further(const sb_pose *from, const sb_pose *balance, sb_real level)
 {
     sb_pose end = *balance;
-    if (level == 1)
+    if (level == 1 || !(level > 0)) /* 0: the accelerations that a first step starts from are looked for */
         return end;
     end.position = sb_v3_madd(from->position, 1 / level, sb_v3_sub(balance->position, from->position));
     end.rotation = sb_quat_normalise(sb_quat_mul(
@@ -72436,12 +72447,14 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     int thin = 0;
     sb_result result = sbi_contact_update_faces(contact, error);
     contact->is_solved = 0;
+    if (result == SB_OK && !(step->dt > 0) && !contact->kept) {
+        sbi_contact_keep_before(contact);
+        contact->kept = 1;
+    }
     if (result == SB_OK)
         result = sbi_contact_sweep(contact, step, error);
     if (result != SB_OK)
         return result;
-    if (contact->is_static && step->stage == 0)
-        sbi_contact_keep_before(contact);
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
             sbi_contact_forget_nodes(contact);
@@ -72788,6 +72801,7 @@ static void sbi_contact_commit(void *user)
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
     contact->is_solved = 1;
+    contact->kept = 0;
     sbi_contact_forget_nodes(contact);
 }
 
@@ -72805,8 +72819,9 @@ static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
     contact->touch.links = 0;
-    if (contact->is_static)
+    if (contact->kept)
         sbi_contact_go_back(contact);
+    contact->kept = 0;
     sbi_contact_forget_nodes(contact);
 }
 
@@ -73415,7 +73430,8 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
     for (int t = 0; t < contact->max_tools; t++)
         (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
     count = sbi_contact_get_int(&in);
-    contact->entry_count = 0;
+    contact->entry_count = contact->pressure_count = 0;
+    contact->is_solved = 0;
     memset(&contact->info, 0, sizeof contact->info);
     if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
         return;
@@ -73425,7 +73441,6 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         if (entry.face >= 0)
             sbi_contact_insert(contact, &entry);
     }
-    contact->pressure_count = 0;
     pressures = sbi_contact_get_pressure_count(&in, count);
     for (int i = 0; i < pressures; i++) {
         sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);
@@ -73797,8 +73812,8 @@ SB_API sb_result sb_contact_stiffness(sb_contact *contact, int tool, sb_real k[6
         sbi_contact_load_column(contact, tool, j, contact->hung_in);
         result =
             sbi_body_solve_column(contact->body, contact->hung_in, contact->hung_out, SBI_CONTACT_COLUMN_TOLERANCE);
-        if (result != SB_OK)
-            return result;
+        if (result != SB_OK) /* supports or constraints have changed since */
+            return result == SB_ERROR_INDEFINITE ? SB_ERROR_STATE : result;
         sbi_contact_read_column(contact, tool, j, contact->hung_out, k);
     }
     return SB_OK;
@@ -74007,8 +74022,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     if (result != SB_OK)
         return result;
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
-    for (int f = 0; f < c->faces->face_end; f++)
-        c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
+    c->region_room = c->faces->region_count;
     c->touch.max_iterations = def->max_iterations;
     c->pairs.kinds = def->pairs;
     c->pairs.friction = def->pair_friction;
@@ -75244,8 +75258,7 @@ struct sb_haptic {
     int has_report;
     int known_count;
     sbi_haptic_known known[SBI_HAPTIC_CLUSTERS];
-    int *cluster_of;       /* [max_contacts] by entry of the tool */
-    sb_vec3 *rhs, *column; /* [node_room] */
+    int *cluster_of; /* [max_contacts] by entry of the tool */
     void *memory;
 };
 
@@ -75462,7 +75475,7 @@ static void sbi_column_load(sb_haptic *haptic, int face, int parts, int sample, 
     const int *nodes = sbi_contact_face_nodes(faces, face);
     const sb_real *weights = sbi_contact_sample_weights(faces, face, parts, sample);
     for (int a = 0; a < faces->sizes[face]; a++)
-        haptic->rhs[nodes[a]] = sb_v3_madd(haptic->rhs[nodes[a]], weights[a], force);
+        haptic->contact->hung_in[nodes[a]] = sb_v3_madd(haptic->contact->hung_in[nodes[a]], weights[a], force);
 }
 
 /* Where the tissue there goes by the column. */
@@ -75470,18 +75483,20 @@ static sb_vec3 sbi_column_motion(const sb_haptic *haptic, int face, int parts, i
 {
     const sbi_contact_faces *faces = haptic->contact->faces;
     return sbi_contact_mean(sbi_contact_sample_weights(faces, face, parts, sample), sbi_contact_face_nodes(faces, face),
-                            faces->sizes[face], haptic->column);
+                            faces->sizes[face], haptic->contact->hung_out);
 }
 
 static void sbi_column_clear(sb_haptic *haptic)
 {
-    memset(haptic->rhs, 0, (size_t)sb_body_node_count(haptic->contact->body) * sizeof *haptic->rhs);
+    memset(haptic->contact->hung_in, 0,
+           (size_t)sb_body_node_count(haptic->contact->body) * sizeof *haptic->contact->hung_in);
 }
 
 /* 0: it has no sensible answer */
 static int sbi_column_solve(sb_haptic *haptic)
 {
-    return sbi_body_solve_column(haptic->contact->body, haptic->rhs, haptic->column, SBI_COLUMN_TOLERANCE) == SB_OK;
+    return sbi_body_solve_column(haptic->contact->body, haptic->contact->hung_in, haptic->contact->hung_out,
+                                 SBI_COLUMN_TOLERANCE) == SB_OK;
 }
 
 /* Force from an entry on a tool that has moved by `way` against the tissue. */
@@ -75653,10 +75668,7 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
 
 static void sbi_haptic_lay_out(sb_haptic *haptic, sbi_arena *arena)
 {
-    size_t nodes = (size_t)haptic->contact->faces->node_room;
     haptic->cluster_of = (int *)sbi_arena_take(arena, (size_t)haptic->contact->max_contacts, sizeof(int));
-    haptic->rhs = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    haptic->column = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
 }
 
 static int sbi_haptic_take_memory(sb_haptic *haptic)

@@ -209,5 +209,24 @@ static void test_another_mesh(void)
     press_free(&p);
 }
 
+/* A static solve that is refused before it begins gives back what was before it, not what was before an earlier one. */
+static void test_refused_after_another(void)
+{
+    press p = changing_press();
+    sb_tool_def far = sb_default_tool_def();
+    uint64_t hash;
+    far.pose.position = sb_v3(REAL(0.03), REAL(0.03), REAL(0.0495));
+    CHECK_OK(sb_contact_move_tool(p.contact, p.tool, &far.pose));
+    CHECK_OK(sb_body_solve_static(p.body, NULL, NULL));
+    CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    far.pose.position.z = -3;
+    CHECK_OK(sb_contact_move_tool(p.contact, p.tool, &far.pose));
+    hash = sb_body_state_hash(p.body);
+    CHECK(sb_body_solve_static(p.body, NULL, NULL) != SB_OK);
+    CHECK(sb_body_state_hash(p.body) == hash);
+    press_free(&p);
+}
+
 CHECK_SUITE(contact_static, {"Hertz", test_hertz}, {"undo", test_undo}, {"held by tools alone", test_held_by_tools},
-            {"changes of the mesh", test_changes}, {"another mesh", test_another_mesh});
+            {"changes of the mesh", test_changes}, {"another mesh", test_another_mesh},
+            {"refused after another", test_refused_after_another});

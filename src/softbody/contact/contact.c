@@ -126,8 +126,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     if (result != SB_OK)
         return result;
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
-    for (int f = 0; f < c->faces->face_end; f++)
-        c->region_room = sbi_max_int(c->region_room, c->faces->regions[f] + 1);
+    c->region_room = c->faces->region_count;
     c->touch.max_iterations = def->max_iterations;
     c->pairs.kinds = def->pairs;
     c->pairs.friction = def->pair_friction;

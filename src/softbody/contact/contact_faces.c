@@ -379,6 +379,7 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
         return sbi_contact_no_memory(body, error);
     if (allocator)
         made->allocator = *allocator;
+    made->region_count = body->material_count;
     if (sbi_contact_make_rules(made, sbi_element_make(body->domain.element_type, body->domain.table)))
         result = sbi_contact_fill(made, body, error);
     else

@@ -85,6 +85,7 @@ typedef struct sbi_contact_faces {
     int *elements;            /* the cell behind it */
     unsigned char *sides;     /* its number among the faces of that cell */
     int *regions;             /* index of its material in the body */
+    int region_count;         /* materials, also of cells that have no face yet */
     sb_real *areas;           /* m^2 at rest */
     sb_real *lengths;         /* m at rest: what is cut into parts, see sbi_contact_face_parts */
     int *blocks;              /* [face][width * width] once they were asked for */

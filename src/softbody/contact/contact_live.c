@@ -82,12 +82,23 @@ SBI_API int sbi_contact_take_room(sb_contact *contact)
 
 /* ---- changes of the mesh ---- */
 
-static void sbi_contact_give_up(void *user)
+/* Arrays are as large as the faces, which keep what room they were given for a change that was refused. */
+static int sbi_contact_has_room(const sb_contact *contact)
 {
-    sb_contact *contact = (sb_contact *)user;
-    sbi_free(&contact->allocator, contact->next_room);
+    return contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes;
+}
+
+/* The arrays that were made for a change take the place of those there were, if there are any. */
+static void sbi_contact_take_next_room(sb_contact *contact)
+{
+    if (!contact->next_room)
+        return;
+    sbi_free(&contact->allocator, contact->room_memory);
+    sbi_contact_set_room(contact, contact->next_room);
     contact->next_room = NULL;
 }
+
+static void sbi_contact_give_up(void *user) { sbi_contact_take_next_room((sb_contact *)user); }
 
 static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
 {
@@ -96,7 +107,7 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     size_t bytes;
     if (result != SB_OK)
         return result;
-    if (contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes)
+    if (sbi_contact_has_room(contact))
         return SB_OK;
     bytes = sbi_contact_room_bytes(contact);
     contact->next_room = bytes == (size_t)-1 ? NULL : sbi_alloc_zeroed(&contact->allocator, bytes, 1);
@@ -124,13 +135,12 @@ static void sbi_contact_drop_pressures(sb_contact *contact)
 SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
 {
     int changed = 0, count = 0;
-    sb_result result;
-    if (!contact->faces_old)
+    sb_result result = SB_OK;
+    if (!contact->faces_old && sbi_contact_has_room(contact))
         return SB_OK;
-    result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
-    if (result == SB_OK &&
-        (contact->faces->face_room != contact->room_faces || contact->faces->node_room != contact->room_nodes) &&
-        !sbi_contact_take_room(contact))
+    if (contact->faces_old)
+        result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
+    if (result == SB_OK && !sbi_contact_has_room(contact) && !sbi_contact_take_room(contact))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
     if (result != SB_OK)
         return result;
@@ -141,6 +151,8 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
         if (entry.face >= 0)
             contact->entries[count++] = entry;
     }
+    for (int t = 0; changed && t < contact->max_tools; t++)
+        contact->tools[t].nearest.known = 0;
     if (changed) {
         contact->entry_count = count;
         sbi_contact_drop_pressures(contact);
@@ -152,11 +164,8 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
 static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_change *change)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (contact->next_room) {
-        sbi_free(&contact->allocator, contact->room_memory);
-        sbi_contact_set_room(contact, contact->next_room);
-        contact->next_room = NULL;
-    }
+    sbi_contact_take_next_room(contact);
+    contact->is_solved = 0; /* its system is of the mesh before */
     sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
     (void)sbi_contact_update_faces(contact, NULL); /* where it fails the next step says so */

@@ -175,8 +175,7 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
 {
     sb_vec3 a = contact->pairs.vectors[face], b = contact->pairs.vectors[other];
-    sb_real product = sb_v3_dot(a, b);
-    return product < 0 && product * product > SBI_NEAR_FACING * SBI_NEAR_FACING * sb_v3_dot(a, a) * sb_v3_dot(b, b) &&
+    return sb_v3_dot(a, b) < -SBI_NEAR_FACING * sb_v3_norm(a) * sb_v3_norm(b) &&
            sbi_pairs_are_apart(contact, face, other);
 }
 

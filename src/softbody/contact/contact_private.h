@@ -154,6 +154,7 @@ struct sb_contact {
     sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
+    int kept;                     /* 1: a static solve is under way, and they are what it began with */
     sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
     sb_contact_info kept_info;
     int kept_is_solved;

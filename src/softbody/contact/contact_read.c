@@ -126,8 +126,8 @@ SB_API sb_result sb_contact_stiffness(sb_contact *contact, int tool, sb_real k[6
         sbi_contact_load_column(contact, tool, j, contact->hung_in);
         result =
             sbi_body_solve_column(contact->body, contact->hung_in, contact->hung_out, SBI_CONTACT_COLUMN_TOLERANCE);
-        if (result != SB_OK)
-            return result;
+        if (result != SB_OK) /* supports or constraints have changed since */
+            return result == SB_ERROR_INDEFINITE ? SB_ERROR_STATE : result;
         sbi_contact_read_column(contact, tool, j, contact->hung_out, k);
     }
     return SB_OK;

@@ -277,7 +277,8 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
     for (int t = 0; t < contact->max_tools; t++)
         (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
     count = sbi_contact_get_int(&in);
-    contact->entry_count = 0;
+    contact->entry_count = contact->pressure_count = 0;
+    contact->is_solved = 0;
     memset(&contact->info, 0, sizeof contact->info);
     if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
         return;
@@ -287,7 +288,6 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         if (entry.face >= 0)
             sbi_contact_insert(contact, &entry);
     }
-    contact->pressure_count = 0;
     pressures = sbi_contact_get_pressure_count(&in, count);
     for (int i = 0; i < pressures; i++) {
         sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);

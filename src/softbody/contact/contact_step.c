@@ -245,12 +245,14 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     int thin = 0;
     sb_result result = sbi_contact_update_faces(contact, error);
     contact->is_solved = 0;
+    if (result == SB_OK && !(step->dt > 0) && !contact->kept) {
+        sbi_contact_keep_before(contact);
+        contact->kept = 1;
+    }
     if (result == SB_OK)
         result = sbi_contact_sweep(contact, step, error);
     if (result != SB_OK)
         return result;
-    if (contact->is_static && step->stage == 0)
-        sbi_contact_keep_before(contact);
     while (!sbi_contact_find_patches(contact, step, thin)) {
         if (thin++ == SBI_CONTACT_THINNEST) {
             sbi_contact_forget_nodes(contact);
@@ -597,6 +599,7 @@ static void sbi_contact_commit(void *user)
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
     contact->is_solved = 1;
+    contact->kept = 0;
     sbi_contact_forget_nodes(contact);
 }
 
@@ -614,8 +617,9 @@ static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
     contact->touch.links = 0;
-    if (contact->is_static)
+    if (contact->kept)
         sbi_contact_go_back(contact);
+    contact->kept = 0;
     sbi_contact_forget_nodes(contact);
 }
 

@@ -316,7 +316,7 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
 {
     const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
-    for (int i = 0; i < contact->faces->node_room; i++)
+    for (int i = 0; i < sb_body_node_count(contact->body); i++)
         contact->moved[i] = sb_v3_sub(sb_v3_add(rest[i], u[i]), x[i]);
     sbi_contact_faces_refit(contact->faces, x, contact->moved, 1);
     for (int i = 0; i < contact->max_tools; i++) {

@@ -38,10 +38,7 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
 
 static void sbi_haptic_lay_out(sb_haptic *haptic, sbi_arena *arena)
 {
-    size_t nodes = (size_t)haptic->contact->faces->node_room;
     haptic->cluster_of = (int *)sbi_arena_take(arena, (size_t)haptic->contact->max_contacts, sizeof(int));
-    haptic->rhs = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    haptic->column = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
 }
 
 static int sbi_haptic_take_memory(sb_haptic *haptic)

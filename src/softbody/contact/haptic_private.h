@@ -38,8 +38,7 @@ struct sb_haptic {
     int has_report;
     int known_count;
     sbi_haptic_known known[SBI_HAPTIC_CLUSTERS];
-    int *cluster_of;       /* [max_contacts] by entry of the tool */
-    sb_vec3 *rhs, *column; /* [node_room] */
+    int *cluster_of; /* [max_contacts] by entry of the tool */
     void *memory;
 };
 

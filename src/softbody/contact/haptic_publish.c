@@ -203,7 +203,7 @@ static void sbi_column_load(sb_haptic *haptic, int face, int parts, int sample, 
     const int *nodes = sbi_contact_face_nodes(faces, face);
     const sb_real *weights = sbi_contact_sample_weights(faces, face, parts, sample);
     for (int a = 0; a < faces->sizes[face]; a++)
-        haptic->rhs[nodes[a]] = sb_v3_madd(haptic->rhs[nodes[a]], weights[a], force);
+        haptic->contact->hung_in[nodes[a]] = sb_v3_madd(haptic->contact->hung_in[nodes[a]], weights[a], force);
 }
 
 /* Where the tissue there goes by the column. */
@@ -211,18 +211,20 @@ static sb_vec3 sbi_column_motion(const sb_haptic *haptic, int face, int parts, i
 {
     const sbi_contact_faces *faces = haptic->contact->faces;
     return sbi_contact_mean(sbi_contact_sample_weights(faces, face, parts, sample), sbi_contact_face_nodes(faces, face),
-                            faces->sizes[face], haptic->column);
+                            faces->sizes[face], haptic->contact->hung_out);
 }
 
 static void sbi_column_clear(sb_haptic *haptic)
 {
-    memset(haptic->rhs, 0, (size_t)sb_body_node_count(haptic->contact->body) * sizeof *haptic->rhs);
+    memset(haptic->contact->hung_in, 0,
+           (size_t)sb_body_node_count(haptic->contact->body) * sizeof *haptic->contact->hung_in);
 }
 
 /* 0: it has no sensible answer */
 static int sbi_column_solve(sb_haptic *haptic)
 {
-    return sbi_body_solve_column(haptic->contact->body, haptic->rhs, haptic->column, SBI_COLUMN_TOLERANCE) == SB_OK;
+    return sbi_body_solve_column(haptic->contact->body, haptic->contact->hung_in, haptic->contact->hung_out,
+                                 SBI_COLUMN_TOLERANCE) == SB_OK;
 }
 
 /* Force from an entry on a tool that has moved by `way` against the tissue. */
