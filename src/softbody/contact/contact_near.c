@@ -175,7 +175,7 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
 {
     sb_vec3 a = contact->pairs.vectors[face], b = contact->pairs.vectors[other];
-    return sb_v3_dot(a, b) < -SBI_NEAR_FACING * sb_v3_norm(a) * sb_v3_norm(b) &&
+    return sb_v3_dot(a, b) < SBI_NEAR_FACING * sb_v3_norm(a) * sb_v3_norm(b) &&
            sbi_pairs_are_apart(contact, face, other);
 }
 
