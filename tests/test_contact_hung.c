@@ -1,11 +1,23 @@
 /* test_contact_hung: tools that hang on their pose by a spring. */
 #include <math.h>
 
+#define SB_SPLIT_BUILD
+#include "../src/softbody/contact/contact_private.h"
+
 #include "contact_scene.h"
 
-/* Machine epsilons by which springs and wrenches may be off in float: places are rounded to some 1e-9 m there, which a
- * surface or a spring of 3e4 N/m makes 1e-4 N of. */
-#define ROUNDED 1e5
+/* What rounding of places makes of the forces of contact and of a spring (N): next to nothing in double, and in float
+ * what a surface ten times as stiff as the tissue, or a stiff spring, makes of a few nanometres. */
+static double rounding(const press *p)
+{
+    sb_vec3 low, high;
+    double springs = 0, place;
+    sb_mesh_bounds(&p->mesh, &low, &high);
+    place = (double)sb_max(sb_v3_norm(low), sb_v3_norm(high));
+    for (int t = 0; t < p->contact->max_tools; t++)
+        springs += (double)p->contact->tools[t].spring.stiffness;
+    return 2 * (p->contact->touch.noise + springs * (double)SB_EPSILON * place);
+}
 
 /* ---- springs in series ---- */
 
@@ -46,14 +58,14 @@ static void check_series(double ratio)
         wrench = press_wrench(&p, tool);
         CHECK_OK(sb_contact_coupling(p.contact, tool, &spring));
         CHECK_NEAR(sb_v3_norm(sb_v3_add(wrench.force, spring.force)), 0,
-                   scene_tolerance(1e-7, ROUNDED) * (double)sb_v3_norm(wrench.force));
+                   scene_tolerance(1e-7, 1e3) * (double)sb_v3_norm(wrench.force) + rounding(&p));
         change = i > 100 ? fmax(change, fabs((double)wrench.force.z - last)) : 0;
         last = (double)wrench.force.z;
     }
     CHECK_OK(sb_contact_reached(p.contact, tool, &at, NULL));
-    CHECK_NEAR(last, stiffness * expected, scene_tolerance(1e-6, ROUNDED) * stiffness * expected);
-    CHECK_NEAR(block_side - (double)at.position.z, expected, scene_tolerance(1e-6, ROUNDED) * expected);
-    CHECK(change < scene_tolerance(1e-6, ROUNDED) * last);
+    CHECK_NEAR(last, stiffness * expected, scene_tolerance(1e-6, 1e3) * stiffness * expected + rounding(&p));
+    CHECK_NEAR(block_side - (double)at.position.z, expected, scene_tolerance(1e-6, 1e3) * expected + rounding(&p) / k);
+    CHECK(change < scene_tolerance(1e-6, 1e3) * last + 2 * rounding(&p)); /* of either step */
     press_free(&p);
 }
 
@@ -104,7 +116,8 @@ static double imbalance(const press *p, int tool, double arm)
     double force = (double)sb_v3_norm(sb_v3_add(spring.force, wrench.force));
     double torque = (double)sb_v3_norm(sb_v3_add(spring.torque, wrench.torque));
     double size = (double)sb_v3_norm(wrench.force);
-    return size > 0 ? fmax(force, arm > 0 ? torque / arm : 0) / size : 0;
+    force = fmax(0, fmax(force, arm > 0 ? torque / arm : 0) - rounding(p));
+    return size > 0 ? force / size : 0;
 }
 
 /* Pressed and dragged along over the organ by its springs, of either kind: it balances in each step, and comes to rest
@@ -114,7 +127,7 @@ static void check_drag(double stiffness, double turning, int scheme)
     sb_body_def def = organ_def();
     sb_tool_def box = press_box(sb_v3(REAL(0.012), REAL(0.008), REAL(0.006)), 0.004, 0.4,
                                 sb_v3(REAL(0.035), REAL(0.05), REAL(0.0462)));
-    double worst = 0, change = 0, lift = 0;
+    double worst = 0, change = 0, lift = 0, most;
     sb_vec3 last = {0, 0, 0};
     int tool;
     press p;
@@ -135,9 +148,11 @@ static void check_drag(double stiffness, double turning, int scheme)
         last = press_wrench(&p, tool).force;
         lift = fmax(lift, (double)last.z);
     }
-    if (sizeof(sb_real) == sizeof(double)) /* in float the forces of the first touch are no more than rounding */
-        CHECK(worst < 1e-7);
-    CHECK(change < scene_tolerance(1e-4, ROUNDED) * lift);
+    most = rounding(&p);
+    if (!CHECK(worst < scene_tolerance(1e-7, 1e3)))
+        printf("  off by %g of the force\n", worst);
+    if (!CHECK(change < scene_tolerance(1e-4, 10) * lift + most))
+        printf("  change %g of %g N, rounding %g\n", change, lift, most);
     CHECK(lift > 0.002 * stiffness || lift > 0.2);
     press_free(&p);
 }
@@ -265,7 +280,7 @@ static double series_force(double scale, int is_static)
         CHECK_OK(sb_body_step(p.body, REAL(0.02), NULL));
     force = (double)press_wrench(&p, tool).force.z / (scale * scale);
     CHECK_NEAR(sb_v3_norm(sb_v3_add(press_wrench(&p, tool).force, spring_of(&p, tool).force)), 0,
-               scene_tolerance(1e-7, ROUNDED) * force * scale * scale);
+               scene_tolerance(1e-7, 1e3) * force * scale * scale + rounding(&p));
     press_free(&p);
     return force;
 }
