@@ -28956,8 +28956,8 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
  * size it needs, or to the pool's end; pieces come in sizes of SBI_LIVE_PIECE places and wait in one list a size. When
  * the pool is full, or a quarter of the rows have moved, rows are pushed together in their order. Columns ascend in
  * every row whatever the history, so products, sums over rows and all that is made from them are functions of the
- * pattern alone; only positions in the pool are history. Places in no row hold zero blocks of column 0 that are their
- * own transposes: loops over all blocks need not know.
+ * pattern alone; only positions in the pool are history. Places in no row hold blocks of column 0 that are their own
+ * transposes. A change leaves the values of all blocks to chance: a matrix is filled anew after it.
  *
  * Each coupling counts the cells that have both its nodes, and the loads, mappings and constraints that need it
  * besides; it goes when the last of them does. A row that is not in use keeps its diagonal block, the identity, and is
@@ -28982,13 +28982,15 @@ typedef struct sbi_matrix_couplings {
 typedef struct sbi_live_key {
     int row, column;
     int uses;
+    int pair;
 } sbi_live_key;
 
 /* Two nodes that a change is about: by how much the uses of their coupling change in all. */
 typedef struct sbi_live_pair {
     int low, high;
     int uses;
-    int next; /* while the plan is made: the next one with the same low node, or -1 */
+    int next;      /* while the plan is made: the next one with the same low node, or -1 */
+    int places[2]; /* of its blocks above and below the diagonal; of a coupling that there is the first */
 } sbi_live_pair;
 
 typedef struct sbi_matrix_live {
@@ -28996,6 +28998,8 @@ typedef struct sbi_matrix_live {
     unsigned version;      /* how many changes there were, from 1 */
     int *room;             /* [row_capacity] places of the row's piece */
     int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    int *heads; /* [block_capacity] for whoever lists what adds to a coupling: it goes with the coupling; -1 of new ones,
+                 * and of places in no row */
     int *places;           /* [block_capacity] scratch */
     unsigned char *in_use; /* [row_capacity] */
     unsigned char *marks;  /* [row_capacity] zeros between calls */
@@ -29043,8 +29047,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
                                      const sbi_matrix_couplings *others, sb_error *error);
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
-/* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet
+/* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks have any values
+ * then. Cost proportional to what changed, but a pass over all rows where parts come, go, meet
  * or get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
@@ -29522,19 +29526,17 @@ SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
     sb_real largest = 0, difference = 0;
     if (!matrix)
         return 0;
-    for (int q = 0; q < matrix->block_count; q++) {
-        const sb_real *a = matrix->blocks[q], *b = matrix->blocks[matrix->transpose[q]];
-        for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) {
-                sb_real gap = a[3 * r + c] - b[3 * c + r];
-                sb_real size = a[3 * r + c] < 0 ? -a[3 * r + c] : a[3 * r + c];
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+            const sb_real *a = matrix->blocks[q], *b = matrix->blocks[matrix->transpose[q]];
+            for (int k = 0; k < 9; k++) {
+                sb_real gap = sb_abs(a[k] - b[3 * (k % 3) + k / 3]), size = sb_abs(a[k]);
                 if (!sb_is_finite(size))
                     return size - size;
-                gap = gap < 0 ? -gap : gap;
-                largest = size > largest ? size : largest;
-                difference = gap > difference ? gap : difference;
+                largest = sb_max(size, largest);
+                difference = sb_max(gap, difference);
             }
-    }
+        }
     return largest > 0 ? difference / largest : 0;
 }
 
@@ -29703,6 +29705,7 @@ static void sbi_live_layout_pool(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->columns = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     matrix->transpose = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     live->uses = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    live->heads = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     live->places = (int *)sbi_arena_take(arena, blocks, sizeof(int));
 }
 
@@ -29777,6 +29780,7 @@ static int sbi_live_grow_pool(sb_matrix *matrix, int blocks)
         return 0;
     sbi_live_copy_pool(matrix, &grown);
     memcpy(live.uses, matrix->live->uses, (size_t)matrix->block_count * sizeof(int));
+    memcpy(live.heads, matrix->live->heads, (size_t)matrix->block_count * sizeof(int));
     sbi_free(&matrix->allocator, live.pool_memory);
     live.pool_memory = memory;
     live.block_capacity = blocks;
@@ -29804,22 +29808,25 @@ SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 
 /* ---- places of the pool --------------------------------------------------------------------------------- */
 
-/* Leaves a place to no row. */
-static void sbi_live_clear(sb_matrix *matrix, int place)
+/* A coupling that nothing is known of yet. */
+static void sbi_live_set(sb_matrix *matrix, int place, int column, int uses)
 {
-    memset(matrix->blocks[place], 0, sizeof matrix->blocks[place]);
-    matrix->columns[place] = 0;
+    matrix->columns[place] = column;
     matrix->transpose[place] = place;
-    matrix->live->uses[place] = 0;
+    matrix->live->uses[place] = uses;
+    matrix->live->heads[place] = -1;
 }
 
-/* Brings a block of row i to another place. */
+/* Leaves a place to no row. */
+static void sbi_live_clear(sb_matrix *matrix, int place) { sbi_live_set(matrix, place, 0, 0); }
+
+/* Brings a coupling of row i to another place. */
 static void sbi_live_move(sb_matrix *matrix, int i, int from, int to)
 {
     int twin = matrix->transpose[from];
-    memcpy(matrix->blocks[to], matrix->blocks[from], sizeof matrix->blocks[to]);
     matrix->columns[to] = matrix->columns[from];
     matrix->live->uses[to] = matrix->live->uses[from];
+    matrix->live->heads[to] = matrix->live->heads[from];
     if (matrix->columns[to] == i) {
         matrix->diagonal[i] = matrix->transpose[to] = to;
         return;
@@ -29892,56 +29899,48 @@ static void sbi_live_touch(sb_matrix *matrix, int i)
 
 /* ---- pushing rows together ------------------------------------------------------------------------------ */
 
-/* Where each place of the pool goes when rows follow each other, as long as they are; -1: it is in no row. Rows get
- * their new places. Returns where they end. */
-static int sbi_live_plan_places(sb_matrix *matrix)
+/* Where each place of the pool goes when rows follow each other, as long as they are. Returns where they end. */
+static int sbi_live_plan_places(const sb_matrix *matrix)
 {
-    sbi_matrix_live *live = matrix->live;
-    int *to = live->places, end = 0;
-    memset(to, 0xff, (size_t)matrix->block_count * sizeof *to);
-    for (int i = 0; i < matrix->row_count; i++) {
-        int start = end;
+    int *to = matrix->live->places, end = 0;
+    for (int i = 0; i < matrix->row_count; i++)
         for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
             to[q] = end++;
-        matrix->diagonal[i] = to[matrix->diagonal[i]];
-        matrix->row_start[i] = start;
-        matrix->row_end[i] = end;
-        live->room[i] = end - start;
-    }
     return end;
 }
 
-static void sbi_live_swap(sb_matrix *matrix, int p, int q)
+/* Brings what an array has of the rows together, by way of the blocks, whose values are nobody's. */
+static void sbi_live_pack_array(sb_matrix *matrix, int *array)
 {
-    sb_real block[9];
-    int column = matrix->columns[p], twin = matrix->transpose[p], uses = matrix->live->uses[p];
-    memcpy(block, matrix->blocks[p], sizeof block);
-    memcpy(matrix->blocks[p], matrix->blocks[q], sizeof block);
-    memcpy(matrix->blocks[q], block, sizeof block);
-    matrix->columns[p] = matrix->columns[q];
-    matrix->columns[q] = column;
-    matrix->transpose[p] = matrix->transpose[q];
-    matrix->transpose[q] = twin;
-    matrix->live->uses[p] = matrix->live->uses[q];
-    matrix->live->uses[q] = uses;
+    unsigned char *packed = (unsigned char *)matrix->blocks;
+    size_t bytes = 0;
+    for (int i = 0; i < matrix->row_count; i++) {
+        size_t more = (size_t)(matrix->row_end[i] - matrix->row_start[i]) * sizeof *array;
+        memcpy(packed + bytes, array + matrix->row_start[i], more);
+        bytes += more;
+    }
+    memcpy(array, packed, bytes);
 }
 
 /* Pushes rows together in their order, so that loops over them run through memory as in a compact matrix. */
 static void sbi_live_pack(sb_matrix *matrix)
 {
     sbi_matrix_live *live = matrix->live;
-    int *to = live->places, end = sbi_live_plan_places(matrix), old_end = matrix->block_count;
-    for (int q = 0; q < old_end; q++)
-        if (to[q] >= 0)
-            matrix->transpose[q] = to[matrix->transpose[q]];
-    for (int q = 0; q < old_end; q++)
-        while (to[q] >= 0 && to[q] != q) { /* each turn brings one block home */
-            int home = to[q];
-            sbi_live_swap(matrix, q, home);
-            to[q] = to[home];
-            to[home] = home;
-        }
-    for (int q = end; q < old_end; q++)
+    int end = sbi_live_plan_places(matrix), at = 0;
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            matrix->transpose[q] = live->places[matrix->transpose[q]];
+    sbi_live_pack_array(matrix, matrix->columns);
+    sbi_live_pack_array(matrix, matrix->transpose);
+    sbi_live_pack_array(matrix, live->uses);
+    sbi_live_pack_array(matrix, live->heads);
+    for (int i = 0; i < matrix->row_count; i++) {
+        matrix->diagonal[i] = live->places[matrix->diagonal[i]];
+        live->room[i] = matrix->row_end[i] - matrix->row_start[i];
+        matrix->row_start[i] = at;
+        matrix->row_end[i] = at += live->room[i];
+    }
+    for (int q = end; q < matrix->block_count; q++)
         sbi_live_clear(matrix, q);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         live->free_pieces[size] = -1;
@@ -30031,8 +30030,9 @@ static void sbi_live_sort_pairs(const sb_matrix *matrix, int *made)
         sbi_live_pair pair = live->pairs[k];
         if (pair.uses == 0)
             continue;
+        pair.places[0] = sb_matrix_find(matrix, pair.low, pair.high);
         live->pairs[end] = pair;
-        if (sb_matrix_find(matrix, pair.low, pair.high) >= 0) {
+        if (pair.places[0] >= 0) {
             live->pairs[end] = live->pairs[count];
             live->pairs[count++] = pair;
         }
@@ -30067,6 +30067,7 @@ static void sbi_live_list_keys(sbi_matrix_live *live, int made)
         live->keys[at].row = i;
         live->keys[at].column = j;
         live->keys[at].uses = pair->uses;
+        live->keys[at].pair = live->pair_count + k / 2;
     }
     live->key_count = end;
 }
@@ -30167,34 +30168,20 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 
 /* ---- following ------------------------------------------------------------------------------------------- */
 
-/* Adds to the counts of a coupling that the pattern has. */
-static void sbi_live_count(sb_matrix *matrix, int i, int j, int uses)
-{
-    int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
-    if (q < 0)
-        return;
-    matrix->live->uses[q] += uses;
-    matrix->live->uses[matrix->transpose[q]] += uses;
-    if (matrix->live->uses[q] == 0) {
-        sbi_live_touch(matrix, i);
-        sbi_live_touch(matrix, j);
-    }
-}
-
-static void sbi_live_count_cells(sb_matrix *matrix, int count, int n, const int *cells, int uses)
-{
-    for (int c = 0; c < count; c++, cells += n)
-        for (int a = 0; a < n; a++)
-            for (int b = a + 1; b < n; b++)
-                sbi_live_count(matrix, cells[a], cells[b], uses);
-}
-
 /* The uses of couplings that there are, as planned. */
 static void sbi_live_count_planned(sb_matrix *matrix)
 {
     const sbi_matrix_live *live = matrix->live;
-    for (int k = 0; k < live->pair_count; k++)
-        sbi_live_count(matrix, live->pairs[k].low, live->pairs[k].high, live->pairs[k].uses);
+    for (int k = 0; k < live->pair_count; k++) {
+        const sbi_live_pair *pair = live->pairs + k;
+        int q = live->repacked ? live->places[pair->places[0]] : pair->places[0];
+        live->uses[q] += pair->uses;
+        live->uses[matrix->transpose[q]] += pair->uses;
+        if (live->uses[q] == 0) {
+            sbi_live_touch(matrix, pair->low);
+            sbi_live_touch(matrix, pair->high);
+        }
+    }
 }
 
 /* All couplings of a node that goes. */
@@ -30266,21 +30253,21 @@ static void sbi_live_move_row(sb_matrix *matrix, int i, int length)
 /* Merges planned couplings, all of row i, into it. */
 static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys, int count)
 {
+    sbi_matrix_live *live = matrix->live;
     int length = matrix->row_end[i] - matrix->row_start[i] + count, read, write;
-    if (length > matrix->live->room[i])
+    if (length > live->room[i])
         sbi_live_move_row(matrix, i, length);
     read = matrix->row_end[i] - 1;
     matrix->row_end[i] += count;
-    matrix->live->used_blocks += count;
+    live->used_blocks += count;
     for (write = matrix->row_end[i] - 1; count > 0; write--) {
         const sbi_live_key *key = keys + count - 1;
         if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
             sbi_live_move(matrix, i, read--, write);
             continue;
         }
-        sbi_live_clear(matrix, write);
-        matrix->columns[write] = key->column;
-        matrix->live->uses[write] = key->uses;
+        sbi_live_set(matrix, write, key->column, key->uses);
+        live->pairs[key->pair].places[key->row > key->column] = write;
         count--;
     }
 }
@@ -30293,36 +30280,46 @@ static void sbi_live_fill(sb_matrix *matrix)
             continue;
         sbi_live_fill_row(matrix, live->keys[k].row, live->keys + k, next - k);
     }
-    for (int k = 0; k < live->key_count; k++) {
-        int i = live->keys[k].row, j = live->keys[k].column, q, twin;
-        if (i > j)
-            continue;
-        q = sb_matrix_find(matrix, i, j);
-        twin = sb_matrix_find(matrix, j, i);
-        matrix->transpose[q] = twin;
-        matrix->transpose[twin] = q;
+    for (int k = 0; k < live->key_count / 2; k++) {
+        const int *places = live->pairs[live->pair_count + k].places;
+        matrix->transpose[places[0]] = places[1];
+        matrix->transpose[places[1]] = places[0];
     }
 }
 
 /* ---- parts ------------------------------------------------------------------------------------------------ */
+
+/* Joins, in `held`, rows with this mark that are coupled or have a neighbour in common. */
+static void sbi_live_join_neighbours(sb_matrix *matrix, int mark)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *owner = live->seen; /* a row that each column is in */
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        live->held[i] = i;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
+            owner[matrix->columns[q]] = -1;
+    }
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++) {
+            int *at = owner + matrix->columns[q];
+            if (*at < 0)
+                *at = i;
+            else
+                sbi_live_join(live->held, i, *at);
+        }
+    }
+}
 
 /* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
  * still hang together by couplings of rows with this mark. 0: that has to be looked into. */
 static int sbi_live_parts_hold_by(sb_matrix *matrix, int mark)
 {
     sbi_matrix_live *live = matrix->live;
-    for (int k = 0; k < live->touched_count; k++) {
-        int i = live->touched[k];
-        live->seen[i] = -1;
-        live->held[i] = i;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
-            live->held[matrix->columns[q]] = matrix->columns[q];
-    }
-    for (int k = 0; k < live->touched_count; k++) {
-        int i = live->touched[k];
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
-            sbi_live_join(live->held, i, matrix->columns[q]);
-    }
+    sbi_live_join_neighbours(matrix, mark);
+    for (int k = 0; k < live->touched_count; k++)
+        live->seen[live->touched[k]] = -1;
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k], group, held;
         if (!live->in_use[i] || live->marks[i] != SBI_LIVE_LOSER)
@@ -30493,7 +30490,6 @@ static void sbi_live_follow_nodes(sb_matrix *matrix, const sbi_mesh_change *chan
     for (int k = 0; k < change->made_node_count; k++) {
         int i = change->made_nodes[k];
         sbi_live_touch(matrix, i);
-        memset(matrix->blocks[matrix->diagonal[i]], 0, sizeof matrix->blocks[0]);
         matrix->fixed[i] = 0;
         live->in_use[i] = 1;
         live->part_of[i] = -1;
@@ -30567,6 +30563,8 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     }
     sbi_live_copy_rows(matrix, NULL, &made, live);
     sbi_live_copy_pool(matrix, &made);
+    for (int q = 0; q < matrix->block_count; q++)
+        live->heads[q] = -1;
     for (int i = 0; i < matrix->row_count; i++) {
         live->room[i] = made.row_end[i] - made.row_start[i];
         live->longest = sbi_max_int(live->longest, live->room[i]);
@@ -30598,6 +30596,16 @@ static int sbi_live_pool_capacity(int blocks, double slack)
     return sbi_live_capacity(blocks, slack > 0 ? 1.25 * (1 + slack) - 1 : 0);
 }
 
+/* One use more of a coupling, if the matrix has it. */
+static void sbi_live_count(const sb_matrix *matrix, int i, int j)
+{
+    int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
+    if (q < 0)
+        return;
+    matrix->live->uses[q]++;
+    matrix->live->uses[matrix->transpose[q]]++;
+}
+
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
                                        sb_error *error)
@@ -30611,10 +30619,11 @@ SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int no
     for (int i = 0; i < matrix->row_count; i++)
         live->in_use[i] = !in_use || in_use[i];
     for (int c = 0; c < cell_count; c++, cells += nodes_per_cell)
-        if (cells[0] >= 0)
-            sbi_live_count_cells(matrix, 1, nodes_per_cell, cells, 1);
+        for (int a = 0; a < nodes_per_cell && cells[0] >= 0; a++)
+            for (int b = a + 1; b < nodes_per_cell; b++)
+                sbi_live_count(matrix, cells[a], cells[b]);
     for (int k = 0; others && k < others->made_count; k++)
-        sbi_live_count(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1], 1);
+        sbi_live_count(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1]);
     for (int i = 0; i < matrix->row_count; i++)
         for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
             live->uses[q] += matrix->columns[q] != i && live->uses[q] == 0; /* needed for ever */
@@ -42977,7 +42986,8 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
  *
  * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
  * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
- * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
+ * made at once. A change sees to the rings of changed cells only. Scatter maps of the rows that it touched wait for the
+ * first loop that reads them; where all cells are batched there may be none. Chunks and colours are those of the cells'
  * slots; the first loop after a change colours them anew by lists of their nodes, a few per cent of its time. */
 #ifndef SB_ASSEMBLY_LIVE_H
 #define SB_ASSEMBLY_LIVE_H
@@ -42985,15 +42995,16 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
 
 typedef struct sbi_assembly_live {
     sb_allocator allocator;
-    int node_capacity, cell_capacity, block_capacity;
+    int node_capacity, cell_capacity;
     int cell_end;         /* slots before the change at hand */
     int *corner_first;    /* [node_capacity] or -1 */
     int *corner_next;     /* [4 cell_capacity] or -1 */
-    int *pair_first;      /* [block_capacity] of sbi_batch_pair, or -1; read above the diagonal */
-    int *pair_next;       /* [6 cell_capacity] by cell and pair of nodes, or -1 */
-    int *place, *last;    /* [node_capacity] scratch */
-    int *rows, row_count; /* [node_capacity] rows whose maps the change at hand makes anew */
-    unsigned char *marks; /* [node_capacity] zeros between calls */
+    int *pair_next;       /* [6 cell_capacity] by cell and pair of nodes, or -1; the first of a block above the diagonal
+                           * is the matrix's live->heads, an sbi_batch_pair */
+    int *place;           /* [node_capacity] scratch */
+    unsigned char *unmapped; /* [node_capacity] 1: the row's part of the scatter maps is old */
+    int maps_are_old;        /* 1: some row's is */
+    unsigned char *marks;    /* [node_capacity] zeros between calls */
     unsigned char
         *kept; /* [cell_capacity] zeros between calls; corners, as bits, that keep their node in the change at hand */
     uint64_t *node_colours; /* [node_capacity] scratch */
@@ -43023,6 +43034,8 @@ SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
 /* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
 SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);
+/* Maps rows where changes have left that to be done. For all who read scatter maps. */
+SBI_API void sbi_assembly_settle_maps(const sbi_assembly *assembly, const sb_matrix *matrix);
 /* The energy units of all chunks, and their sum. */
 SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
 /* Memory for another matrix of the same nodes, and its maps. */
@@ -43953,16 +43966,17 @@ SBI_FORCE_INLINE void sbi_batch_block_row(sb_real factor, sbi_batch_row l, sb_re
 }
 
 /* The block of an edge. */
-SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const sbi_batch_kind kind, sb_real factor,
-                                      sb_real *out)
+SBI_FORCE_INLINE void sbi_batch_block(const sbi_batch_job *job, int k, const sbi_batch_kind kind)
 {
+    const sbi_assembly *assembly = job->assembly;
+    sb_real factor = job->factor, *out = job->matrix->blocks[k];
     static const sb_real zeros[4] = {0, 0, 0, 0};
     sbi_batch_sum s, l;
     sb_real trace;
     s.r0 = s.r1 = s.r2 = sbi_batch_scale(0, zeros);
     l = s;
     if (kind.live)
-        for (int pair = assembly->live->pair_first[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
+        for (int pair = job->matrix->live->heads[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
             sbi_batch_add_pair(assembly, pair, kind, &s, &l);
     else
         for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++)
@@ -43990,7 +44004,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     kind.live = live;
     for (int row = begin; row < end; row++)
         for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
-            sbi_batch_block(job->assembly, k, kind, job->factor, matrix->blocks[k]);
+            sbi_batch_block(job, k, kind);
 }
 
 static void sbi_batch_upper(void *user, int index)
@@ -44365,11 +44379,9 @@ static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size,
     live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
     live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
-    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
     live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
     live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->unmapped = (unsigned char *)sbi_arena_take(arena, nodes, 1);
     live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
     live->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
 }
@@ -44423,33 +44435,96 @@ static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
     *at = live->corner_next[corner];
 }
 
+/* Place in a ring's list of what comes at or after a pair: its block's, or the next of the pair before. */
+static int *sbi_ring_of_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int block, int pair)
+{
+    int *at = matrix->live->heads + block;
+    while (*at >= 0 && *at < pair)
+        at = live->pair_next + sbi_live_pair_index(*at);
+    return at;
+}
+
+/* The pair of two corners of a cell, and where in the matrix their block above the diagonal is, or -1. */
+static int sbi_live_pair_of(const sb_matrix *matrix, int e, const int *nodes, int a, int b, int *block)
+{
+    int flip = nodes[a] > nodes[b];
+    *block = flip ? sb_matrix_find(matrix, nodes[b], nodes[a]) : sb_matrix_find(matrix, nodes[a], nodes[b]);
+    return flip ? sbi_batch_pair(e, b, a) : sbi_batch_pair(e, a, b);
+}
+
+/* Takes the pairs of a cell out of their rings; kept: corners, as bits, that keep their node. */
+static void sbi_live_remove_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int e, const int *nodes,
+                                  int kept)
+{
+    for (int a = 0; a < 4; a++)
+        for (int b = a + 1; b < 4; b++) {
+            int block, pair, *at;
+            if ((kept >> a & kept >> b & 1) != 0)
+                continue;
+            pair = sbi_live_pair_of(matrix, e, nodes, a, b, &block);
+            at = block >= 0 ? sbi_ring_of_pairs(live, matrix, block, pair) : NULL;
+            if (at && *at == pair) /* else the coupling went, and another came */
+                *at = live->pair_next[sbi_live_pair_index(pair)];
+        }
+}
+
+/* Puts those in that are not there. */
+static void sbi_live_add_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int e, const int *nodes)
+{
+    for (int a = 0; a < 4; a++)
+        for (int b = a + 1; b < 4; b++) {
+            int block, pair = sbi_live_pair_of(matrix, e, nodes, a, b, &block);
+            int *at = sbi_ring_of_pairs(live, matrix, block, pair);
+            if (*at == pair)
+                continue;
+            live->pair_next[sbi_live_pair_index(pair)] = *at;
+            *at = pair;
+        }
+}
+
+/* ---- maps ------------------------------------------------------------------------------------------------- */
+
 /* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
 static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
 
-/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
-static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
+/* Where the blocks of row i are, for its cells. */
+static void sbi_assembly_map_row(const sbi_assembly *assembly, const sb_matrix *matrix, int i)
 {
     sbi_assembly_live *live = assembly->live;
-    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
         live->place[matrix->columns[q]] = q;
-        live->last[matrix->columns[q]] = -1;
-        live->pair_first[q] = -1;
-    }
     for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
         int e = corner / 4, a = corner % 4;
         const int *cell = assembly->domain->cells + 4 * (size_t)e;
-        for (int b = 0; b < 4; b++) {
-            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
-            if (b >= a)
-                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
-            if (j <= i)
-                continue;
-            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
-            *next = pair;
-            live->last[j] = sbi_live_pair_index(pair);
-            live->pair_next[live->last[j]] = -1;
-        }
+        for (int b = a; b < 4; b++)
+            assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = live->place[cell[b]];
     }
+    live->unmapped[i] = 0;
+}
+
+SBI_API void sbi_assembly_settle_maps(const sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly_live *live = assembly->live;
+    if (!live || !live->maps_are_old)
+        return;
+    for (int i = 0; i < matrix->row_count; i++)
+        if (live->unmapped[i])
+            sbi_assembly_map_row(assembly, matrix, i);
+    live->maps_are_old = 0;
+}
+
+/* All pairs and maps anew. */
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    sbi_assembly_live *live = assembly->live;
+    for (int q = 0; q < matrix->block_count; q++)
+        matrix->live->heads[q] = -1;
+    for (int e = domain->cell_count; e-- > 0;) /* the last first, so that none has to be passed */
+        if (!sbi_domain_is_free(domain, e))
+            sbi_live_add_pairs(live, matrix, e, domain->cells + 4 * (size_t)e);
+    memset(live->unmapped, 1, (size_t)matrix->row_count);
+    live->maps_are_old = 1;
 }
 
 /* ---- chunks ------------------------------------------------------------------------------------------------ */
@@ -44496,12 +44571,6 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
 
 /* ---- making one ------------------------------------------------------------------------------------------- */
 
-SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_assembly_map_row(assembly, matrix, i);
-}
-
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
 {
     const sb_domain *domain = assembly->domain;
@@ -44527,7 +44596,6 @@ SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix
             live->allocator = *allocator;
         live->node_capacity = matrix->live->row_capacity;
         live->cell_capacity = assembly->domain->cell_capacity;
-        live->block_capacity = matrix->live->block_capacity;
         live->cell_end = assembly->domain->cell_count;
     }
     if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
@@ -44616,14 +44684,13 @@ static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix
     size_t cells = (size_t)assembly->domain->cell_count;
     grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
     grown.cell_capacity = assembly->domain->cell_capacity;
-    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
     if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
         return 0;
     memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
     for (int i = live->node_capacity; i < grown.node_capacity; i++)
         grown.corner_first[i] = -1;
     memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
-    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
+    memcpy(grown.unmapped, live->unmapped, (size_t)live->node_capacity);
     memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
     memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
     memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
@@ -44635,8 +44702,7 @@ static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix
 
 SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
 {
-    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
-                                   assembly->live->node_capacity >= matrix->live->row_capacity);
+    int fits = !assembly->live || assembly->live->node_capacity >= matrix->live->row_capacity;
     return fits || sbi_assembly_grow_rings(assembly, matrix)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
@@ -44682,8 +44748,7 @@ SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *
     int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
     if (more_cells)
         made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
-    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
-                 live->block_capacity < matrix->live->block_capacity))
+    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity))
         made = sbi_assembly_grow_rings(assembly, matrix);
     if (made)
         made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
@@ -44753,15 +44818,7 @@ static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_cha
         sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
 }
 
-static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
-{
-    if (live->marks[i])
-        return;
-    live->marks[i] = 1;
-    live->rows[live->row_count++] = i;
-}
-
-/* Takes a cell's corners out of the rings, but where one made in its slot has the same node. */
+/* Takes a cell's corners out of the rings of their nodes, but where one made in its slot has the same node. */
 static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *nodes)
 {
     const sb_domain *domain = assembly->domain;
@@ -44771,7 +44828,7 @@ static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *n
             assembly->live->kept[e] |= (unsigned char)(1 << a);
         else
             sbi_ring_remove(assembly->live, nodes[a], 4 * e + a);
-        sbi_assembly_mark_row(assembly->live, nodes[a]);
+        assembly->live->unmapped[nodes[a]] = 1;
     }
 }
 
@@ -44780,27 +44837,28 @@ static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *no
     for (int a = 0; a < 4; a++) {
         if (!(assembly->live->kept[e] >> a & 1))
             sbi_ring_add(assembly->live, nodes[a], 4 * e + a);
-        sbi_assembly_mark_row(assembly->live, nodes[a]);
+        assembly->live->unmapped[nodes[a]] = 1;
     }
     assembly->live->kept[e] = 0;
 }
 
-/* Rings of the nodes, and the list of rows whose maps change. */
+/* Rings, and which rows are to be mapped again. */
 static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
-    live->row_count = 0;
-    for (int k = 0; k < change->removed_cell_count; k++)
-        sbi_assembly_leave_rings(assembly, change->removed_cells[k], change->removed_cell_nodes + 4 * (size_t)k);
-    for (int k = 0; k < change->made_cell_count; k++)
-        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
-    for (int k = 0; k < matrix->live->touched_count; k++)
-        sbi_assembly_mark_row(live, matrix->live->touched[k]);
-    for (int k = 0; k < live->row_count; k++) {
-        live->marks[live->rows[k]] = 0;
-        if (live->rows[k] < matrix->row_count)
-            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
+    for (int k = 0; k < change->removed_cell_count; k++) {
+        int e = change->removed_cells[k];
+        const int *nodes = change->removed_cell_nodes + 4 * (size_t)k;
+        sbi_assembly_leave_rings(assembly, e, nodes);
+        sbi_live_remove_pairs(live, matrix, e, nodes, live->kept[e]);
     }
+    for (int k = 0; k < change->made_cell_count; k++) {
+        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
+        sbi_live_add_pairs(live, matrix, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
+    }
+    for (int k = 0; k < matrix->live->touched_count; k++)
+        live->unmapped[matrix->live->touched[k]] = 1;
+    live->maps_are_old = 1;
 }
 
 /* Marks the chunks of changed cells. */
@@ -44919,14 +44977,14 @@ SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix,
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
-    if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+    if (assembly->domain->cell_capacity == 0) { /* else see sbi_assembly_make_live */
         sbi_assembly_colour(assembly, node_colours);
-    sbi_assembly_map_blocks(assembly, matrix);
-    if (sbi_batch_fits(assembly->domain)) {
-        if (assembly->domain->cell_capacity == 0)
+        sbi_assembly_map_blocks(assembly, matrix);
+        if (sbi_batch_fits(assembly->domain))
             sbi_batch_list_pairs(assembly, matrix);
-        sbi_batch_fill(assembly);
     }
+    if (sbi_batch_fits(assembly->domain))
+        sbi_batch_fill(assembly);
     sbi_assembly_reset_rotations(assembly);
 }
 
@@ -45551,6 +45609,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
         return -1;
     }
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
+    sbi_assembly_settle_maps(assembly, matrix);
     bad = sbi_assembly_run(&job);
     sbi_matrix_set_free_rows(matrix);
     return bad;
@@ -47220,23 +47279,28 @@ SBI_API void sbi_live_label_nodes(sb_body *body);
 /* The rest of those who follow. */
 SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error);
 
+/* ---- live_momentum.c ---- */
+
 /* Mass (kg), and sums of m v and (x - about) x m v of some cells; size: sums of the magnitudes. */
 typedef struct sbi_live_moment {
     double mass, linear[3], angular[3], linear_size, angular_size;
 } sbi_live_moment;
+enum { SBI_LIVE_MOTIONS = 2 }; /* velocity and acceleration */
 /* What the cells that a change takes or reshapes have, before it: all of them, and those reshaped or with children. */
 typedef struct sbi_live_balance {
     sb_vec3 about;
-    sbi_live_moment all, parents;
+    int motions; /* 1: velocity only */
+    sbi_live_moment all[SBI_LIVE_MOTIONS], parents[SBI_LIVE_MOTIONS];
 } sbi_live_balance;
 /* The cell made or reshaped that momentum is summed about (the place of its first node after the change), or -1: there
  * is none, and nothing to keep. */
 SBI_API int sbi_live_first_changed(const sbi_mesh_change *change);
-SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about,
-                                        const sb_vec3 *motion);
+SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about);
 /* Gives the nodes of the cells that changed what is missing of it. */
-SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
-                                    sb_vec3 *motion);
+SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before);
+/* Both, for a body with the next mesh. */
+SBI_API void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *change, sb_body *next);
+
 /* What has a value for each node that goes on from step to step. */
 enum { SBI_LIVE_CARRIED = 8 };
 SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED]);
@@ -47773,6 +47837,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
+    sbi_assembly_settle_maps(&body->assembly, &body->matrix);
     for (int e = 0; e < body->domain.cell_count; e++) {
         if (!sbi_live_has_cell(body, e))
             continue;
@@ -47938,8 +48003,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
     memset(body->lumped_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->load_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->work, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
-    if (body->mass_blocks)
+    if (body->mass_blocks) {
         memset(body->mass_blocks, 0, (size_t)body->matrix.block_count * sizeof(sb_real));
+        sbi_assembly_settle_maps(&body->assembly, &body->matrix);
+    }
     for (int e = 0; e < body->domain.cell_count; e++) {
         const int *cell = body->domain.cells + (size_t)e * (size_t)n;
         sb_real density = sbi_live_density(body, e);
@@ -51281,7 +51348,7 @@ typedef struct sbi_live_following {
     const sbi_change_lists *lists;
     const sb_mesh_change *out;
     int old_nodes, old_cells; /* ends before */
-    sbi_live_balance velocity, acceleration;
+    sbi_live_balance before;
     int first;      /* see sbi_live_first_changed */
     int node_count; /* of lists->nodes */
     sbi_tet_rule rule;
@@ -51553,9 +51620,7 @@ static void sbi_live_read_momentum(sbi_live_following *work)
     sbi_live_mark_places(work, 1);
     about = sbi_live_position(work, node);
     sbi_live_mark_places(work, 0);
-    work->velocity = sbi_live_weigh(body, out, about, body->velocity);
-    if (body->acceleration_known)
-        work->acceleration = sbi_live_weigh(body, out, about, body->acceleration);
+    work->before = sbi_live_weigh(body, out, about);
 }
 
 /* ---- following ---- */
@@ -51778,11 +51843,8 @@ static void sbi_live_follow_all(sbi_live_following *work)
     body->pattern_version++;
     body->live->version++;
     sbi_live_forget(body, out);
-    if (work->first < 0)
-        return;
-    sbi_live_keep_momentum(body, out, &work->velocity, body->velocity);
-    if (body->acceleration_known)
-        sbi_live_keep_momentum(body, out, &work->acceleration, body->acceleration);
+    if (work->first >= 0)
+        sbi_live_keep_momentum(body, out, &work->before);
 }
 
 SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
@@ -53150,6 +53212,288 @@ SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
     return SB_OK;
 }
 
+/* ==== src/softbody/body/live_momentum.c ==== */
+/* live_momentum: a change of the mesh keeps linear and angular momentum. */
+
+#include <math.h>
+#include <string.h>
+
+/* ---- sums ---- */
+
+static void sbi_live_add_moment(sbi_live_moment *sum, double m, const double p[3], const double turn[3], double size,
+                                double turning)
+{
+    sum->mass += m;
+    sum->linear_size += size;
+    sum->angular_size += turning;
+    for (int i = 0; i < 3; i++) {
+        sum->linear[i] += p[i];
+        sum->angular[i] += turn[i];
+    }
+}
+
+static double sbi_live_magnitude(const double v[3]) { return fabs(v[0]) + fabs(v[1]) + fabs(v[2]); }
+
+/* What mass at a node has of each motion. also: other sums that get the same, or NULL. */
+static void sbi_live_add_mass(const sb_body *body, int node, double m, sb_vec3 about, int motions,
+                              sbi_live_moment *sums, sbi_live_moment *also)
+{
+    sb_vec3 x = body->position[node];
+    const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
+    double reach = sbi_live_magnitude(r);
+    for (int k = 0; k < motions; k++) {
+        sb_vec3 v = k == 0 ? body->velocity[node] : body->acceleration[node];
+        const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
+        const double turn[3] = {r[1] * p[2] - r[2] * p[1], r[2] * p[0] - r[0] * p[2], r[0] * p[1] - r[1] * p[0]};
+        double size = sbi_live_magnitude(p);
+        sbi_live_add_moment(sums + k, m, p, turn, size, size * reach);
+        if (also)
+            sbi_live_add_moment(also + k, m, p, turn, size, size * reach);
+    }
+}
+
+/* Adds the lumped mass of a cell. */
+static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
+                              sbi_live_moment *also)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    int n = body->domain.nodes_per_cell;
+    const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+    if (body->live->follows) {
+        const sb_real *masses = body->live->masses + 8 * (size_t)e;
+        for (int a = 0; a < 4; a++)
+            sbi_live_add_mass(body, cell[a], (double)masses[a], about, motions, sums, also);
+        return;
+    }
+    memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
+    for (int a = 0; a < n; a++)
+        x[a] = body->reference[cell[a]];
+    sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
+    for (int a = 0; a < n; a++)
+        sbi_live_add_mass(body, cell[a], (double)(sbi_live_density(body, e) * mass[a * n + a]), about, motions, sums,
+                          also);
+}
+
+SBI_API int sbi_live_first_changed(const sbi_mesh_change *change)
+{
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            return change->made_cells[i];
+    return change->reshaped_cell_count ? change->reshaped_cells[0] : -1;
+}
+
+SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about)
+{
+    unsigned char *has_child = body->live->cell_marks;
+    sbi_live_balance b;
+    memset(&b, 0, sizeof b);
+    b.about = about;
+    b.motions = body->acceleration_known ? 2 : 1;
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            has_child[change->made_parents[i]] = 1;
+    for (int i = 0; i < change->reshaped_cell_count; i++)
+        sbi_live_add_cell(body, change->reshaped_cells[i], about, b.motions, b.all, b.parents);
+    for (int i = 0; i < change->removed_cell_count; i++)
+        sbi_live_add_cell(body, change->removed_cells[i], about, b.motions, b.all,
+                          has_child[change->removed_cells[i]] ? b.parents : NULL);
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            has_child[change->made_parents[i]] = 0;
+    return b;
+}
+
+/* What the cells have after the change that are to have what the balance says. */
+static void sbi_live_weigh_next(const sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
+                                sbi_live_moment *have)
+{
+    memset(have, 0, SBI_LIVE_MOTIONS * sizeof *have);
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            sbi_live_add_cell(next, change->made_cells[i], before->about, before->motions, have, NULL);
+    for (int i = 0; i < change->reshaped_cell_count; i++)
+        sbi_live_add_cell(next, change->reshaped_cells[i], before->about, before->motions, have, NULL);
+}
+
+static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)
+{
+    sum->linear_size *= factor;
+    sum->angular_size *= factor;
+    for (int i = 0; i < 3; i++) {
+        sum->linear[i] *= factor;
+        sum->angular[i] *= factor;
+    }
+}
+
+/* What the cells made should have: what those they replace had, all that were removed if they weigh as much, else those
+ * that have children, by mass. */
+static sbi_live_moment sbi_live_wanted(const sbi_live_balance *before, int motion, double made)
+{
+    sbi_live_moment parents = before->parents[motion];
+    double mass = before->all[motion].mass;
+    if (fabs(made - mass) <= 1e5 * (double)SB_EPSILON * mass)
+        return before->all[motion];
+    if (parents.mass > 0)
+        sbi_live_scale_moment(&parents, made / parents.mass);
+    return parents;
+}
+
+/* ---- the rigid motion that makes up for what is missing ---- */
+
+typedef struct sbi_live_missing {
+    int is; /* 0: no more than rounding */
+    double linear[3], angular[3];
+    double velocity[3], spin[3];
+} sbi_live_missing;
+
+/* Mass, centre and inertia of the free nodes of cells that changed. */
+typedef struct sbi_live_rigid {
+    sb_vec3 about;
+    double mass, first[3], second[3][3];
+    int last; /* 1 + the node listed last, or -1; its node_marks have the one before */
+} sbi_live_rigid;
+
+/* Solves the symmetric 3x3 system a x = b by Cramer's rule; 0 when a is nearly singular. */
+static int sbi_live_solve3(const double a[3][3], const double b[3], double x[3])
+{
+    double cofactor[3][3], trace = a[0][0] + a[1][1] + a[2][2], det;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            cofactor[i][j] = a[(i + 1) % 3][(j + 1) % 3] * a[(i + 2) % 3][(j + 2) % 3] -
+                             a[(i + 1) % 3][(j + 2) % 3] * a[(i + 2) % 3][(j + 1) % 3];
+    det = a[0][0] * cofactor[0][0] + a[0][1] * cofactor[0][1] + a[0][2] * cofactor[0][2];
+    if (!(det > 1e-9 * trace * trace * trace))
+        return 0;
+    for (int i = 0; i < 3; i++)
+        x[i] = (cofactor[0][i] * b[0] + cofactor[1][i] * b[1] + cofactor[2][i] * b[2]) / det;
+    return 1;
+}
+
+/* Differences within rounding are left alone, so that where interpolation keeps the sums no bit changes. Consistent
+ * masses keep the angular one by themselves, for their motion is linear in the cells. */
+static sbi_live_missing sbi_live_find_missing(const sb_body *next, const sbi_live_moment *want,
+                                              const sbi_live_moment *have)
+{
+    const double rounding = 64 * (double)SB_EPSILON;
+    sbi_live_missing m;
+    memset(&m, 0, sizeof m);
+    for (int i = 0; i < 3; i++) {
+        m.linear[i] = want->linear[i] - have->linear[i];
+        m.angular[i] = want->angular[i] - have->angular[i];
+        m.is |= fabs(m.linear[i]) > rounding * (want->linear_size + have->linear_size);
+        m.is |= !next->mass_blocks && fabs(m.angular[i]) > rounding * (want->angular_size + have->angular_size);
+    }
+    return m;
+}
+
+static void sbi_live_sum_node(const sb_body *next, int node, sbi_live_rigid *rigid)
+{
+    double m = (double)next->lumped_mass[node];
+    sb_vec3 x = sb_v3_sub(next->position[node], rigid->about);
+    const double r[3] = {(double)x.x, (double)x.y, (double)x.z};
+    rigid->mass += m;
+    for (int i = 0; i < 3; i++) {
+        rigid->first[i] += m * r[i];
+        for (int j = 0; j < 3; j++)
+            rigid->second[i][j] += m * r[i] * r[j];
+    }
+}
+
+/* Sums and lists the nodes. */
+static void sbi_live_sum_nodes(const sb_body *next, const sbi_mesh_change *change, sbi_live_rigid *rigid)
+{
+    int n = change->nodes_per_cell, made = change->made_cell_count, *marks = next->live->node_marks;
+    rigid->last = -1;
+    for (int i = 0; i < made + change->reshaped_cell_count; i++) {
+        int e = i < made ? change->made_cells[i] : change->reshaped_cells[i - made];
+        const int *cell = next->domain.cells + (size_t)e * (size_t)n;
+        for (int a = 0; a < n && (i >= made || change->made_parents[i] >= 0); a++) {
+            if (marks[cell[a]] || sbi_body_held(next, cell[a]))
+                continue;
+            marks[cell[a]] = rigid->last;
+            rigid->last = cell[a] + 1;
+            sbi_live_sum_node(next, cell[a], rigid);
+        }
+    }
+}
+
+/* Rigid velocity that gives the free nodes these momenta; without spin where they lie in a line or masses couple. */
+static void sbi_live_solve_rigid(const sb_body *next, const sbi_live_rigid *rigid, sbi_live_missing *missing)
+{
+    double centre[3], inertia[3][3], left[3], m = rigid->mass, trace = 0, whole = 0, *spin = missing->spin;
+    const double *linear = missing->linear;
+    for (int i = 0; i < 3; i++) {
+        centre[i] = rigid->first[i] / m;
+        whole += rigid->second[i][i];
+        trace += rigid->second[i][i] - m * centre[i] * centre[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        left[i] = missing->angular[i] -
+                  (centre[(i + 1) % 3] * linear[(i + 2) % 3] - centre[(i + 2) % 3] * linear[(i + 1) % 3]);
+        for (int j = 0; j < 3; j++)
+            inertia[i][j] = (i == j ? trace : 0) - (rigid->second[i][j] - m * centre[i] * centre[j]);
+    }
+    if (next->mass_blocks || !(trace > 1e-10 * whole) || /* of one node it is rounding */
+        !sbi_live_solve3((const double(*)[3])inertia, left, spin))
+        memset(spin, 0, sizeof missing->spin);
+    for (int i = 0; i < 3; i++)
+        missing->velocity[i] =
+            linear[i] / m - (spin[(i + 1) % 3] * centre[(i + 2) % 3] - spin[(i + 2) % 3] * centre[(i + 1) % 3]);
+}
+
+static void sbi_live_push_node(const sb_body *next, int node, const sbi_live_rigid *rigid,
+                               const sbi_live_missing *missing, sb_vec3 *v)
+{
+    sb_vec3 x = sb_v3_sub(next->position[node], rigid->about);
+    const double r[3] = {(double)x.x, (double)x.y, (double)x.z}, *w = missing->spin;
+    v->x += (sb_real)(missing->velocity[0] + w[1] * r[2] - w[2] * r[1]);
+    v->y += (sb_real)(missing->velocity[1] + w[2] * r[0] - w[0] * r[2]);
+    v->z += (sb_real)(missing->velocity[2] + w[0] * r[1] - w[1] * r[0]);
+}
+
+SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before)
+{
+    sbi_live_moment have[SBI_LIVE_MOTIONS];
+    sbi_live_missing missing[SBI_LIVE_MOTIONS];
+    sbi_live_rigid rigid;
+    int some = 0;
+    sbi_live_weigh_next(next, change, before, have);
+    for (int k = 0; k < before->motions; k++) {
+        sbi_live_moment want = sbi_live_wanted(before, k, have[k].mass);
+        missing[k] = sbi_live_find_missing(next, &want, &have[k]);
+        some |= missing[k].is;
+    }
+    if (!some)
+        return;
+    memset(&rigid, 0, sizeof rigid);
+    rigid.about = before->about;
+    sbi_live_sum_nodes(next, change, &rigid);
+    for (int k = 0; k < before->motions; k++)
+        if (missing[k].is && rigid.mass > 0)
+            sbi_live_solve_rigid(next, &rigid, &missing[k]);
+    while (rigid.last > 0) {
+        int node = rigid.last - 1;
+        for (int k = 0; k < before->motions; k++)
+            if (missing[k].is && rigid.mass > 0)
+                sbi_live_push_node(next, node, &rigid, &missing[k],
+                                   k == 0 ? next->velocity + node : next->acceleration + node);
+        rigid.last = next->live->node_marks[node];
+        next->live->node_marks[node] = 0;
+    }
+}
+
+SBI_API void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *change, sb_body *next)
+{
+    int first = sbi_live_first_changed(change);
+    sbi_live_balance balance;
+    if (first < 0)
+        return;
+    balance = sbi_live_weigh(body, change,
+                             next->position[next->domain.cells[(size_t)first * (size_t)change->nodes_per_cell]]);
+    sbi_live_keep_momentum(next, change, &balance);
+}
+
 /* ==== src/softbody/body/live_build.c ==== */
 /* live_build: the body with its next mesh, made beside the present one, and what is carried over to it.
  *
@@ -53580,243 +53924,6 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
         else if (mesh->shares[e] > 0)
             sbi_assembly_forget_cell(&next->assembly, e, next->displacement);
     sbi_assembly_begin_step(&next->assembly, 0);
-}
-
-/* ---- momentum ---- */
-
-/* also: another sum that gets the same, or NULL. */
-static void sbi_live_add_mass(sbi_live_moment *sum, sbi_live_moment *also, double m, sb_vec3 x, sb_vec3 about,
-                              sb_vec3 v)
-{
-    const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
-    const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
-    double size = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
-    double turning = size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
-    for (; sum; sum = also, also = NULL) {
-        sum->mass += m;
-        sum->linear_size += size;
-        sum->angular_size += turning;
-        for (int i = 0; i < 3; i++) {
-            sum->linear[i] += p[i];
-            sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
-        }
-    }
-}
-
-/* Adds the lumped mass of a cell. */
-static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum,
-                              sbi_live_moment *also)
-{
-    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
-    sb_vec3 x[SB_MAX_ELEMENT_NODES];
-    int n = body->domain.nodes_per_cell;
-    const int *cell = body->domain.cells + (size_t)e * (size_t)n;
-    if (body->live->follows) {
-        const sb_real *masses = body->live->masses + 8 * (size_t)e;
-        for (int a = 0; a < 4; a++)
-            sbi_live_add_mass(sum, also, (double)masses[a], body->position[cell[a]], about, v[cell[a]]);
-        return;
-    }
-    memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
-    for (int a = 0; a < n; a++)
-        x[a] = body->reference[cell[a]];
-    sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
-    for (int a = 0; a < n; a++)
-        sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]],
-                          about, v[cell[a]]);
-}
-
-static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)
-{
-    sum->linear_size *= factor;
-    sum->angular_size *= factor;
-    for (int i = 0; i < 3; i++) {
-        sum->linear[i] *= factor;
-        sum->angular[i] *= factor;
-    }
-}
-
-SBI_API int sbi_live_first_changed(const sbi_mesh_change *change)
-{
-    for (int i = 0; i < change->made_cell_count; i++)
-        if (change->made_parents[i] >= 0)
-            return change->made_cells[i];
-    return change->reshaped_cell_count ? change->reshaped_cells[0] : -1;
-}
-
-SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about,
-                                        const sb_vec3 *motion)
-{
-    unsigned char *has_child = body->live->cell_marks;
-    sbi_live_balance balance;
-    memset(&balance, 0, sizeof balance);
-    balance.about = about;
-    for (int i = 0; i < change->made_cell_count; i++)
-        if (change->made_parents[i] >= 0)
-            has_child[change->made_parents[i]] = 1;
-    for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all, &balance.parents);
-    for (int i = 0; i < change->removed_cell_count; i++)
-        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all,
-                          has_child[change->removed_cells[i]] ? &balance.parents : NULL);
-    for (int i = 0; i < change->made_cell_count; i++)
-        if (change->made_parents[i] >= 0)
-            has_child[change->made_parents[i]] = 0;
-    return balance;
-}
-
-/* What the cells made should have: what those they replace had, all that were removed if they weigh as much, else those
- * that have children, by mass. */
-static sbi_live_moment sbi_live_wanted(const sbi_live_balance *before, double made)
-{
-    sbi_live_moment parents = before->parents;
-    if (fabs(made - before->all.mass) <= 1e5 * (double)SB_EPSILON * before->all.mass)
-        return before->all;
-    if (parents.mass > 0)
-        sbi_live_scale_moment(&parents, made / parents.mass);
-    return parents;
-}
-
-/* Solves the symmetric 3x3 system a x = b by Cramer's rule; 0 when a is nearly singular. */
-static int sbi_live_solve3(const double a[3][3], const double b[3], double x[3])
-{
-    double cofactor[3][3], trace = a[0][0] + a[1][1] + a[2][2], det;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            cofactor[i][j] = a[(i + 1) % 3][(j + 1) % 3] * a[(i + 2) % 3][(j + 2) % 3] -
-                             a[(i + 1) % 3][(j + 2) % 3] * a[(i + 2) % 3][(j + 1) % 3];
-    det = a[0][0] * cofactor[0][0] + a[0][1] * cofactor[0][1] + a[0][2] * cofactor[0][2];
-    if (!(det > 1e-9 * trace * trace * trace))
-        return 0;
-    for (int i = 0; i < 3; i++)
-        x[i] = (cofactor[0][i] * b[0] + cofactor[1][i] * b[1] + cofactor[2][i] * b[2]) / det;
-    return 1;
-}
-
-/* Calls `visit` for each free node of the cells that changed shape, once; body->residual is scratch for marks. */
-typedef void sbi_live_visit(sb_body *next, int node, void *user);
-static void sbi_live_visit_nodes(sb_body *next, const sbi_mesh_change *change, sbi_live_visit *visit, void *user)
-{
-    int n = change->nodes_per_cell, made = change->made_cell_count;
-    for (int pass = 0; pass < 2; pass++) /* clear marks, then visit */
-        for (int i = 0; i < made + change->reshaped_cell_count; i++) {
-            int e = i < made ? change->made_cells[i] : change->reshaped_cells[i - made];
-            const int *cell = next->domain.cells + (size_t)e * (size_t)n;
-            for (int a = 0; a < n && (i >= made || change->made_parents[i] >= 0); a++) {
-                if (pass == 0) {
-                    next->residual[cell[a]].x = 0;
-                } else if (next->residual[cell[a]].x == 0 && !sbi_body_held(next, cell[a])) {
-                    next->residual[cell[a]].x = 1;
-                    visit(next, cell[a], user);
-                }
-            }
-        }
-}
-
-/* Mass, centre and inertia of free nodes, and the rigid velocity that is to be added to theirs. */
-typedef struct sbi_live_rigid {
-    sb_vec3 about;
-    sb_vec3 *values;
-    double mass, first[3], second[3][3], velocity[3], spin[3];
-} sbi_live_rigid;
-
-static void sbi_live_sum_node(sb_body *next, int node, void *user)
-{
-    sbi_live_rigid *rigid = (sbi_live_rigid *)user;
-    double m = (double)next->lumped_mass[node];
-    sb_vec3 x = sb_v3_sub(next->position[node], rigid->about);
-    const double r[3] = {(double)x.x, (double)x.y, (double)x.z};
-    rigid->mass += m;
-    for (int i = 0; i < 3; i++) {
-        rigid->first[i] += m * r[i];
-        for (int j = 0; j < 3; j++)
-            rigid->second[i][j] += m * r[i] * r[j];
-    }
-}
-
-static void sbi_live_push_node(sb_body *next, int node, void *user)
-{
-    const sbi_live_rigid *rigid = (const sbi_live_rigid *)user;
-    sb_vec3 x = sb_v3_sub(next->position[node], rigid->about), *v = rigid->values + node;
-    const double r[3] = {(double)x.x, (double)x.y, (double)x.z}, *w = rigid->spin;
-    v->x += (sb_real)(rigid->velocity[0] + w[1] * r[2] - w[2] * r[1]);
-    v->y += (sb_real)(rigid->velocity[1] + w[2] * r[0] - w[0] * r[2]);
-    v->z += (sb_real)(rigid->velocity[2] + w[0] * r[1] - w[1] * r[0]);
-}
-
-/* Rigid velocity that gives the free nodes these momenta; without spin where they lie in a line or masses couple. */
-static void sbi_live_solve_rigid(const sb_body *next, const double linear[3], const double angular[3],
-                                 sbi_live_rigid *rigid)
-{
-    double centre[3], inertia[3][3], left[3], m = rigid->mass, trace = 0, whole = 0;
-    for (int i = 0; i < 3; i++) {
-        centre[i] = rigid->first[i] / m;
-        whole += rigid->second[i][i];
-        trace += rigid->second[i][i] - m * centre[i] * centre[i];
-    }
-    for (int i = 0; i < 3; i++) {
-        left[i] = angular[i] - (centre[(i + 1) % 3] * linear[(i + 2) % 3] - centre[(i + 2) % 3] * linear[(i + 1) % 3]);
-        for (int j = 0; j < 3; j++)
-            inertia[i][j] = (i == j ? trace : 0) - (rigid->second[i][j] - m * centre[i] * centre[j]);
-    }
-    if (next->mass_blocks || !(trace > 1e-10 * whole) || /* of one node it is rounding */
-        !sbi_live_solve3((const double(*)[3])inertia, left, rigid->spin))
-        memset(rigid->spin, 0, sizeof rigid->spin);
-    for (int i = 0; i < 3; i++)
-        rigid->velocity[i] = linear[i] / m - (rigid->spin[(i + 1) % 3] * centre[(i + 2) % 3] -
-                                              rigid->spin[(i + 2) % 3] * centre[(i + 1) % 3]);
-}
-
-/* Gives the nodes of the cells made what is missing of the sums of m v and x x m v, for velocities or accelerations.
- * Differences within rounding are left alone, so that where interpolation keeps the sums no bit changes. Consistent
- * masses keep the angular one by themselves, for their motion is linear in the cells. */
-SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
-                                    sb_vec3 *motion)
-{
-    const double rounding = 64 * (double)SB_EPSILON;
-    sbi_live_moment have, want;
-    sbi_live_rigid rigid;
-    double linear[3], angular[3];
-    int missing = 0;
-    memset(&have, 0, sizeof have);
-    memset(&rigid, 0, sizeof rigid);
-    rigid.about = before->about;
-    for (int i = 0; i < change->made_cell_count; i++)
-        if (change->made_parents[i] >= 0)
-            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have, NULL);
-    for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have, NULL);
-    want = sbi_live_wanted(before, have.mass);
-    for (int i = 0; i < 3; i++) {
-        linear[i] = want.linear[i] - have.linear[i];
-        angular[i] = want.angular[i] - have.angular[i];
-        missing |= fabs(linear[i]) > rounding * (want.linear_size + have.linear_size);
-        missing |= !next->mass_blocks && fabs(angular[i]) > rounding * (want.angular_size + have.angular_size);
-    }
-    if (!missing)
-        return;
-    rigid.values = motion;
-    sbi_live_visit_nodes(next, change, sbi_live_sum_node, &rigid);
-    if (!(rigid.mass > 0))
-        return;
-    sbi_live_solve_rigid(next, linear, angular, &rigid);
-    sbi_live_visit_nodes(next, change, sbi_live_push_node, &rigid);
-}
-
-static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *change, sb_body *next)
-{
-    int first = sbi_live_first_changed(change);
-    sbi_live_balance balance;
-    sb_vec3 about;
-    if (first < 0)
-        return;
-    about = next->position[next->domain.cells[(size_t)first * (size_t)change->nodes_per_cell]];
-    balance = sbi_live_weigh(body, change, about, body->velocity);
-    sbi_live_keep_momentum(next, change, &balance, next->velocity);
-    if (!body->acceleration_known)
-        return;
-    balance = sbi_live_weigh(body, change, about, body->acceleration);
-    sbi_live_keep_momentum(next, change, &balance, next->acceleration);
 }
 
 /* ---- all of it ---- */

@@ -66,6 +66,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
+    sbi_assembly_settle_maps(&body->assembly, &body->matrix);
     for (int e = 0; e < body->domain.cell_count; e++) {
         if (!sbi_live_has_cell(body, e))
             continue;
@@ -231,8 +232,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
     memset(body->lumped_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->load_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->work, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
-    if (body->mass_blocks)
+    if (body->mass_blocks) {
         memset(body->mass_blocks, 0, (size_t)body->matrix.block_count * sizeof(sb_real));
+        sbi_assembly_settle_maps(&body->assembly, &body->matrix);
+    }
     for (int e = 0; e < body->domain.cell_count; e++) {
         const int *cell = body->domain.cells + (size_t)e * (size_t)n;
         sb_real density = sbi_live_density(body, e);
