@@ -10,7 +10,7 @@ static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size,
 {
     size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
     live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
-    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->units = (sb_real *)sbi_arena_take(arena, cells / SBI_LIVE_UNIT + 1, sizeof(sb_real));
     live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
     live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
     live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
@@ -165,27 +165,41 @@ SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matr
 
 /* ---- chunks ------------------------------------------------------------------------------------------------ */
 
-static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
+/* Groups of cells whose energy units are summed at once. */
+static int sbi_live_unit_count(const sbi_assembly *assembly)
 {
+    return (assembly->domain->cell_count - 1) / SBI_LIVE_UNIT + 1;
+}
+
+static sb_real sbi_assembly_weigh_group(const sbi_assembly *assembly, int group)
+{
+    int first = group * SBI_LIVE_UNIT, end = sbi_min_int(first + SBI_LIVE_UNIT, assembly->domain->cell_count);
     sb_real sum = 0;
-    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+    for (int e = first; e < end; e++) {
         const sb_material *material = assembly->materials + assembly->cell_material[e];
         sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
     }
-    assembly->live->units[chunk] = sum;
+    return sum;
 }
 
+/* The sum of all, with those anew that are marked. */
 static void sbi_assembly_sum_units(sbi_assembly *assembly)
 {
+    sb_real *units = assembly->live->units;
+    int count = sbi_live_unit_count(assembly);
     assembly->energy_unit = 0;
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        assembly->energy_unit += assembly->live->units[chunk];
+    for (int group = 0; group < count; group++) {
+        if (units[group] < 0)
+            units[group] = sbi_assembly_weigh_group(assembly, group);
+        assembly->energy_unit += units[group];
+    }
 }
 
 SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
 {
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        sbi_assembly_weigh_chunk(assembly, chunk);
+    int count = sbi_live_unit_count(assembly);
+    for (int group = 0; group < count; group++)
+        assembly->live->units[group] = -1;
     sbi_assembly_sum_units(assembly);
 }
 
@@ -328,7 +342,7 @@ static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix
     memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
     memcpy(grown.unmapped, live->unmapped, (size_t)live->node_capacity);
     memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
-    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    memcpy(grown.units, live->units, (size_t)sbi_live_unit_count(assembly) * sizeof(sb_real));
     memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
     memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
     sbi_free(&live->allocator, live->memory);
@@ -438,10 +452,8 @@ static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_cha
     const sb_domain *domain = assembly->domain;
     const sbi_assembly_live *live = assembly->live;
     size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    for (int e = old_end; e < domain->cell_count; e++) {
-        assembly->live->units[e / assembly->chunk_size] = -1;
+    for (int e = old_end; e < domain->cell_count; e++)
         sbi_assembly_blank(assembly, e);
-    }
     for (int k = 0; k < change->removed_cell_count; k++) /* others are made below */
         if (change->removed_cells[k] < domain->cell_count && sbi_domain_is_free(domain, change->removed_cells[k]))
             sbi_assembly_blank(assembly, change->removed_cells[k]);
@@ -497,27 +509,28 @@ static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *m
     live->maps_are_old = 1;
 }
 
-/* Marks the chunks of changed cells. */
-static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
+/* What is summed or listed of a cell's neighbours in memory is old. */
+static void sbi_assembly_mark_cell(sbi_assembly *assembly, int e)
 {
-    for (int k = 0; k < count; k++)
-        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
+    if (e >= assembly->domain->cell_count)
+        return;
+    assembly->live->units[e / SBI_LIVE_UNIT] = -1;
+    assembly->live->chunk_node_count[e / assembly->chunk_size] = -1;
 }
 
-/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
-static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
+/* Energy units; the nodes of chunks with changed cells, and all colours, are left to the next loop. */
+static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
 {
-    sbi_assembly_live *live = assembly->live;
-    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
-    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
-    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (live->units[chunk] < 0) {
-            sbi_assembly_weigh_chunk(assembly, chunk);
-            live->chunk_node_count[chunk] = -1;
-        }
+    for (int e = sbi_min_int(old_end, assembly->domain->cell_count) - 1; e < assembly->domain->cell_count; e++)
+        sbi_assembly_mark_cell(assembly, e);
+    for (int k = 0; k < change->removed_cell_count; k++)
+        sbi_assembly_mark_cell(assembly, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++)
+        sbi_assembly_mark_cell(assembly, change->made_cells[k]);
+    for (int k = 0; k < change->reshaped_cell_count; k++)
+        sbi_assembly_mark_cell(assembly, change->reshaped_cells[k]);
     sbi_assembly_sum_units(assembly);
-    live->colours_are_old = 1;
+    assembly->live->colours_are_old = 1;
 }
 
 SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
@@ -541,7 +554,7 @@ SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     sbi_assembly_follow_cells(assembly, change, old_end);
     sbi_assembly_follow_rings(assembly, matrix, change);
-    sbi_assembly_follow_chunks(assembly, change);
+    sbi_assembly_follow_chunks(assembly, change, old_end);
     if (assembly->viscous)
         sbi_assembly_begin_step(assembly, 0);
 }

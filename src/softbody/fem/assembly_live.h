@@ -11,6 +11,8 @@
 #include "assembly_batch.h"
 #include "../solve/sparse_live.h"
 
+enum { SBI_LIVE_UNIT = SB_POLAR_LANES };
+
 typedef struct sbi_assembly_live {
     sb_allocator allocator;
     int node_capacity, cell_capacity;
@@ -29,7 +31,7 @@ typedef struct sbi_assembly_live {
     int *chunk_nodes; /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
     int *chunk_node_count; /* [chunks], -1: to be listed again */
     int colours_are_old;   /* 1: chunks are to be listed and coloured before the next loop */
-    sb_real *units;        /* [chunks] energy units of the chunks */
+    sb_real *units;        /* [cells / SBI_LIVE_UNIT] energy units of so many cells, < 0: to be summed again */
     sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
     int inherited_capacity;
