@@ -2818,7 +2818,8 @@ typedef struct sb_mesh_change {
     const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
     const sb_real *source_weights; /* >= 0, they sum to 1 */
 
-    const unsigned char *made_copies; /* [made_node_count] 1: a copy where material parts, which no support follows */
+    const unsigned char *made_copies; /* [made_node_count] options of the nodes: copies where material parts, see
+                                       * SB_NODE_COPY */
 
     int removed_node_count;
     const int *removed_nodes;    /* [removed_node_count] */
@@ -3975,6 +3976,21 @@ SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
 
 #endif /* SB_DIRECT_H */
 
+/* ==== src/softbody/fem/piece.h ==== */
+/* piece: what of a tet is material, and the points, masses and loads that follow from it. Floor 2, internal.
+ *
+ * A tet that was cut is one cell for each of its pieces, with the shape functions of the whole tet. What is quadratic
+ * at most (the stiffness of tet4 and straight tet10, lumped masses, loads, the mass of tet4) is integrated exactly over
+ * any piece from ten numbers: its volume V, its centroid c and its covariance S = 1/V int (x - c)(x - c)^T. Four points
+ * of weight V/4 at c + L d_k, L L^T = S, d = (1,1,1) (1,-1,-1) (-1,1,-1) (-1,-1,1), do that. Centroid and covariance
+ * are in the tet's own coordinates (sb_element_shape): they stay the same when its corners move. */
+#ifndef SB_PIECE_H
+#define SB_PIECE_H
+
+
+
+#endif /* SB_PIECE_H */
+
 /* ==== src/softbody/fem/domain.h ==== */
 /* domain: integration points, the one abstraction everything with energy is made of. Floor 2. */
 #ifndef SB_DOMAIN_H
@@ -4771,9 +4787,15 @@ SB_API const char *sb_check_string(unsigned warning);
  *   others cannot take (fewer than three, or in one line) goes to the supports.
  *   Cells removed for good take their mass and its momentum along: velocities stay.
  * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
+ * - Pieces: where a cut parts a cell, each piece of it becomes a cell with the parent's shape functions and its own
+ *   volume and moments (sb_cell_moments), on copies of the nodes that it is parted from. Stiffness, loads and lumped
+ *   masses are integrals over the piece and sum to those of the whole cell, so that at the instant of the cut nothing
+ *   jumps: not mass, momentum or energy (of tet10 with other than linear material energy by 1e-7, for its points are
+ *   others). A piece may have a share of 0; nodes with no other cells are held where they are, and feel nothing.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
- *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A
- *   supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
+ *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
+ *   (SB_ERROR_ARGUMENT): release it first.
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
@@ -4807,8 +4829,18 @@ typedef struct sb_body_change sb_body_change;
 
 /* Options of a node, to be added. */
 enum {
-    SB_NODE_COPY = 1 /* a copy where material parts: supports do not go over to it */
+    SB_NODE_COPY = 1,   /* a copy where material parts: supports do not go over to it, unless along */
+    SB_NODE_KEEP_X = 2, /* axes that it is to be supported along as its sources are: its pieces keep a supported face */
+    SB_NODE_KEEP_Y = 4,
+    SB_NODE_KEEP_Z = 8
 };
+
+/* Where in a tet its material is, in the tet's coordinates xi (sb_element_shape), which are barycentrics 1, 2 and 3; of
+ * the whole tet c = (1, 1, 1)/4, and S has 3/80 on the diagonal and -1/80 beside it. */
+typedef struct sb_cell_moments {
+    sb_vec3 centroid;   /* c = 1/V int xi dV, V the volume of the material */
+    sb_mat3 covariance; /* S = 1/V int (xi - c)(xi - c)^T dV, symmetric */
+} sb_cell_moments;
 
 /* A cell to be made. Start from sb_default_change_cell(). */
 typedef struct sb_change_cell {
@@ -4816,8 +4848,10 @@ typedef struct sb_change_cell {
     int parent; /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
     int region; /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
     const sb_vec3 *fibre; /* direction, or NULL (default): the parent's, or none */
-    sb_real share; /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
-                    * stiffness and mass are its share of the whole cell's */
+    sb_real share; /* of the cell's volume that is material, (0, 1], with moments also 0; default 1. Less where a cut
+                    * leaves part of a cell: stiffness and mass are its share of the whole cell's */
+    const sb_cell_moments *moments; /* of the material of a piece of tet4 or straight tet10: mass and points are where
+                                     * it is. NULL (default): spread over all of the cell */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 
@@ -4828,7 +4862,7 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
 
 /* Makes a node at a place of the reference shape (m); *node is its number.
  * sources, weights  [count] nodes in use before the change or made by it, >= 1; weights >= 0 that sum to 1
- * flags             0 or SB_NODE_COPY
+ * flags             0 or SB_NODE_COPY with SB_NODE_KEEP_X ...
  * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error);
@@ -4844,7 +4878,9 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
  * heirs, weights  [count] nodes, >= 0, that what refers to the node goes over to; weights sum to 1. 0: nobody */
 SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
                                             int count, sb_error *error);
-/* Makes a cell; *number (may be NULL) is its number. Nodes may still be to come until the commit. */
+/* Makes a cell; *number (may be NULL) is its number. Nodes may still be to come until the commit.
+ * SB_ERROR_ARGUMENT, SB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED: moments in a body of
+ * other cells than tet4 or tet10, with more than 4 points to a cell, or with consistent masses of tet10. */
 SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change_cell *cell, int *number,
                                          sb_error *error);
 /* Removes a cell and makes another in its slot. */
@@ -4855,9 +4891,10 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
 /* Checks the change as a whole, takes all memory that following needs, and makes it. On SB_OK the change is gone; on
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
- * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
- * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile, or a needle is in the
- * tissue, whose mesh is the needle's alone then), SB_ERROR_MEMORY, or what a listener says. */
+ * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_UNSUPPORTED (a piece of
+ * a tet10 with curved sides), SB_ERROR_ARGUMENT (what would lose its node, see above), SB_ERROR_STATE (a state with
+ * another mesh was loaded meanwhile, or a needle is in the tissue, whose mesh is the needle's alone then),
+ * SB_ERROR_MEMORY, or what a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 
@@ -4866,7 +4903,7 @@ SB_API int sb_body_node_in_use(const sb_body *body, int node);
 SB_API int sb_body_cell_in_use(const sb_body *body, int cell);
 /* Nodes of a cell in use, or NULL; valid until the next change. */
 SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell);
-/* Share of a cell's volume that is material; 0 for a free one. */
+/* Share of a cell's volume that is material; 0 for a free one and an empty piece. */
 SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
 /* [node_count] the reference shape (m). */
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
@@ -6133,6 +6170,27 @@ SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count);
 /* Whoever filled them says so. */
 SBI_API void sbi_direct_take_values(sb_direct *direct);
 
+/* ==== src/softbody/fem/piece.h, internal ==== */
+/* In the order in which files have it. */
+typedef struct sbi_piece {
+    sb_real is; /* 1; 0: the cell is not one, and the rest 0 */
+    sb_real centroid[3];
+    sb_real covariance[6]; /* xx, yy, zz, yz, zx, xy */
+} sbi_piece;
+enum { SBI_PIECE_REALS = 10 };
+
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance);
+/* 0: the centroid is outside the tet, or the covariance is that of nothing in it. */
+SBI_API int sbi_piece_is_sound(const sbi_piece *piece);
+/* The four points that stand for the piece, in the tet's coordinates. */
+SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3]);
+/* Lumped masses and int N_a dV (m^3) of a tet (nodes: 4 or 10) whose piece has this volume. Those of the pieces of a
+ * tet sum to its own: m_a = int w_a with w_a = L_a, of tet10 5/18 L_a^2 at corners and 2 L_p L_q + 13/54 (L_p^2 +
+ * L_q^2) on edges, which are 1/36 and 4/27 on the whole tet. Masses are > 0. load may be NULL. */
+SBI_API void sbi_piece_lumps(const sbi_piece *piece, int nodes, sb_real volume, sb_real *masses, sb_real *load);
+/* mass[nodes][nodes] (m^3) = int N_a N_b dV: exact of tet4, by the four points of tet10. */
+SBI_API void sbi_piece_mass(const sbi_piece *piece, int nodes, sb_real volume, sb_real *mass);
+
 /* ==== src/softbody/fem/domain.h, internal ==== */
 /* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
  * NULL array, other numbers of points than a body's loops, a negative weight or mass, no weight at all, or gradients
@@ -6142,10 +6200,13 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
                                   sb_domain *copy, sb_error *error);
 /* Fills weights and gradients of every cell; the arrays are there, cells, counts and mean_point set.
  * positions  [node_count] (m)
- * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where its share is. NULL: 1
- * SB_ERROR_MESH names the element. */
+ * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where it is free. NULL: 1
+ * pieces     [cell_count] of tet4 and tet10; NULL: none
+ * SB_ERROR_MESH names the element, SB_ERROR_UNSUPPORTED one that is a piece of a tet10 with curved sides. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
-                                  const sb_real *shares, sb_error *error);
+                                  const sb_real *shares, const sbi_piece *pieces, sb_error *error);
+/* Volume of the tet of a cell's corners (m^3). */
+SBI_API sb_real sbi_domain_tet_volume(const sb_vec3 x[4]);
 /* ---- a mesh that changes: tet4 only. A slot that holds no cell names node 0 at every corner and
  * has weight and gradients of 0, so that loops that only read need not know. */
 
@@ -6162,10 +6223,10 @@ typedef struct sbi_tet_rule {
     sb_real slopes[4][3]; /* local gradients, the same at all points */
     sb_real volume;       /* weight of the one point of the stiffness */
 } sbi_tet_rule;
-/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
+/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it; of a piece the tet. */
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share, int is_piece);
 /* The same of cell e, with the error of sbi_domain_fill. */
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
@@ -40748,6 +40809,140 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
+/* ==== src/softbody/fem/piece.c ==== */
+/* piece: moments of a part of a tet, and what follows from them. */
+
+#include <string.h>
+
+
+/* Index of an entry of a symmetric matrix among xx, yy, zz, yz, zx, xy. */
+static int sbi_piece_entry(int i, int j) { return i == j ? i : 6 - i - j; }
+
+/* ---- moments ---- */
+
+SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
+{
+    const sb_real slack = (sb_real)1e-3; /* rounding of places far from the origin */
+    sb_real rest = 1;
+    for (int k = 0; k < 3; k++) {
+        sb_real variance = piece->covariance[k]; /* of numbers in [0, 1] it is a quarter at most */
+        if (!(piece->centroid[k] >= -slack) || !(variance >= -slack) || !(variance <= (sb_real)0.25 + slack) ||
+            !sb_is_finite(piece->covariance[3 + k]))
+            return 0;
+        rest -= piece->centroid[k];
+    }
+    return piece->is == 1 && rest >= -slack;
+}
+
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance)
+{
+    sbi_piece piece;
+    piece.is = 1;
+    piece.centroid[0] = centroid.x;
+    piece.centroid[1] = centroid.y;
+    piece.centroid[2] = centroid.z;
+    for (int i = 0; i < 3; i++)
+        for (int j = i; j < 3; j++)
+            piece.covariance[sbi_piece_entry(i, j)] = covariance->m[i][j];
+    return piece;
+}
+
+/* ---- points ---- */
+
+/* L L^T = S; where nothing but rounding is left of a pivot (a flat piece) its column is 0. */
+static void sbi_piece_factor(const sbi_piece *piece, sb_real l[3][3])
+{
+    memset(l, 0, 9 * sizeof(sb_real));
+    for (int j = 0; j < 3; j++) {
+        sb_real whole = piece->covariance[j], pivot = whole;
+        for (int k = 0; k < j; k++)
+            pivot -= l[j][k] * l[j][k];
+        if (!(pivot > 16 * SB_EPSILON * whole))
+            continue;
+        l[j][j] = sb_sqrt(pivot);
+        for (int i = j + 1; i < 3; i++) {
+            sb_real sum = piece->covariance[sbi_piece_entry(i, j)];
+            for (int k = 0; k < j; k++)
+                sum -= l[i][k] * l[j][k];
+            l[i][j] = sum / l[j][j];
+        }
+    }
+}
+
+SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3])
+{
+    static const signed char corners[4][3] = {{1, 1, 1}, {1, -1, -1}, {-1, 1, -1}, {-1, -1, 1}};
+    sb_real l[3][3];
+    sbi_piece_factor(piece, l);
+    for (int p = 0; p < 4; p++)
+        for (int i = 0; i < 3; i++) {
+            points[p][i] = piece->centroid[i];
+            for (int k = 0; k <= i; k++)
+                points[p][i] += l[i][k] * (sb_real)corners[p][k];
+        }
+}
+
+/* ---- masses ---- */
+
+/* The functions that lumped masses of tet10 are integrals of, at a point. */
+static void sbi_piece_weights(const sb_real bary[4], sb_real weights[10])
+{
+    const sb_real corner = (sb_real)5 / 18, end = (sb_real)13 / 54;
+    for (int a = 0; a < 4; a++)
+        weights[a] = corner * bary[a] * bary[a];
+    for (int e = 0; e < 6; e++) {
+        int ends[3];
+        sb_element_edge(SB_TET10, e, ends);
+        sb_real p = bary[ends[0]], q = bary[ends[1]];
+        weights[4 + e] = 2 * p * q + end * (p * p + q * q);
+    }
+}
+
+SBI_API void sbi_piece_lumps(const sbi_piece *piece, int nodes, sb_real volume, sb_real *masses, sb_real *load)
+{
+    const sb_real least = SB_EPSILON; /* what rounding may take of a node's part */
+    sb_real points[4][3], bary[4], shape[10], weights[10];
+    int count = nodes == 4 ? 1 : 4;
+    if (nodes == 4)
+        memcpy(points[0], piece->centroid, sizeof points[0]);
+    else
+        sbi_piece_points(piece, points);
+    for (int a = 0; a < nodes; a++) {
+        masses[a] = 0;
+        if (load)
+            load[a] = 0;
+    }
+    for (int p = 0; p < count; p++) {
+        sb_element_shape(SB_TET4, points[p], bary, NULL);
+        if (nodes == 4)
+            memcpy(weights, bary, sizeof bary);
+        else
+            sbi_piece_weights(bary, weights);
+        if (load)
+            sb_element_shape(nodes == 4 ? SB_TET4 : SB_TET10, points[p], shape, NULL);
+        for (int a = 0; a < nodes; a++) {
+            masses[a] += weights[a] / (sb_real)count;
+            if (load)
+                load[a] += volume * shape[a] / (sb_real)count;
+        }
+    }
+    for (int a = 0; a < nodes; a++)
+        masses[a] = volume * sb_max(masses[a], least);
+}
+
+SBI_API void sbi_piece_mass(const sbi_piece *piece, int nodes, sb_real volume, sb_real *mass)
+{
+    sb_real points[4][3], shape[10];
+    sbi_piece_points(piece, points); /* exact to degree 2 */
+    memset(mass, 0, (size_t)(nodes * nodes) * sizeof *mass);
+    for (int p = 0; p < 4; p++) {
+        sb_element_shape(nodes == 4 ? SB_TET4 : SB_TET10, points[p], shape, NULL);
+        for (int a = 0; a < nodes; a++)
+            for (int b = 0; b < nodes; b++)
+                mass[a * nodes + b] += volume / 4 * shape[a] * shape[b];
+    }
+}
+
 /* ==== src/softbody/fem/domain.c ==== */
 /* domain: integration points from elements. */
 
@@ -40862,35 +41057,71 @@ static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *erro
                             "element %d is too small: nothing is left of its volume at integration point %d", e, point);
 }
 
+SBI_API sb_real sbi_domain_tet_volume(const sb_vec3 x[4])
+{
+    sb_vec3 a = sb_v3_sub(x[1], x[0]), b = sb_v3_sub(x[2], x[0]), c = sb_v3_sub(x[3], x[0]);
+    return sb_v3_dot(a, sb_v3_cross(b, c)) / 6;
+}
+
+/* Gradients of the shape functions at the points of a piece, in the cell's coordinates. */
+static void sbi_domain_piece_slopes(sbi_element element, const sbi_piece *piece, int q,
+                                    sb_real (*local)[SB_MAX_ELEMENT_NODES][3])
+{
+    sb_real points[4][3];
+    sbi_piece_points(piece, points);
+    for (int p = 0; p < q; p++)
+        sbi_element_shape(element, points[p], NULL, local[p]);
+}
+
+/* Gradients and weights of one cell. */
+static sb_result sbi_domain_fill_cell(sb_domain *domain, int e, int q, const sb_vec3 *x,
+                                      const sb_real (*local)[SB_MAX_ELEMENT_NODES][3], const sb_real *weights,
+                                      sb_real share, int is_piece, sb_error *error)
+{
+    size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    for (int p = 0; p < q; p++) {
+        size_t at = first + (size_t)p;
+        sb_real det = sbi_domain_point(domain->nodes_per_cell, x, local[p], domain->gradients + at * values);
+        domain->weights[at] = det * weights[p];
+        domain->weights[at] *= share;
+        if (!(det > 0) || (!is_piece && !(domain->weights[at] > 0)))
+            return sbi_domain_refuse(e, p, det, error);
+    }
+    if (domain->mean_point)
+        sbi_domain_fill_mean(domain, e, q);
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
-                                  const sb_real *shares, sb_error *error)
+                                  const sb_real *shares, const sbi_piece *pieces, sb_error *error)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
+    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3], own[4][SB_MAX_ELEMENT_NODES][3];
     sbi_element element = sbi_domain_element(domain);
     int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
     for (int p = 0; p < q; p++)
         sbi_element_shape(element, points[p], NULL, local[p]);
     for (int e = 0; e < domain->cell_count; e++) {
         size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)n;
+        int is_piece = pieces && pieces[e].is != 0;
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
-        if (shares && !(shares[e] > 0)) {
+        sb_result result;
+        if (shares && sbi_domain_is_free(domain, e)) {
             memset(domain->gradients + first * values, 0, (size_t)domain->points_per_cell * values * sizeof(sb_real));
             memset(domain->weights + first, 0, (size_t)domain->points_per_cell * sizeof(sb_real));
             continue;
         }
         sbi_domain_gather(domain->cells, positions, e, n, x);
-        for (int p = 0; p < q; p++) {
-            size_t at = first + (size_t)p;
-            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
-            domain->weights[at] = det * weights[p];
-            if (shares)
-                domain->weights[at] *= shares[e];
-            if (!(det > 0) || !(domain->weights[at] > 0))
-                return sbi_domain_refuse(e, p, det, error);
-        }
-        if (domain->mean_point)
-            sbi_domain_fill_mean(domain, e, q);
+        if (is_piece && domain->element_type == SB_TET10 && sbi_domain_tet10_is_curved(x))
+            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
+                                    "cell %d has curved sides: it cannot be a piece of an element", e);
+        if (is_piece && q > 1)
+            sbi_domain_piece_slopes(element, pieces + e, q, own);
+        result = sbi_domain_fill_cell(domain, e, q, x,
+                                      (const sb_real(*)[SB_MAX_ELEMENT_NODES][3])(is_piece && q > 1 ? own : local),
+                                      weights, shares ? shares[e] : (sb_real)1, is_piece, error);
+        if (result != SB_OK)
+            return result;
     }
     return SB_OK;
 }
@@ -40961,7 +41192,7 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
-        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, error);
+        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, NULL, error);
     if (result != SB_OK) {
         sb_domain_free(&made);
         return result;
@@ -41170,15 +41401,16 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share, int is_piece)
 {
-    return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
+    sb_real volume = sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume;
+    return (is_piece ? volume : share * volume) > 0;
 }
 
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error)
 {
-    if (sbi_domain_is_upright(rule, x, share))
+    if (sbi_domain_is_upright(rule, x, share, is_piece))
         return SB_OK;
     return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), error);
 }
@@ -47057,6 +47289,9 @@ SBI_API void sbi_body_update_mass(sb_body *body);
 SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule);
 SBI_API void sbi_body_sum_node_mass(sb_body *body, int node);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
+/* As sbi_domain_element_mass, of a cell that may be a piece; to be multiplied by sbi_live_density. */
+SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                               sb_real *volume_load);
 SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
 /* out = M x for the body's mass matrix. */
 SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out);
@@ -47147,7 +47382,9 @@ typedef struct sbi_listener {
 
 typedef struct sbi_live {
     sbi_slots nodes, cells;
-    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free */
+    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
+    sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
+    int piece_count;         /* cells that are pieces */
     sb_quadrature_kind rule; /* of the domain's points */
     int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;            /* of the def */
@@ -47170,7 +47407,9 @@ typedef struct sbi_live_mesh {
     sb_vec3 *positions;  /* [nodes.end] */
     int *corners;        /* [cells.end][n]; 0 in free slots */
     int *material;       /* [cells.end] index of the region */
-    sb_real *shares;     /* [cells.end] 0: free */
+    sb_real *shares;     /* [cells.end] 0: free, or an empty piece */
+    int has_pieces;      /* 1: there is room for pieces */
+    sbi_piece *pieces;   /* [cells.end] or NULL */
     int *inherit;        /* [cells.end] cell of the body that it inherits from, or -1: none */
     unsigned char *kept; /* [cells.end] 1: it is that cell */
     sb_vec3 *fibres;     /* [cells.end] unit directions or 0; NULL: the body has none */
@@ -47190,12 +47429,12 @@ SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *erro
 /* Lists for the changes to come of a body that is made. */
 SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error);
 
-/* Room for a mesh with copies of these slots. */
+/* Room for a mesh with copies of these slots, and for pieces where has_pieces is 1. */
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                         sbi_live_mesh *mesh, sb_error *error);
+                                         int has_pieces, sbi_live_mesh *mesh, sb_error *error);
 /* Room for a mesh with so many slots (end, fresh, count), not filled; no less than the body has room for. */
 SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                     sbi_live_mesh *mesh, sb_error *error);
+                                     int has_pieces, sbi_live_mesh *mesh, sb_error *error);
 SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh);
 /* Lists what the body's mesh has in these slots. */
 SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
@@ -47252,13 +47491,25 @@ SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mes
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
+/* Whether cells of the body can be pieces; SB_ERROR_UNSUPPORTED says why not. */
+SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error);
+/* Room for pieces; 0: no memory. Dropped again where there are none. */
+SBI_API int sbi_live_take_pieces(sb_body *body);
+SBI_API void sbi_live_drop_pieces(sb_body *body);
+/* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
+SBI_API void sbi_live_park_node(sb_body *body, int node);
+
+SB_INLINE int sbi_live_is_piece(const sb_body *body, int cell)
+{
+    return body->live && body->live->pieces && body->live->pieces[cell].is != 0;
+}
 /* Density times share of material; 0 of a free cell. */
 SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
 {
     sb_real density = body->materials[body->cell_material[cell]].density;
     return body->live ? density * body->live->shares[cell] : density;
 }
-SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->cells.used[cell]; }
 SB_INLINE int sbi_live_follows(const sb_body *body) { return body->live && body->live->follows; }
 /* Cells and parts that arrays have room for. */
 SB_INLINE int sbi_live_cell_room(const sb_body *body)
@@ -47289,6 +47540,14 @@ SB_INLINE int sbi_live_cell_of(const sb_body *body, int at)
 {
     return body->assembly.live ? at / 4 : body->node_elements.items[at];
 }
+/* 1 when a node has material: a cell that is not an empty piece. */
+SB_INLINE int sbi_live_has_material(const sb_body *body, int node)
+{
+    int at = sbi_live_first_cell(body, node);
+    while (at >= 0 && body->live && !(body->live->shares[sbi_live_cell_of(body, at)] > 0))
+        at = sbi_live_next_cell(body, node, at);
+    return at >= 0;
+}
 
 #endif /* SB_LIVE_PRIVATE_H */
 
@@ -47314,6 +47573,7 @@ typedef struct sbi_changed_cell {
     int dropped, has_fibre;
     sb_real share;
     sb_vec3 fibre;
+    sbi_piece piece; /* zeros of a cell that is none */
 } sbi_changed_cell;
 
 typedef struct sbi_change_entry {
@@ -47370,6 +47630,13 @@ typedef struct sbi_change_lists {
  * happened; 1: *result says how it went. */
 SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
                             sb_result *result, sb_error *error);
+SB_INLINE int sbi_change_makes_pieces(const sb_body_change *change)
+{
+    int makes = 0;
+    for (int i = 0; i < change->made_cells.count; i++)
+        makes |= change->made_cells.items[i].piece.is != 0 && !change->made_cells.items[i].dropped;
+    return makes;
+}
 /* Asks all listeners; on failure those asked before give up. */
 SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error);
 /* Whether all that refers to nodes by themselves can go on: heirs and supports. */
@@ -47746,6 +48013,25 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 
 /* ---- mass ---- */
 
+SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                               sb_real *volume_load)
+{
+    int n = body->domain.nodes_per_cell;
+    sb_real lumps[10], volume;
+    if (!sbi_live_is_piece(body, cell))
+        return sbi_domain_element_mass(&body->domain, cell, kind, x, mass, volume_load);
+    volume = sbi_domain_tet_volume(x);
+    sbi_piece_lumps(body->live->pieces + cell, n, volume, lumps, volume_load);
+    if (kind != SB_MASS_LUMPED) {
+        sbi_piece_mass(body->live->pieces + cell, n, volume, mass);
+        return 0;
+    }
+    memset(mass, 0, (size_t)(n * n) * sizeof *mass);
+    for (int a = 0; a < n; a++)
+        mass[a * (n + 1)] = lumps[a];
+    return 0;
+}
+
 static void sbi_body_gather_reference(const sb_body *body, int element, sb_vec3 *x)
 {
     int n = body->domain.nodes_per_cell;
@@ -47777,7 +48063,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
         if (!sbi_live_has_cell(body, e))
             continue;
         sbi_body_gather_reference(body, e, x);
-        sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
+        sbi_body_cell_mass(body, e, kind, x, mass, NULL);
         sbi_body_add_mass_blocks(body, e, mass, sbi_live_density(body, e), blocks);
     }
 }
@@ -47899,7 +48185,10 @@ SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *ru
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
-    sbi_domain_tet_masses(rule, x, out, out + 4);
+    if (sbi_live_is_piece(body, cell))
+        sbi_piece_lumps(body->live->pieces + cell, 4, sbi_domain_tet_volume(x), out, out + 4);
+    else
+        sbi_domain_tet_masses(rule, x, out, out + 4);
     for (int a = 0; a < 8; a++)
         out[a] = density * out[a];
 }
@@ -47947,7 +48236,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             continue;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
+            sbi_body_cell_mass(body, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         if (sbi_live_follows(body)) {
@@ -47955,7 +48244,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             sbi_body_add_cell_mass(body, e);
             continue;
         }
-        lifted |= sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
+        lifted |= sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
@@ -49296,7 +49585,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
             continue;
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
-        report->duplicate_count += !body->own_points && sbi_body_is_duplicate(body, e);
+        report->duplicate_count += !body->own_points && !sbi_live_is_piece(body, e) && sbi_body_is_duplicate(body, e);
         if (report->worst_element < 0 || quality < report->worst_quality) {
             report->worst_quality = quality;
             report->worst_element = e;
@@ -50687,6 +50976,7 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_slots_free(&live->nodes, &body->allocator);
     sbi_slots_free(&live->cells, &body->allocator);
     sbi_free(&body->allocator, live->shares);
+    sbi_free(&body->allocator, live->pieces);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;
@@ -50704,6 +50994,47 @@ SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
     return live->node_marks && live->cell_marks && (live->masses || !live->follows)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells that may change", live->cells.capacity);
+}
+
+/* ---- pieces ---- */
+
+SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    int is_tet4 = domain->element_type == SB_TET4, is_tet10 = domain->element_type == SB_TET10;
+    if ((!is_tet4 && !is_tet10) || (is_tet10 && domain->points_per_cell != 4))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "pieces of elements are of tet4, or of tet10 with 4 points each, not of %s with %d",
+                        sb_element_name(domain->element_type), domain->points_per_cell);
+    if (is_tet10 && body->mass_kind == SB_MASS_CONSISTENT)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "consistent masses of pieces of tet10 take more than their moments: lumped ones do not");
+    return SB_OK;
+}
+
+SBI_API int sbi_live_take_pieces(sb_body *body)
+{
+    sbi_live *live = body->live;
+    if (!live->pieces)
+        live->pieces =
+            (sbi_piece *)sbi_alloc_zeroed(&body->allocator, (size_t)live->cells.capacity, sizeof *live->pieces);
+    return live->pieces != NULL;
+}
+
+SBI_API void sbi_live_drop_pieces(sb_body *body)
+{
+    if (body->live->piece_count)
+        return;
+    sbi_free(&body->allocator, body->live->pieces);
+    body->live->pieces = NULL;
+}
+
+SBI_API void sbi_live_park_node(sb_body *body, int node)
+{
+    if (body->node_component[node] >= 0 || sbi_live_first_cell(body, node) < 0)
+        return;
+    body->target[node] = body->displacement[node];
+    body->velocity[node] = body->acceleration[node] = sb_v3(0, 0, 0);
 }
 
 SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
@@ -50735,7 +51066,8 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
     body->component_count = matrix->part_count - (lonely >= 0);
     for (int i = 0; i < matrix->row_count; i++) {
         int part = matrix->live->part_of[i];
-        body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
+        int is_free = part == lonely || !sbi_live_has_material(body, i);
+        body->node_component[i] = is_free ? -1 : part - (lonely >= 0 && part > lonely);
     }
 }
 
@@ -51018,9 +51350,8 @@ static void sbi_body_label_by_elements(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
     for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
         body->node_component[i] =
-            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+            sbi_live_has_material(body, i) ? body->element_component.items[lists->items[lists->offsets[i]]] : -1;
     }
 }
 
@@ -51449,12 +51780,17 @@ static sb_vec3 sbi_live_place(const sbi_live_following *work, int node)
     return mark < 0 ? change->moved_nodes.items[-1 - mark].position : work->body->reference[node];
 }
 
-static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share)
+static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share, int is_piece)
 {
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->rule, x, share);
+    return sbi_domain_is_upright(&work->rule, x, share, is_piece);
+}
+
+static const sbi_changed_cell *sbi_live_made_cell(const sbi_live_following *work, int index)
+{
+    return work->change->made_cells.items + work->change->cell_at[work->out->made_cells[index]] - 1;
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -51467,11 +51803,12 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
         for (int a = 0; a < 4; a++)
             good &= sbi_slots_is_used(&work->change->nodes, n[a]);
         good &= n[0] != n[1] && n[0] != n[2] && n[0] != n[3] && n[1] != n[2] && n[1] != n[3] && n[2] != n[3];
-        good = good && sbi_live_cell_is_upright(work, n, out->made_shares[k]);
+        good =
+            good && sbi_live_cell_is_upright(work, n, out->made_shares[k], sbi_live_made_cell(work, k)->piece.is != 0);
     }
     for (int k = 0; k < out->reshaped_cell_count && good; k++)
         good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k],
-                                        out->reshaped_shares[k]);
+                                        out->reshaped_shares[k], sbi_live_is_piece(work->body, out->reshaped_cells[k]));
     return good;
 }
 
@@ -51510,6 +51847,8 @@ static int sbi_live_reserve(sbi_live_following *work, sb_result *result, sb_erro
     supports = body->support_used + body->matrix.live->key_count + work->out->made_node_count;
     if (*result == SB_OK && body->support_used && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
         *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d blocks of supports", supports);
+    if (*result == SB_OK && sbi_change_makes_pieces(work->change) && !sbi_live_take_pieces(body))
+        *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d pieces", body->live->cells.capacity);
     return 1;
 }
 
@@ -51615,14 +51954,24 @@ static void sbi_live_follow_nodes_of_body(sbi_live_following *work)
         }
 }
 
-/* Shares, regions and fibres by cell; slots. */
+static void sbi_live_put_piece(sbi_live *live, int cell, const sbi_piece *piece)
+{
+    if (!live->pieces)
+        return;
+    live->piece_count += (piece->is != 0) - (live->pieces[cell].is != 0);
+    live->pieces[cell] = *piece;
+}
+
+/* Shares, pieces, regions and fibres by cell; slots. */
 static void sbi_live_follow_cells_of_body(sbi_live_following *work)
 {
     const sb_mesh_change *out = work->out;
     sb_body_change *change = work->change;
     sb_body *body = work->body;
     sbi_live *live = body->live;
+    sbi_piece none;
     sbi_slots slots;
+    memset(&none, 0, sizeof none);
     for (int e = work->old_cells; e < out->cell_end; e++) {
         live->shares[e] = 0;
         body->cell_material[e] = 0;
@@ -51631,6 +51980,7 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
     }
     for (int i = 0; i < out->removed_cell_count; i++) {
         live->shares[out->removed_cells[i]] = 0;
+        sbi_live_put_piece(live, out->removed_cells[i], &none);
         body->cell_material[out->removed_cells[i]] = 0;
     }
     for (int i = 0; i < change->made_cells.count; i++) {
@@ -51638,6 +51988,7 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
         if (cell->dropped)
             continue;
         live->shares[cell->cell] = cell->share;
+        sbi_live_put_piece(live, cell->cell, &cell->piece);
         body->cell_material[cell->cell] = cell->material;
         if (body->fibres)
             body->fibres[cell->cell] = cell->fibre;
@@ -51707,7 +52058,9 @@ static int sbi_live_component(const sb_body *body, int node)
 {
     const sbi_matrix_live *live = body->matrix.live;
     int part = live->part_of[node];
-    return part == live->alone_part ? -1 : part - (live->alone_part >= 0 && part > live->alone_part);
+    if (part == live->alone_part || !sbi_live_has_material(body, node))
+        return -1;
+    return part - (live->alone_part >= 0 && part > live->alone_part);
 }
 
 /* Parts and boxes as sbi_body_label_nodes gives them, from the nodes that the change is about alone, unless parts got
@@ -51733,7 +52086,9 @@ static void sbi_live_label_changed(const sbi_live_following *work)
         body->node_component[i] = sbi_live_component(body, i);
         if (body->node_component[i] < 0)
             body->fixed[i] = SB_XYZ;
-        else if (old < 0)
+        if (body->node_component[i] < 0 && old >= 0)
+            sbi_body_leave_box(body, old, body->reference[i]);
+        if (body->node_component[i] >= 0 && old < 0)
             sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
     }
     for (int c = 0; c < body->component_count; c++)
@@ -51768,6 +52123,9 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
     sbi_live_wake_nodes(work);
     sbi_live_label_changed(work);
+    for (int k = 0; k < work->node_count; k++)
+        if (work->lists->nodes[k] < body->domain.node_count)
+            sbi_live_park_node(body, work->lists->nodes[k]);
     body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);
@@ -51801,8 +52159,10 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
         return 0;
     if (*result == SB_OK)
         *result = sbi_live_ask_listeners(work.body, out, error);
-    if (*result != SB_OK)
+    if (*result != SB_OK) {
+        sbi_live_drop_pieces(work.body);
         return 1;
+    }
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
@@ -51960,9 +52320,10 @@ static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error
     const sb_domain *domain = &body->domain;
     int n = domain->nodes_per_cell, q = domain->points_per_cell, used = body->live->cells.used[e] != 0;
     const int *cell = domain->cells + (size_t)e * (size_t)n;
-    if (used != (body->live->shares[e] > 0))
+    int is_piece = sbi_live_is_piece(body, e);
+    if (is_piece ? !used || body->live->shares[e] < 0 : used != (body->live->shares[e] > 0))
         return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the share %g", e, (double)body->live->shares[e]);
-    for (int p = 0; p < q; p++)
+    for (int p = 0; p < q && !is_piece; p++)
         if ((domain->weights[(size_t)e * (size_t)q + (size_t)p] > 0) != used)
             return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the weight %g at point %d", e,
                                     (double)domain->weights[(size_t)e * (size_t)q + (size_t)p], p);
@@ -52004,6 +52365,7 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
  * zeros. */
 static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_error *error)
 {
+    const int nothing[6] = {0, 0, 0, 0, 0, 0}; /* of a part of empty pieces */
     for (int i = 0; i < body->domain.node_count; i++) {
         int c = body->node_component[i];
         sb_vec3 x = body->reference[i], low, high;
@@ -52018,7 +52380,8 @@ static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_e
         sides[c][3] += x.x == high.x, sides[c][4] += x.y == high.y, sides[c][5] += x.z == high.z;
     }
     for (int c = 0; c < body->component_count; c++)
-        if (!sbi_body_box_is_right(body, c) || memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
+        if ((!sbi_body_box_is_right(body, c) && memcmp(sides[c], nothing, sizeof nothing) != 0) ||
+            memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
             return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts",
                             c);
     return SB_OK;
@@ -52046,6 +52409,7 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
     sb_result result = SB_OK;
     sb_real *mass;
     size_t used = 0, listed = 0;
+    int pieces = 0;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
     if (!body->live)
@@ -52069,12 +52433,15 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         used += (size_t)n;
         for (int a = 0; a < n; a++)
             x[a] = body->reference[cell[a]];
-        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, lumped, load);
+        sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, lumped, load);
+        pieces += sbi_live_is_piece(body, e);
         for (int a = 0; a < n; a++)
             mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
     }
     for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
         result = sbi_live_check_node(body, i, mass[i], &listed, error);
+    if (result == SB_OK && pieces != body->live->piece_count)
+        result = sbi_fail(error, SB_ERROR_STATE, "%d cells are pieces, not %d", pieces, body->live->piece_count);
     if (result == SB_OK && used != listed)
         result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
                           (unsigned long)listed, (unsigned long)used);
@@ -52103,8 +52470,12 @@ enum {
     SBI_CHANGE_ADD_CELL = 4,
     SBI_CHANGE_REPLACE_CELL = 5,
     SBI_CHANGE_REMOVE_CELL = 6,
-    SBI_CHANGE_SLIDE_NODE = 7 /* a move with sources */
+    SBI_CHANGE_SLIDE_NODE = 7, /* a move with sources */
+    SBI_CHANGE_ADD_PIECE = 8,  /* cells with moments */
+    SBI_CHANGE_REPLACE_PIECE = 9
 };
+/* Moments in the log: centroid, and covariance row by row. */
+enum { SBI_CHANGE_MOMENTS = 12 };
 
 SB_API sb_change_cell sb_default_change_cell(void)
 {
@@ -52158,7 +52529,7 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
         !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
         !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
         !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
-        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8))
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS))
         return sbi_change_no_memory(error);
     return SB_OK;
 }
@@ -52408,13 +52779,19 @@ static void sbi_change_log_list(sb_body_change *change, const int *nodes, const 
 
 /* ---- nodes ---- */
 
+static int sbi_change_knows_flags(int flags)
+{
+    int keep = SB_NODE_KEEP_X | SB_NODE_KEEP_Y | SB_NODE_KEEP_Z;
+    return flags == 0 || (flags & ~keep) == SB_NODE_COPY;
+}
+
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error)
 {
     sbi_changed_node *made;
     int slot, expanded;
     sb_result result;
-    if (!change || !node || count < 1 || (flags != 0 && flags != SB_NODE_COPY))
+    if (!change || !node || count < 1 || !sbi_change_knows_flags(flags))
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "sb_body_change_add_node needs a change, a place for the number, at "
                         "least one source and known flags");
@@ -52549,6 +52926,19 @@ static int sbi_change_region(const sb_body *body, int region)
     return -1;
 }
 
+static sb_result sbi_change_check_moments(const sb_body *body, const sb_cell_moments *moments, sb_error *error)
+{
+    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance);
+    int finite = sb_v3_is_finite(moments->centroid);
+    for (int i = 0; i < 3; i++)
+        finite &= sb_v3_is_finite(sb_m3_column(moments->covariance, i));
+    if (!finite)
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the moments of a cell are not finite");
+    if (!sbi_piece_is_sound(&piece))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the moments of a cell are not those of a piece of a tet");
+    return sbi_live_check_pieces(body, error);
+}
+
 /* Checks all of a cell but what its nodes will be; *parent is its number before the change. */
 static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_cell *cell, int *parent, sb_error *error)
 {
@@ -52561,13 +52951,13 @@ static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_c
         return sbi_fail_element(error, SB_ERROR_INDEX, *parent, "the parent %d of a cell was not in use", *parent);
     if (cell->region != SB_AUTO && sbi_change_region(body, cell->region) < 0)
         return sbi_fail(error, SB_ERROR_INDEX, "the mesh was made without a region %d", cell->region);
-    if (!(cell->share > 0) || !(cell->share <= 1))
+    if (!(cell->moments ? cell->share >= 0 : cell->share > 0) || !(cell->share <= 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the share %g of a cell is not in (0, 1]", (double)cell->share);
     if (cell->fibre && !sb_v3_is_finite(*cell->fibre))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
     if (cell->fibre && !body->fibres)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
-    return SB_OK;
+    return cell->moments ? sbi_change_check_moments(body, cell->moments, error) : SB_OK;
 }
 
 static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *cell)
@@ -52579,6 +52969,11 @@ static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *ce
         sbi_change_log_int(change, cell->nodes[a]);
     sbi_change_log_real(change, cell->share);
     sbi_change_log_vector(change, cell->fibre ? *cell->fibre : sb_v3(0, 0, 0));
+    if (cell->moments) {
+        sbi_change_log_vector(change, cell->moments->centroid);
+        for (int i = 0; i < 9; i++)
+            sbi_change_log_real(change, cell->moments->covariance.m[i / 3][i % 3]);
+    }
 }
 
 /* Puts a checked cell into a slot that was taken for it; there is room. */
@@ -52591,6 +52986,8 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     change->cell_at[slot] = change->made_cells.count;
     made->parent = parent;
     made->share = cell->share;
+    if (cell->moments)
+        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance);
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
                      : parent >= 0           ? body->cell_material[parent]
                                              : 0;
@@ -52629,7 +53026,7 @@ SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change
     if (result != SB_OK)
         return result;
     slot = sbi_slots_take(&change->cells);
-    sbi_change_log_int(change, SBI_CHANGE_ADD_CELL);
+    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_ADD_PIECE : SBI_CHANGE_ADD_CELL);
     sbi_change_log_cell(change, cell);
     sbi_change_put_cell(change, slot, cell, parent);
     if (number)
@@ -52651,7 +53048,7 @@ SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number,
         result = sbi_change_reserve(change, 0, error);
     if (result != SB_OK)
         return result;
-    sbi_change_log_int(change, SBI_CHANGE_REPLACE_CELL);
+    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_REPLACE_PIECE : SBI_CHANGE_REPLACE_CELL);
     sbi_change_log_int(change, number);
     sbi_change_log_cell(change, cell);
     sbi_change_drop_cell(change, number);
@@ -52721,10 +53118,39 @@ static int sbi_change_next_list(sbi_change_reader *reader, const int **nodes, co
     return count;
 }
 
+/* Makes a cell again. */
+static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reader *reader, int call, sb_error *error)
+{
+    int replaces = call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE;
+    int nodes[SB_MAX_ELEMENT_NODES], has_fibre, number = replaces ? sbi_change_next_int(reader) : -1;
+    sb_change_cell cell = sb_default_change_cell();
+    sb_cell_moments moments;
+    sb_vec3 fibre;
+    cell.parent = sbi_change_next_int(reader);
+    cell.region = sbi_change_next_int(reader);
+    has_fibre = sbi_change_next_int(reader);
+    for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
+        nodes[a] = sbi_change_next_int(reader);
+    cell.nodes = nodes;
+    cell.share = sbi_change_next_real(reader);
+    fibre = sbi_change_next_vector(reader);
+    cell.fibre = has_fibre ? &fibre : NULL;
+    if (call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
+        moments.centroid = sbi_change_next_vector(reader);
+        for (int i = 0; i < 9; i++)
+            moments.covariance.m[i / 3][i % 3] = sbi_change_next_real(reader);
+        cell.moments = &moments;
+    }
+    if (reader->bad)
+        return SB_OK;
+    return replaces ? sb_body_change_replace_cell(change, number, &cell, error)
+                    : sb_body_change_add_cell(change, &cell, NULL, error);
+}
+
 /* Makes one call again. */
 static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reader *reader, sb_error *error)
 {
-    int nodes[SB_MAX_ELEMENT_NODES], call = sbi_change_next_int(reader), count = 0, number, flag;
+    int call = sbi_change_next_int(reader), count = 0, number, flag;
     const int *list = NULL;
     const sb_real *weights = NULL;
     sb_vec3 v;
@@ -52738,27 +53164,14 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    ? sb_body_change_add_node(change, v, list, weights, count, flag, &number, error)
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
-    number = call != SBI_CHANGE_ADD_CELL ? sbi_change_next_int(reader) : -1;
+    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_CELL ||
+        call == SBI_CHANGE_REPLACE_PIECE)
+        return sbi_change_replay_cell(change, reader, call, error);
+    number = sbi_change_next_int(reader);
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
         count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
         return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, list, weights, count, error);
-    }
-    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL) {
-        sb_change_cell cell = sb_default_change_cell();
-        cell.parent = sbi_change_next_int(reader);
-        cell.region = sbi_change_next_int(reader);
-        flag = sbi_change_next_int(reader);
-        for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
-            nodes[a] = sbi_change_next_int(reader);
-        cell.nodes = nodes;
-        cell.share = sbi_change_next_real(reader);
-        v = sbi_change_next_vector(reader);
-        cell.fibre = flag ? &v : NULL;
-        if (reader->bad)
-            return SB_OK;
-        return call == SBI_CHANGE_ADD_CELL ? sb_body_change_add_cell(change, &cell, NULL, error)
-                                           : sb_body_change_replace_cell(change, number, &cell, error);
     }
     reader->bad |= call != SBI_CHANGE_REMOVE_CELL;
     return reader->bad ? SB_OK : sb_body_change_remove_cell(change, number, error);
@@ -52858,7 +53271,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
             continue;
         lists->made_nodes[out->made_node_count] = node->node;
         lists->made_positions[out->made_node_count] = node->position;
-        lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
+        lists->made_copies[out->made_node_count] = (unsigned char)node->flags;
         lists->source_start[out->made_node_count++] = entries;
         entries = sbi_change_list_entries(change, node, entries, lists->sources, lists->source_weights);
     }
@@ -52943,6 +53356,8 @@ static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
             continue;
         memset(mesh->corners + (size_t)e * (size_t)n, 0, (size_t)n * sizeof(int));
         mesh->shares[e] = 0;
+        if (mesh->pieces)
+            memset(mesh->pieces + e, 0, sizeof *mesh->pieces);
         mesh->inherit[e] = -1;
         mesh->kept[e] = 0;
     }
@@ -52959,6 +53374,8 @@ static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
                (size_t)n * sizeof(int));
         mesh->material[cell->cell] = cell->material;
         mesh->shares[cell->cell] = cell->share;
+        if (mesh->pieces)
+            mesh->pieces[cell->cell] = cell->piece;
         mesh->inherit[cell->cell] = cell->parent;
         mesh->kept[cell->cell] = 0;
         if (mesh->fibres)
@@ -52972,8 +53389,9 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
     int n = body->domain.nodes_per_cell, cells = 0;
     for (int e = 0; e < mesh->cells.end; e++) {
         const int *cell = mesh->corners + (size_t)e * (size_t)n;
-        cells += mesh->shares[e] > 0;
-        for (int a = 0; a < n && mesh->shares[e] > 0; a++) {
+        int used = mesh->cells.used[e];
+        cells += used && mesh->shares[e] > 0;
+        for (int a = 0; a < n && used; a++) {
             if (!sbi_slots_is_used(&mesh->nodes, cell[a])) {
                 sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change",
                                  e, cell[a]);
@@ -53050,7 +53468,8 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
                                       sb_error *error)
 {
     const sb_body *body = change->body;
-    sb_result result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
+    sb_result result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells,
+                                              body->live->piece_count || sbi_change_makes_pieces(change), mesh, error);
     if (result != SB_OK)
         return result;
     sbi_live_mesh_fill(body, mesh);
@@ -53068,13 +53487,13 @@ static sb_result sbi_change_check_lonely(const sb_body *body, const sb_mesh_chan
     int *marks = body->live->node_marks;
     sb_result result = SB_OK;
     for (int e = 0; e < mesh->cells.end; e++)
-        for (int a = 0; a < 4 && mesh->shares[e] > 0; a++)
+        for (int a = 0; a < 4 && mesh->cells.used[e]; a++)
             marks[mesh->corners[4 * (size_t)e + (size_t)a]] = 1;
     for (int i = 0; i < out->made_node_count && result == SB_OK; i++)
         if (!marks[out->made_nodes[i]])
             result = sbi_live_refuse_lonely(out->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, mesh->nodes.end) && result == SB_OK; i++)
-        if (mesh->nodes.used[i] && body->node_component[i] >= 0 && !marks[i])
+        if (mesh->nodes.used[i] && sbi_live_first_cell(body, i) >= 0 && !marks[i])
             result = sbi_live_refuse_lonely(i, 0, error);
     memset(marks, 0, (size_t)mesh->nodes.end * sizeof *marks);
     return result;
@@ -53093,8 +53512,8 @@ static sb_result sbi_change_check_mesh(const sb_body *body, const sb_mesh_change
         sb_vec3 x[4];
         for (int a = 0; a < 4; a++)
             x[a] = mesh->positions[mesh->corners[4 * (size_t)e + (size_t)a]];
-        if (mesh->shares[e] > 0)
-            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], error);
+        if (mesh->cells.used[e])
+            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], mesh->pieces && mesh->pieces[e].is != 0, error);
     }
     return result == SB_OK ? sbi_change_check_lonely(body, out, mesh, error) : result;
 }
@@ -53166,6 +53585,8 @@ static void sbi_live_mesh_layout(const sb_body *body, sbi_live_mesh *mesh, sbi_a
     if (body->fibres)
         mesh->fibres = (sb_vec3 *)sbi_arena_take(arena, cells, sizeof(sb_vec3));
     mesh->shares = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    if (mesh->has_pieces)
+        mesh->pieces = (sbi_piece *)sbi_arena_take(arena, cells, sizeof(sbi_piece));
     mesh->corners = (int *)sbi_arena_take(arena, cells, (size_t)body->domain.nodes_per_cell * sizeof(int));
     mesh->material = (int *)sbi_arena_take(arena, cells, sizeof(int));
     mesh->inherit = (int *)sbi_arena_take(arena, cells, sizeof(int));
@@ -53187,9 +53608,10 @@ static sb_result sbi_live_mesh_take(const sb_body *body, sbi_live_mesh *mesh, sb
 }
 
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                         sbi_live_mesh *mesh, sb_error *error)
+                                         int has_pieces, sbi_live_mesh *mesh, sb_error *error)
 {
     memset(mesh, 0, sizeof *mesh);
+    mesh->has_pieces = has_pieces;
     if (!sbi_slots_copy(&mesh->nodes, nodes, 0, &body->allocator) ||
         !sbi_slots_copy(&mesh->cells, cells, 0, &body->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
@@ -53210,9 +53632,10 @@ static int sbi_live_slots_like(sbi_slots *slots, const sbi_slots *counts, const 
 }
 
 SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                     sbi_live_mesh *mesh, sb_error *error)
+                                     int has_pieces, sbi_live_mesh *mesh, sb_error *error)
 {
     memset(mesh, 0, sizeof *mesh);
+    mesh->has_pieces = has_pieces;
     if (!sbi_live_slots_like(&mesh->nodes, nodes, &body->live->nodes, &body->allocator) ||
         !sbi_live_slots_like(&mesh->cells, cells, &body->live->cells, &body->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
@@ -53239,10 +53662,12 @@ SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh)
     memcpy(mesh->corners, body->domain.cells, (size_t)cells * n * sizeof(int));
     memcpy(mesh->material, body->cell_material, (size_t)cells * sizeof(int));
     memcpy(mesh->shares, body->live->shares, (size_t)cells * sizeof(sb_real));
+    if (mesh->pieces && body->live->pieces)
+        memcpy(mesh->pieces, body->live->pieces, (size_t)cells * sizeof(sbi_piece));
     if (mesh->fibres)
         memcpy(mesh->fibres, body->fibres, (size_t)cells * sizeof(sb_vec3));
     for (int e = 0; e < mesh->cells.end; e++) {
-        mesh->kept[e] = e < cells && mesh->shares[e] > 0;
+        mesh->kept[e] = e < cells && body->live->cells.used[e];
         mesh->inherit[e] = mesh->kept[e] ? e : -1;
         if (!mesh->kept[e])
             mesh->material[e] = 0;
@@ -53287,7 +53712,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
-    if (!live->shares)
+    if (!live->shares || (mesh->pieces && !sbi_live_take_pieces(next)))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->follows = body->live->follows;
     if (sbi_live_take_marks(next, error) != SB_OK)
@@ -53304,10 +53729,14 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     memcpy(next->made_young, body->made_young, materials * sizeof(sb_real));
     memcpy(next->cell_material, mesh->material, cells * sizeof(int));
     memcpy(live->shares, mesh->shares, cells * sizeof(sb_real));
+    for (size_t e = 0; mesh->pieces && e < cells; e++) {
+        live->pieces[e] = mesh->pieces[e];
+        live->piece_count += mesh->pieces[e].is != 0;
+    }
     memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
     if (mesh->fibres)
         memcpy(next->fibres, mesh->fibres, cells * sizeof(sb_vec3));
-    return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, error);
+    return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, mesh->pieces, error);
 }
 
 /* Part of each cell in its slot, -1 where it is free, from those of the cells in use. */
@@ -53339,7 +53768,7 @@ static sb_result sbi_live_make_lists(const sbi_live_mesh *mesh, sb_body *next, s
     view.nodes = mesh->positions;
     view.elements = used + next->domain.cell_count;
     for (int e = 0; e < next->domain.cell_count; e++)
-        if (next->live->shares[e] > 0) {
+        if (sbi_live_has_cell(next, e)) {
             memcpy(view.elements + (size_t)count * (size_t)n, next->domain.cells + (size_t)e * (size_t)n,
                    (size_t)n * sizeof(int));
             used[count++] = e;
@@ -53478,14 +53907,23 @@ static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources
     return axes;
 }
 
-/* A node made: motion of its sources, and their supports unless it is a copy. */
+/* The axes along which a node with these options may have the supports of its sources. */
+static unsigned sbi_live_kept_axes(unsigned options)
+{
+    unsigned axes = (options & SB_NODE_KEEP_X ? SB_X : 0u) | (options & SB_NODE_KEEP_Y ? SB_Y : 0u) |
+                    (options & SB_NODE_KEEP_Z ? SB_Z : 0u);
+    return options & SB_NODE_COPY ? axes : (unsigned)SB_XYZ;
+}
+
+/* A node made: motion of its sources, and their supports as far as its options say. */
 SBI_API sbi_live_motion sbi_live_made_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
         sbi_live_get_sources(change->source_start, index, change->sources, change->source_weights);
     sbi_live_motion motion;
     motion.node = change->made_nodes[index];
-    motion.fixed = (unsigned char)(change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources));
+    motion.fixed =
+        (unsigned char)(sbi_live_kept_axes(change->made_copies[index]) & sbi_live_common_axes(body, &sources));
     motion.displacement = sbi_live_interpolate(&sources, body->displacement);
     motion.velocity = sbi_live_interpolate(&sources, body->velocity);
     motion.acceleration = sbi_live_interpolate(&sources, body->acceleration);
@@ -53568,6 +54006,8 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
             if (force.x != 0 || force.y != 0 || force.z != 0)
                 *load = sb_v3_madd(*load, change->heir_weights[k], force);
         }
+    for (int i = 0; i < next->domain.node_count; i++)
+        sbi_live_park_node(next, i);
     sbi_body_update_positions(next);
 }
 
@@ -53577,7 +54017,7 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
     for (int e = 0; e < mesh->cells.end; e++)
         if (mesh->inherit[e] >= 0)
             sbi_assembly_copy_cell(&next->assembly, e, &body->assembly, mesh->inherit[e]);
-        else if (mesh->shares[e] > 0)
+        else if (mesh->cells.used[e])
             sbi_assembly_forget_cell(&next->assembly, e, next->displacement);
     sbi_assembly_begin_step(&next->assembly, 0);
 }
@@ -53620,7 +54060,7 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
     for (int a = 0; a < n; a++)
         x[a] = body->reference[cell[a]];
-    sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
+    sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
         sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]],
                           about, v[cell[a]]);
@@ -53833,10 +54273,10 @@ static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_chang
                                        sb_error *error)
 {
     for (int i = 0; i < change->made_node_count; i++)
-        if (next->node_component[change->made_nodes[i]] < 0)
+        if (sbi_live_first_cell(next, change->made_nodes[i]) < 0)
             return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
-        if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
+        if (next->live->nodes.used[i] && sbi_live_first_cell(body, i) >= 0 && sbi_live_first_cell(next, i) < 0)
             return sbi_live_refuse_lonely(i, 0, error);
     return SB_OK;
 }
@@ -65039,7 +65479,8 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 
 /* ---- a mesh that may change ---- */
 
-enum { SBI_STATE_LIVE = 15 }; /* number of its part, which comes first */
+/* Numbers of its part, which comes first; the second of a mesh with pieces. */
+enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 16 };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -65052,7 +65493,37 @@ static sbi_live_mesh sbi_state_live_view(const sb_body *body)
     mesh.corners = body->domain.cells;
     mesh.material = body->cell_material;
     mesh.shares = body->live->shares;
+    mesh.has_pieces = body->live->piece_count > 0;
+    mesh.pieces = mesh.has_pieces ? body->live->pieces : NULL;
     return mesh;
+}
+
+/* The number of the body's part of the mesh. */
+static int sbi_state_live_number(const sb_body *body)
+{
+    return body->live->piece_count ? SBI_STATE_PIECES : SBI_STATE_LIVE;
+}
+
+/* How many pieces there are, and each with its cell. */
+static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
+{
+    int count = 0, cell = 0;
+    for (int e = 0; e < mesh->cells.end; e++)
+        count += mesh->pieces[e].is != 0;
+    count = sbi_state_int(walk, count, 1, mesh->cells.end, "number of pieces");
+    for (int k = 0; k < count && walk->result == SB_OK; k++, cell++) {
+        sbi_piece *piece;
+        while (!walk->store && cell < mesh->cells.end - 1 && mesh->pieces[cell].is == 0)
+            cell++;
+        cell = sbi_state_int(walk, cell, cell, mesh->cells.end - 1, "cell of a piece");
+        piece = mesh->pieces + cell;
+        if (walk->store)
+            piece->is = 1;
+        for (int i = 0; i < 3; i++)
+            sbi_state_put_real(walk, piece->centroid + i);
+        for (int i = 0; i < 6; i++)
+            sbi_state_put_real(walk, piece->covariance + i);
+    }
 }
 
 /* Counts of one kind of slots, and the free ones in the order in which they will be used. */
@@ -65092,6 +65563,8 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
 {
     sbi_state_slot_stack(walk, &mesh->nodes);
     sbi_state_slot_stack(walk, &mesh->cells);
+    if (mesh->pieces && walk->result == SB_OK)
+        sbi_state_pieces(walk, mesh);
     if (sbi_state_put_mesh(walk, mesh, n))
         return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
@@ -65139,7 +65612,9 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
     for (int e = 0; e < mesh->cells.end; e++) {
         const int *cell = mesh->corners + (size_t)e * (size_t)n;
         sb_real share = mesh->shares[e];
-        int used = mesh->cells.used[e], bad = used ? !(share > 0) || !(share <= 1) : share != 0;
+        int used = mesh->cells.used[e], is_piece = mesh->pieces && mesh->pieces[e].is != 0;
+        int bad = used ? !(is_piece ? share >= 0 : share > 0) || !(share <= 1) : share != 0 || is_piece;
+        bad |= is_piece && !sbi_piece_is_sound(mesh->pieces + e);
         for (int a = 0; a < n; a++) {
             bad |= used ? !mesh->nodes.used[cell[a]] : cell[a] != 0;
             for (int b = 0; b < a && used; b++)
@@ -65158,8 +65633,11 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     sbi_state_walk walk = *from;
     sbi_slots nodes, cells;
     int n = body->domain.nodes_per_cell;
+    int has_pieces = sbi_get_bytes(from->in + SBI_IMAGE_HEAD, 4) == SBI_STATE_PIECES;
     uint64_t needed;
-    sb_result result;
+    sb_result result = has_pieces ? sbi_live_check_pieces(body, error) : SB_OK;
+    if (result != SB_OK)
+        return result;
     memset(&nodes, 0, sizeof nodes);
     memset(&cells, 0, sizeof cells);
     walk.pass = SBI_STATE_CHECK;
@@ -65174,7 +65652,7 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
         nodes.end > nodes.fresh || cells.end > cells.fresh)
         return sbi_fail(error, SB_ERROR_FORMAT, "the slots of the saved mesh do not fit together");
-    result = sbi_live_mesh_room(body, &nodes, &cells, mesh, error);
+    result = sbi_live_mesh_room(body, &nodes, &cells, has_pieces, mesh, error);
     if (result != SB_OK)
         return result;
     walk.store = 1;
@@ -65197,7 +65675,12 @@ static int sbi_state_same_slots(const sbi_slots *a, const sbi_slots *b)
 static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 {
     size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end, n = (size_t)body->domain.nodes_per_cell;
-    return sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
+    int pieces = 0;
+    for (size_t e = 0; mesh->pieces && e < cells; e++)
+        pieces += mesh->pieces[e].is != 0;
+    return pieces == body->live->piece_count &&
+           (!pieces || memcmp(body->live->pieces, mesh->pieces, cells * sizeof(sbi_piece)) == 0) &&
+           sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
            sbi_state_same_slots(&body->live->cells, &mesh->cells) &&
            memcmp(body->reference, mesh->positions, nodes * sizeof(sb_vec3)) == 0 &&
            memcmp(body->domain.cells, mesh->corners, cells * n * sizeof(int)) == 0 &&
@@ -65239,9 +65722,12 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
     for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
         const sbi_state_own *part = sbi_state_owns + i;
+        int number = part->number;
         if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
-        sbi_state_int(walk, part->number, part->number, part->number, "part");
+        if (part->walk == sbi_state_live)
+            number = sbi_state_live_number(body);
+        sbi_state_int(walk, number, number, number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
@@ -65411,6 +65897,7 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    uint64_t first;
     int is_live;
     if (!body || (size > 0 && !buffer))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
@@ -65420,7 +65907,8 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     if (walk.result != SB_OK)
         return walk.result;
     walk.size = size - SBI_IMAGE_TAIL;
-    is_live = walk.size >= SBI_IMAGE_HEAD + 4 && sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) == SBI_STATE_LIVE;
+    first = walk.size >= SBI_IMAGE_HEAD + 4 ? sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) : 0;
+    is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES;
     if (is_live != (body->live != NULL))
         return sbi_fail(error, SB_ERROR_STATE,
                         is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
