@@ -2,7 +2,7 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double without the slowest, some 5 minutes on two cores
+#   make test       the tests in double without the slowest, some 3 minutes on two cores
 #   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -251,7 +251,7 @@ sanitize: build/sanitize/tests
 	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 
 # The table of cases against closed forms: its introduction is written by hand, its rows by the tests, a section for
-# each suite. `make test` compares the list of cases with the committed one.
+# each suite. `make check` compares the list of cases with the committed one.
 VERIFICATION = $(patsubst tests/test_%.c,%,$(wildcard tests/test_verification_*.c))
 verification: build/double/tests
 	rm -rf build/verification && mkdir -p build/verification

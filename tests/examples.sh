@@ -1,11 +1,12 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle programs, grasp,
-# palpation, drop, one_body, register_liver and insilico as a user would, with good and bad arguments and files:
+# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
+# programs, grasp, palpation, drop, one_body, register_liver and insilico as a user would, with good and bad arguments
+# and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
-# With CHECK_QUICK in the environment the longest runs whose like others have are left out. Data comes from $SHARED (default ../shared); what needs it is skipped where it is missing. Ends with
-# `N passed, N failed, N skipped`.
+# With CHECK_QUICK in the environment the longest runs whose like others have are left out. Data comes from $SHARED
+# (default ../shared); what needs it is skipped where it is missing. Ends with `N passed, N failed, N skipped`.
 programs=$(cd "$1" && pwd) folder=$2
 shared=${SHARED:-../shared}
 data=$(cd "$shared/data" 2>/dev/null && pwd)
@@ -107,7 +108,7 @@ expect 0 'Hz' demo --no-vtk -o bare --frames 20 --picture elsewhere.png
 check "--no-vtk writes no frames" [ "$(count_frames bare)" = 0 ]
 check "--picture names the picture" is_png elsewhere.png
 check "the same picture again" cmp -s elsewhere.png plain/demo.png
-expect 0 'Hz' demo -o zero --every 0 --frames 3 --material stable_neo_hookean --young 20000 --poisson 0.3 \
+expect 0 'Hz' demo -o zero --every 0 --frames 10 --material stable_neo_hookean --young 20000 --poisson 0.3 \
     --density 1000 --dt 0.01 --threads 1
 check "--every 0 writes no frames" [ "$(count_frames zero)" = 0 ]
 
