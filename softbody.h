@@ -66596,12 +66596,12 @@ typedef struct sbi_corner_order {
 typedef struct sbi_lattice {
     int intervals; /* m */
     int point_count, link_count, micro_count;
-    signed char points[SBI_LATTICE_POINTS][4];           /* barycentrics in m-ths; the corners first */
-    unsigned char links[SBI_LATTICE_LINKS][2];           /* ends, the lower point first; in ascending order */
-    unsigned char micros[SBI_LATTICE_MICROS][4];         /* corners, oriented as the tet */
-    unsigned char micro_links[SBI_LATTICE_MICROS][6];    /* in the order of a tet's edges (sb_element_edge) */
-    uint64_t face_points[4];                             /* those on each face (sb_element_face) */
-    signed char lookup[5][5][5];                         /* point with these barycentrics 1, 2, 3; -1: none */
+    signed char points[SBI_LATTICE_POINTS][4];        /* barycentrics in m-ths; the corners first */
+    unsigned char links[SBI_LATTICE_LINKS][2];        /* ends, the lower point first; in ascending order */
+    unsigned char micros[SBI_LATTICE_MICROS][4];      /* corners, oriented as the tet */
+    unsigned char micro_links[SBI_LATTICE_MICROS][6]; /* in the order of a tet's edges (sb_element_edge) */
+    uint64_t face_points[4];                          /* those on each face (sb_element_face) */
+    signed char lookup[5][5][5];                      /* point with these barycentrics 1, 2, 3; -1: none */
 } sbi_lattice;
 
 /* A link's name, the same from all tets around it. */
@@ -66724,14 +66724,16 @@ static void sbi_lattice_add_points(sbi_lattice *lattice, const sbi_lattice_corne
 
 static int sbi_lattice_is_inverted(const signed char (*points)[4], const unsigned char corners[4])
 {
-    const signed char *o = points[corners[0]], *a = points[corners[1]], *b = points[corners[2]], *c = points[corners[3]];
+    const signed char *o = points[corners[0]], *a = points[corners[1]], *b = points[corners[2]],
+                      *c = points[corners[3]];
     int e[3], f[3], g[3];
     for (int i = 0; i < 3; i++) {
         e[i] = a[i + 1] - o[i + 1];
         f[i] = b[i + 1] - o[i + 1];
         g[i] = c[i + 1] - o[i + 1];
     }
-    return e[0] * (f[1] * g[2] - f[2] * g[1]) + e[1] * (f[2] * g[0] - f[0] * g[2]) + e[2] * (f[0] * g[1] - f[1] * g[0]) <
+    return e[0] * (f[1] * g[2] - f[2] * g[1]) + e[1] * (f[2] * g[0] - f[0] * g[2]) +
+               e[2] * (f[0] * g[1] - f[1] * g[0]) <
            0;
 }
 
@@ -67365,8 +67367,8 @@ typedef struct sbi_part_moments {
 
 /* What a piece has of a face. */
 typedef struct sbi_face_moments {
-    sb_real share;     /* of the face's area; those of a tet's pieces sum to 1 */
-    sb_real loads[4];  /* means over the whole face of the barycentrics where the piece is, else 0: they sum to share */
+    sb_real share;    /* of the face's area; those of a tet's pieces sum to 1 */
+    sb_real loads[4]; /* means over the whole face of the barycentrics where the piece is, else 0: they sum to share */
 } sbi_face_moments;
 
 enum { SBI_FLAGS = 24, SBI_LIPS = 12 };
@@ -67390,7 +67392,7 @@ SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_par
 SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moments *moments);
 /* Moments of a piece in the reference shape of its tet with corners at x (m): centroid (m) and covariance (m^2). */
 SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid,
-                             sb_mat3 *covariance);
+                            sb_mat3 *covariance);
 
 #endif /* SB_PARTED_H */
 
@@ -67576,7 +67578,8 @@ SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least,
                     continue;
                 face = SBI_MICRO_FACES + sbi_parted_opposite[x];
                 flag->piece = parted->piece_of[corners[v]];
-                flag->volume = volume * points.micro[edge][w] * points.micro[face][u] * points.micro[SBI_MICRO_CENTRE][x];
+                flag->volume =
+                    volume * points.micro[edge][w] * points.micro[face][u] * points.micro[SBI_MICRO_CENTRE][x];
                 flag->corners[0] = sbi_parted_corner(lattice, corners[v]);
                 flag->corners[1] = sbi_parted_xi(points.tet[edge]);
                 flag->corners[2] = sbi_parted_xi(points.tet[face]);
@@ -67588,7 +67591,8 @@ SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least,
 
 SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS])
 {
-    static const signed char turn[4][4] = {{0, 2, 3, 1}, {3, 0, 0, 2}, {1, 3, 0, 0}, {2, 0, 1, 0}}; /* v, w, u, x even */
+    static const signed char turn[4][4] = {
+        {0, 2, 3, 1}, {3, 0, 0, 2}, {1, 3, 0, 0}, {2, 0, 1, 0}}; /* v, w, u, x even */
     const unsigned char *corners = parted->lattice->micros[micro];
     sbi_micro_points points;
     int count = 0;
@@ -67720,8 +67724,7 @@ SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moment
         }
 }
 
-SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid,
-                             sb_mat3 *covariance)
+SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid, sb_mat3 *covariance)
 {
     sb_mat3 edges = sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0]));
     *centroid = sb_v3_add(x[0], sb_m3_apply(edges, moments->centre));
