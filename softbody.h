@@ -67054,6 +67054,1171 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
     return result;
 }
 
+/* ==== src/softbody/cut/lattice.h ==== */
+/* lattice: the regular lattice of a tet, by which cuts part it. Internal. Floor 4, calls base and mesh only.
+ *
+ * What a cut parts is decided by booleans on the links of a lattice, never by geometry: each tet carries the lattice of
+ * m = 1, 2 or 4 intervals, whose micro-tets are made by red refinement (Bey 1995), and a link is whole or cut. A piece
+ * is a connected component of a tet's points over whole links: a 64-bit mask.
+ *
+ *     m    points    links    micro-tets
+ *     1         4        6             1       the corners: a piece needs one
+ *     2        10       25             8       as the nodes of a tet10
+ *     4        35      130            64       the points of m = 2 come first
+ *
+ * Points and links on a face or an edge belong to all tets around it. They agree because everything that is said of
+ * them goes by the tets' corners in ascending order of their nodes: names, which end is first, sums of coordinates.
+ * The lattice is that of the mesh before any cut; corners are nodes of that mesh. */
+#ifndef SB_LATTICE_H
+#define SB_LATTICE_H
+
+
+enum { SBI_LATTICE_POINTS = 35, SBI_LATTICE_LINKS = 130, SBI_LATTICE_MICROS = 64, SBI_LATTICE_FACE_POINTS = 15 };
+
+/* Corners of a tet in ascending order of their nodes. */
+typedef struct sbi_corner_order {
+    int nodes[4];             /* of the corners */
+    unsigned char corners[4]; /* in ascending order */
+} sbi_corner_order;
+
+typedef struct sbi_lattice {
+    int intervals; /* m */
+    int point_count, link_count, micro_count;
+    signed char points[SBI_LATTICE_POINTS][4];        /* barycentrics in m-ths; the corners first */
+    unsigned char links[SBI_LATTICE_LINKS][2];        /* ends, the lower point first; in ascending order */
+    unsigned char micros[SBI_LATTICE_MICROS][4];      /* corners, oriented as the tet */
+    unsigned char micro_links[SBI_LATTICE_MICROS][6]; /* in the order of a tet's edges (sb_element_edge) */
+    uint64_t face_points[4];                          /* those on each face (sb_element_face) */
+    signed char lookup[5][5][5];                      /* point with these barycentrics 1, 2, 3; -1: none */
+} sbi_lattice;
+
+/* A link's name, the same from all tets around it. */
+typedef struct sbi_link_key {
+    int at[4];
+} sbi_link_key;
+
+/* intervals: 1, 2 or 4. */
+SBI_API void sbi_lattice_make(int intervals, sbi_lattice *lattice);
+SBI_API sbi_corner_order sbi_corner_order_make(const int nodes[4]);
+
+/* Name of a link of the tet with this number: the nodes of the edge or face that it lies in, ascending, and where in
+ * it; within the tet its number and the link. */
+SBI_API sbi_link_key sbi_lattice_key(const sbi_lattice *lattice, const sbi_corner_order *order, int tet, int link);
+/* Ends of a link: ends[0] is the first, which its crossing counts from. */
+SBI_API void sbi_lattice_ends(const sbi_lattice *lattice, const sbi_corner_order *order, int link, int ends[2]);
+/* Where a point with these barycentrics is, of a tet with corners at x: the same bits from all tets around. */
+SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real barycentrics[4], const sb_vec3 x[4]);
+SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4]);
+
+/* Pieces of a tet, in the order of their lowest points; returns how many (0: no point).
+ * cut     [link_count] not 0: cut
+ * points  mask of the points that are there */
+SBI_API int sbi_lattice_pieces(const sbi_lattice *lattice, const unsigned char *cut, uint64_t points,
+                               uint64_t pieces[SBI_LATTICE_POINTS]);
+/* All points of the lattice. */
+SB_INLINE uint64_t sbi_lattice_all(const sbi_lattice *lattice) { return ((uint64_t)1 << lattice->point_count) - 1; }
+/* Points of a piece on a face of the tet, named by their places in the face: pieces of the two tets of a face touch
+ * when their marks have one in common. */
+SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
+                                        uint64_t piece);
+/* 1 when every micro-triangle of this tet around a link has exactly one cut link: of a whole link that is so in all
+ * tets around it nothing holds but itself. */
+SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned char *cut, int link);
+
+#endif /* SB_LATTICE_H */
+
+/* ==== src/softbody/cut/lattice.c ==== */
+/* lattice: points, links and micro-tets of a tet's lattice, their names, and the pieces that cut links leave. */
+
+#include <string.h>
+
+
+/* ---- tables ---- */
+
+typedef struct sbi_lattice_corner {
+    signed char at[4]; /* barycentrics in m-ths */
+} sbi_lattice_corner;
+
+static sbi_lattice_corner sbi_lattice_middle(sbi_lattice_corner a, sbi_lattice_corner b)
+{
+    for (int i = 0; i < 4; i++)
+        a.at[i] = (signed char)((a.at[i] + b.at[i]) / 2);
+    return a;
+}
+
+/* The 8 parts of a micro-tet, in the order of corners that keeps their shapes few when they are refined again (Bey
+ * 1995); 0 to 3 are corners, 4 to 9 middles of edges as the nodes of a tet10. */
+static void sbi_lattice_refine(const sbi_lattice_corner tet[4], sbi_lattice_corner parts[8][4])
+{
+    static const signed char corners[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3},
+                                              {4, 6, 7, 8}, {4, 6, 5, 8}, {6, 7, 8, 9}, {6, 5, 8, 9}};
+    sbi_lattice_corner points[10];
+    int ends[3];
+    memcpy(points, tet, 4 * sizeof *points);
+    for (int e = 0; e < 6; e++) {
+        sb_element_edge(SB_TET4, e, ends);
+        points[4 + e] = sbi_lattice_middle(tet[ends[0]], tet[ends[1]]);
+    }
+    for (int k = 0; k < 8; k++)
+        for (int a = 0; a < 4; a++)
+            parts[k][a] = points[(int)corners[k][a]];
+}
+
+static int sbi_lattice_find(const sbi_lattice *lattice, const signed char at[4])
+{
+    return lattice->lookup[at[1]][at[2]][at[3]];
+}
+
+static void sbi_lattice_add_point(sbi_lattice *lattice, sbi_lattice_corner point)
+{
+    signed char *place = &lattice->lookup[point.at[1]][point.at[2]][point.at[3]];
+    if (*place >= 0)
+        return;
+    *place = (signed char)lattice->point_count;
+    memcpy(lattice->points[lattice->point_count++], point.at, 4);
+}
+
+/* Corners, then middles of edges, then the others. */
+static void sbi_lattice_add_points(sbi_lattice *lattice, const sbi_lattice_corner tet[4])
+{
+    int m = lattice->intervals, ends[3];
+    sbi_lattice_corner point;
+    memset(lattice->lookup, -1, sizeof lattice->lookup);
+    for (int a = 0; a < 4; a++)
+        sbi_lattice_add_point(lattice, tet[a]);
+    for (int e = 0; e < 6 && m > 1; e++) {
+        sb_element_edge(SB_TET4, e, ends);
+        sbi_lattice_add_point(lattice, sbi_lattice_middle(tet[ends[0]], tet[ends[1]]));
+    }
+    for (int i = 0; i <= m; i++)
+        for (int j = 0; i + j <= m; j++)
+            for (int k = 0; i + j + k <= m; k++) {
+                point.at[0] = (signed char)(m - i - j - k);
+                point.at[1] = (signed char)i;
+                point.at[2] = (signed char)j;
+                point.at[3] = (signed char)k;
+                sbi_lattice_add_point(lattice, point);
+            }
+    for (int p = 0; p < lattice->point_count; p++)
+        for (int face = 0; face < 4; face++) {
+            int corners[SB_MAX_FACE_NODES], on = 0;
+            sb_element_face(SB_TET4, face, corners, NULL);
+            for (int a = 0; a < 3; a++)
+                on += lattice->points[p][corners[a]];
+            if (on == m)
+                lattice->face_points[face] |= (uint64_t)1 << p;
+        }
+}
+
+static int sbi_lattice_is_inverted(const signed char (*points)[4], const unsigned char corners[4])
+{
+    const signed char *o = points[corners[0]], *a = points[corners[1]], *b = points[corners[2]],
+                      *c = points[corners[3]];
+    int e[3], f[3], g[3];
+    for (int i = 0; i < 3; i++) {
+        e[i] = a[i + 1] - o[i + 1];
+        f[i] = b[i + 1] - o[i + 1];
+        g[i] = c[i + 1] - o[i + 1];
+    }
+    return e[0] * (f[1] * g[2] - f[2] * g[1]) + e[1] * (f[2] * g[0] - f[0] * g[2]) +
+               e[2] * (f[0] * g[1] - f[1] * g[0]) <
+           0;
+}
+
+static void sbi_lattice_add_micro(sbi_lattice *lattice, const sbi_lattice_corner tet[4])
+{
+    unsigned char *corners = lattice->micros[lattice->micro_count++];
+    for (int a = 0; a < 4; a++)
+        corners[a] = (unsigned char)sbi_lattice_find(lattice, tet[a].at);
+    if (sbi_lattice_is_inverted((const signed char(*)[4])lattice->points, corners)) {
+        unsigned char swap = corners[2];
+        corners[2] = corners[3];
+        corners[3] = swap;
+    }
+}
+
+static void sbi_lattice_add_micros(sbi_lattice *lattice, const sbi_lattice_corner tet[4], int intervals)
+{
+    sbi_lattice_corner parts[8][4];
+    if (intervals == 1) {
+        sbi_lattice_add_micro(lattice, tet);
+        return;
+    }
+    sbi_lattice_refine(tet, parts);
+    for (int k = 0; k < 8; k++)
+        sbi_lattice_add_micros(lattice, (const sbi_lattice_corner *)parts[k], intervals / 2);
+}
+
+static void sbi_lattice_add_links(sbi_lattice *lattice)
+{
+    unsigned char number[SBI_LATTICE_POINTS][SBI_LATTICE_POINTS]; /* 1: a link; then its number */
+    int ends[3];
+    memset(number, 0, sizeof number);
+    for (int pass = 0; pass < 2; pass++) {
+        for (int k = 0; k < lattice->micro_count; k++)
+            for (int e = 0; e < 6; e++) {
+                int a, b;
+                sb_element_edge(SB_TET4, e, ends);
+                a = lattice->micros[k][ends[0]];
+                b = lattice->micros[k][ends[1]];
+                if (pass == 0)
+                    number[sbi_min_int(a, b)][sbi_max_int(a, b)] = 1;
+                else
+                    lattice->micro_links[k][e] = number[sbi_min_int(a, b)][sbi_max_int(a, b)];
+            }
+        for (int a = 0; a < lattice->point_count && pass == 0; a++)
+            for (int b = a + 1; b < lattice->point_count; b++)
+                if (number[a][b]) {
+                    lattice->links[lattice->link_count][0] = (unsigned char)a;
+                    lattice->links[lattice->link_count][1] = (unsigned char)b;
+                    number[a][b] = (unsigned char)lattice->link_count++;
+                }
+    }
+}
+
+SBI_API void sbi_lattice_make(int intervals, sbi_lattice *lattice)
+{
+    sbi_lattice_corner tet[4];
+    memset(lattice, 0, sizeof *lattice);
+    memset(tet, 0, sizeof tet);
+    lattice->intervals = intervals;
+    for (int a = 0; a < 4; a++)
+        tet[a].at[a] = (signed char)intervals;
+    sbi_lattice_add_points(lattice, tet);
+    sbi_lattice_add_micros(lattice, tet, intervals);
+    sbi_lattice_add_links(lattice);
+}
+
+/* ---- what tets around agree on ---- */
+
+SBI_API sbi_corner_order sbi_corner_order_make(const int nodes[4])
+{
+    sbi_corner_order order;
+    for (int a = 0; a < 4; a++) {
+        int at = a;
+        order.nodes[a] = nodes[a];
+        for (; at > 0 && nodes[order.corners[at - 1]] > nodes[a]; at--)
+            order.corners[at] = order.corners[at - 1];
+        order.corners[at] = (unsigned char)a;
+    }
+    return order;
+}
+
+SBI_API sbi_link_key sbi_lattice_key(const sbi_lattice *lattice, const sbi_corner_order *order, int tet, int link)
+{
+    const signed char *a = lattice->points[lattice->links[link][0]], *b = lattice->points[lattice->links[link][1]];
+    sbi_link_key key = {{-1, -1, -1, 0}};
+    int count = 0;
+    for (int i = 0; i < 4; i++) {
+        int corner = order->corners[i], twice = a[corner] + b[corner]; /* of the link's middle, of 2 m */
+        if (twice == 0)
+            continue;
+        if (count < 3)
+            key.at[count] = order->nodes[corner];
+        if (count < 2) /* the last one follows from the others */
+            key.at[3] = 9 * key.at[3] + twice;
+        count++;
+    }
+    if (count == 4) {
+        key.at[0] = tet;
+        key.at[1] = key.at[2] = -1;
+        key.at[3] = link;
+    }
+    return key;
+}
+
+SBI_API void sbi_lattice_ends(const sbi_lattice *lattice, const sbi_corner_order *order, int link, int ends[2])
+{
+    int a = lattice->links[link][0], b = lattice->links[link][1], swapped = 0;
+    for (int i = 0; i < 4; i++) {
+        int corner = order->corners[i], more = lattice->points[a][corner] - lattice->points[b][corner];
+        if (more != 0) {
+            swapped = more < 0;
+            break;
+        }
+    }
+    ends[0] = swapped ? b : a;
+    ends[1] = swapped ? a : b;
+}
+
+SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real barycentrics[4], const sb_vec3 x[4])
+{
+    sb_vec3 place = {0, 0, 0};
+    for (int i = 0; i < 4; i++) {
+        int corner = order->corners[i];
+        if (barycentrics[corner] != 0)
+            place = sb_v3_madd(place, barycentrics[corner], x[corner]);
+    }
+    return place;
+}
+
+SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4])
+{
+    for (int a = 0; a < 4; a++)
+        barycentrics[a] = (sb_real)lattice->points[point][a] / (sb_real)lattice->intervals; /* exact */
+}
+
+/* ---- pieces ---- */
+
+SBI_API int sbi_lattice_pieces(const sbi_lattice *lattice, const unsigned char *cut, uint64_t points,
+                               uint64_t pieces[SBI_LATTICE_POINTS])
+{
+    uint64_t joined[SBI_LATTICE_POINTS];
+    int count = 0;
+    memset(joined, 0, sizeof joined);
+    for (int l = 0; l < lattice->link_count; l++)
+        if (!cut[l]) {
+            joined[lattice->links[l][0]] |= (uint64_t)1 << lattice->links[l][1];
+            joined[lattice->links[l][1]] |= (uint64_t)1 << lattice->links[l][0];
+        }
+    for (int first = 0; first < lattice->point_count; first++) {
+        uint64_t piece = (uint64_t)1 << first, before = 0;
+        if (!(points & piece))
+            continue;
+        while (piece != before) {
+            before = piece;
+            for (int p = first; p < lattice->point_count; p++)
+                if (piece >> p & 1)
+                    piece |= joined[p] & points;
+        }
+        points &= ~piece;
+        pieces[count++] = piece;
+    }
+    return count;
+}
+
+SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
+                                        uint64_t piece)
+{
+    uint64_t on = piece & lattice->face_points[face];
+    int corners[SB_MAX_FACE_NODES], sorted[3], count = 0, m = lattice->intervals;
+    unsigned marks = 0;
+    sb_element_face(SB_TET4, face, corners, NULL);
+    for (int i = 0; i < 4; i++)
+        for (int a = 0; a < 3; a++)
+            if (corners[a] == order->corners[i])
+                sorted[count++] = corners[a];
+    for (int p = 0; on; p++, on >>= 1)
+        if (on & 1) { /* rows of the face: i of the second corner, j of the third */
+            int i = lattice->points[p][sorted[1]], j = lattice->points[p][sorted[2]];
+            marks |= 1u << (i * (2 * m + 3 - i) / 2 + j);
+        }
+    return marks;
+}
+
+SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned char *cut, int link)
+{
+    static const signed char triangles[4][3] = {{0, 1, 2}, {0, 4, 3}, {1, 5, 4}, {2, 5, 3}}; /* their edges */
+    for (int k = 0; k < lattice->micro_count; k++)
+        for (int f = 0; f < 4; f++) {
+            const unsigned char *links = lattice->micro_links[k];
+            int around = 0, count = 0;
+            for (int e = 0; e < 3; e++) {
+                int side = links[(int)triangles[f][e]];
+                around |= side == link;
+                count += cut[side] != 0;
+            }
+            if (around && count != 1)
+                return 0;
+        }
+    return 1;
+}
+
+/* ==== src/softbody/cut/crossing.h ==== */
+/* crossing: whether a triangle of a blade crosses a link, exactly. Internal. Floor 4, calls base only.
+ *
+ * Signs worked out in floating point hang bodies by threads. Here places are integers, all determinants fit 64 bits,
+ * and ties are decided as if the whole blade were moved by (e, e^2, e^3) for an e > 0 however small: with
+ * n = (b - a) x (c - a) of a triangle and lex(v) the sign of the first component of v that is not 0
+ *
+ *     side of p                    sign n.(p - a),                  if 0: -lex(n)
+ *     link p + s e passes ab on    sign e.((a - p) x (b - p)),      if 0: lex((b - a) x e)
+ *
+ * and the link from p to r is crossed when p and r lie on different sides and all three edges are passed on the same
+ * one. So a link that meets an edge or a corner of a blade crosses exactly one of the triangles there or misses all,
+ * and each node that a plane goes through falls to the same side for all links. */
+#ifndef SB_CROSSING_H
+#define SB_CROSSING_H
+
+
+enum {
+    SBI_CROSSING_TISSUE = 1 << 17, /* places in the box of the tissue are at most this far from its centre, per axis */
+    SBI_CROSSING_BLADE = 1 << 19,  /* corners of blades: what lies farther is cut off */
+    SBI_CROSSING_PARTS = 7         /* triangles that one of a blade can leave within that */
+};
+
+typedef struct sbi_int3 {
+    int x, y, z;
+} sbi_int3;
+
+/* From space (m) to integers: x is at scale (x - centre), rounded; scale is a power of two. */
+typedef struct sbi_crossing_frame {
+    double centre[3], scale;
+} sbi_crossing_frame;
+
+/* A triangle of a blade, ready to be tested against. */
+typedef struct sbi_blade {
+    sbi_int3 corners[3];
+    sbi_int3 low, high;
+    int64_t normal[3];
+    int tie; /* side of a point in the triangle's plane */
+} sbi_blade;
+
+/* A frame for tissue in the box [low, high] (m). */
+SBI_API void sbi_crossing_frame_make(sb_vec3 low, sb_vec3 high, sbi_crossing_frame *frame);
+/* Where a point of the tissue is, in the frame. */
+SBI_API sbi_int3 sbi_crossing_round(const sbi_crossing_frame *frame, sb_vec3 x);
+/* A triangle of a blade (m, finite) in the frame: what lies within reach of it, in at most SBI_CROSSING_PARTS triangles
+ * that have an area; returns how many. Triangles that share an edge still share it. */
+SBI_API int sbi_crossing_blades(const sbi_crossing_frame *frame, const sb_vec3 triangle[3],
+                                sbi_blade blades[SBI_CROSSING_PARTS]);
+/* Returns 0 when the triangle has no area. */
+SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade);
+/* n.(p - a): > 0 above; 0: sbi_blade_side decides. */
+SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p);
+SB_INLINE int sbi_blade_side(const sbi_blade *blade, int64_t height)
+{
+    return height > 0 ? 1 : height < 0 ? -1 : blade->tie;
+}
+/* Whether the link from p to r, which differ in their sides, passes through the triangle. */
+SBI_API int sbi_blade_is_passed(const sbi_blade *blade, sbi_int3 p, sbi_int3 r);
+/* Whether the link from p to r is crossed; *t is where then, from 0 at p to 1 at r. */
+SBI_API int sbi_blade_crosses(const sbi_blade *blade, sbi_int3 p, sbi_int3 r, sb_real *t);
+
+#endif /* SB_CROSSING_H */
+
+/* ==== src/softbody/cut/crossing.c ==== */
+/* crossing: integers of places, signs of determinants, and blades that reach far beyond the tissue. */
+
+#include <math.h>
+#include <string.h>
+
+/* ---- places ---- */
+
+SBI_API void sbi_crossing_frame_make(sb_vec3 low, sb_vec3 high, sbi_crossing_frame *frame)
+{
+    double sides[3], half = 0;
+    int exponent;
+    sides[0] = (double)high.x / 2 - (double)low.x / 2;
+    sides[1] = (double)high.y / 2 - (double)low.y / 2;
+    sides[2] = (double)high.z / 2 - (double)low.z / 2;
+    frame->centre[0] = (double)low.x / 2 + (double)high.x / 2;
+    frame->centre[1] = (double)low.y / 2 + (double)high.y / 2;
+    frame->centre[2] = (double)low.z / 2 + (double)high.z / 2;
+    for (int i = 0; i < 3; i++)
+        half = sides[i] > half ? sides[i] : half;
+    exponent = half > 0 ? 16 - sbi_dense_exponent(half) : 0; /* half the box becomes 2^16 to 2^17 */
+    frame->scale = sbi_dense_pow2(sbi_min_int(exponent, 1000));
+}
+
+/* Coordinates in the frame, not rounded, and finite however far x is. */
+static void sbi_crossing_scale(const sbi_crossing_frame *frame, sb_vec3 x, double y[3])
+{
+    const double far = 1e290; /* differences and products with what is at most 1 stay finite */
+    y[0] = frame->scale * ((double)x.x - frame->centre[0]);
+    y[1] = frame->scale * ((double)x.y - frame->centre[1]);
+    y[2] = frame->scale * ((double)x.z - frame->centre[2]);
+    for (int i = 0; i < 3; i++)
+        y[i] = y[i] > far ? far : y[i] < -far ? -far : y[i];
+}
+
+static int sbi_crossing_round_one(double y, int limit)
+{
+    int whole = (int)floor((y > limit ? limit : y < -limit ? -limit : y) + 0.5);
+    return whole;
+}
+
+static sbi_int3 sbi_crossing_round_all(const double y[3], int limit)
+{
+    sbi_int3 p;
+    p.x = sbi_crossing_round_one(y[0], limit);
+    p.y = sbi_crossing_round_one(y[1], limit);
+    p.z = sbi_crossing_round_one(y[2], limit);
+    return p;
+}
+
+SBI_API sbi_int3 sbi_crossing_round(const sbi_crossing_frame *frame, sb_vec3 x)
+{
+    double y[3];
+    sbi_crossing_scale(frame, x, y);
+    return sbi_crossing_round_all(y, SBI_CROSSING_TISSUE);
+}
+
+/* ---- signs ---- */
+
+static int sbi_crossing_lex(const int64_t v[3])
+{
+    for (int i = 0; i < 3; i++)
+        if (v[i] != 0)
+            return v[i] > 0 ? 1 : -1;
+    return 0;
+}
+
+static void sbi_crossing_difference(sbi_int3 a, sbi_int3 b, int64_t v[3])
+{
+    v[0] = (int64_t)a.x - b.x;
+    v[1] = (int64_t)a.y - b.y;
+    v[2] = (int64_t)a.z - b.z;
+}
+
+static void sbi_crossing_cross(const int64_t a[3], const int64_t b[3], int64_t v[3])
+{
+    v[0] = a[1] * b[2] - a[2] * b[1];
+    v[1] = a[2] * b[0] - a[0] * b[2];
+    v[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static int64_t sbi_crossing_dot(const int64_t a[3], const int64_t b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade)
+{
+    int64_t e[3], f[3];
+    memcpy(blade->corners, corners, sizeof blade->corners);
+    blade->low = blade->high = corners[0];
+    for (int a = 1; a < 3; a++) {
+        blade->low.x = sbi_min_int(blade->low.x, corners[a].x);
+        blade->low.y = sbi_min_int(blade->low.y, corners[a].y);
+        blade->low.z = sbi_min_int(blade->low.z, corners[a].z);
+        blade->high.x = sbi_max_int(blade->high.x, corners[a].x);
+        blade->high.y = sbi_max_int(blade->high.y, corners[a].y);
+        blade->high.z = sbi_max_int(blade->high.z, corners[a].z);
+    }
+    sbi_crossing_difference(corners[1], corners[0], e);
+    sbi_crossing_difference(corners[2], corners[0], f);
+    sbi_crossing_cross(e, f, blade->normal);
+    blade->tie = -sbi_crossing_lex(blade->normal);
+    return blade->tie != 0;
+}
+
+SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
+{
+    int64_t v[3];
+    sbi_crossing_difference(p, blade->corners[0], v);
+    return sbi_crossing_dot(blade->normal, v);
+}
+
+/* On which side the line through p along e passes the edge from a to b; 0: e is parallel to it. */
+static int sbi_crossing_edge(sbi_int3 a, sbi_int3 b, sbi_int3 p, const int64_t e[3])
+{
+    int64_t from[3], to[3], v[3], turn;
+    sbi_crossing_difference(a, p, from);
+    sbi_crossing_difference(b, p, to);
+    sbi_crossing_cross(from, to, v);
+    turn = sbi_crossing_dot(e, v);
+    if (turn != 0)
+        return turn > 0 ? 1 : -1;
+    sbi_crossing_difference(b, a, from);
+    sbi_crossing_cross(from, e, v);
+    return sbi_crossing_lex(v);
+}
+
+SBI_API int sbi_blade_is_passed(const sbi_blade *blade, sbi_int3 p, sbi_int3 r)
+{
+    const sbi_int3 *at = blade->corners;
+    int64_t e[3];
+    int side;
+    sbi_crossing_difference(r, p, e);
+    side = sbi_crossing_edge(at[0], at[1], p, e);
+    return side != 0 && sbi_crossing_edge(at[1], at[2], p, e) == side && sbi_crossing_edge(at[2], at[0], p, e) == side;
+}
+
+SBI_API int sbi_blade_crosses(const sbi_blade *blade, sbi_int3 p, sbi_int3 r, sb_real *t)
+{
+    int64_t from = sbi_blade_height(blade, p), to = sbi_blade_height(blade, r);
+    if (sbi_blade_side(blade, from) == sbi_blade_side(blade, to) || !sbi_blade_is_passed(blade, p, r))
+        return 0;
+    *t = (sb_real)((double)from / ((double)from - (double)to)); /* one of them is not 0, and they have other signs */
+    return 1;
+}
+
+/* ---- blades that reach far ---- */
+
+enum { SBI_CROSSING_CORNERS = 9 }; /* of a triangle cut off by six planes */
+
+static int sbi_crossing_is_before(const double a[3], const double b[3])
+{
+    for (int i = 0; i < 3; i++)
+        if (a[i] != b[i])
+            return a[i] < b[i];
+    return 0;
+}
+
+/* Where the edge between two corners meets coordinate `axis` = limit: the same bits from either end. */
+static void sbi_crossing_meet(const double *a, const double *b, int axis, double limit, double at[3])
+{
+    const double *first = sbi_crossing_is_before(a, b) ? a : b, *last = first == a ? b : a;
+    double s = (limit - first[axis]) / (last[axis] - first[axis]);
+    for (int i = 0; i < 3; i++)
+        at[i] = first[i] + s * (last[i] - first[i]);
+    at[axis] = limit;
+}
+
+/* Keeps of a polygon what lies at sign * coordinate <= limit; returns how many corners that has (Sutherland and Hodgman
+ * 1974). */
+static int sbi_crossing_clip(double (*corners)[3], int count, int axis, int sign)
+{
+    const double limit = (double)SBI_CROSSING_BLADE;
+    double kept[SBI_CROSSING_CORNERS][3];
+    int kept_count = 0;
+    for (int k = 0; k < count; k++) {
+        const double *a = corners[k], *b = corners[k + 1 < count ? k + 1 : 0];
+        int a_in = sign * a[axis] <= limit, b_in = sign * b[axis] <= limit;
+        if (a_in)
+            memcpy(kept[kept_count++], a, sizeof *kept);
+        if (a_in != b_in)
+            sbi_crossing_meet(a, b, axis, sign * limit, kept[kept_count++]);
+    }
+    memcpy(corners, kept, (size_t)kept_count * sizeof *kept);
+    return kept_count;
+}
+
+SBI_API int sbi_crossing_blades(const sbi_crossing_frame *frame, const sb_vec3 triangle[3],
+                                sbi_blade blades[SBI_CROSSING_PARTS])
+{
+    double corners[SBI_CROSSING_CORNERS][3];
+    int count = 3, made = 0;
+    for (int a = 0; a < 3; a++)
+        sbi_crossing_scale(frame, triangle[a], corners[a]);
+    for (int axis = 0; axis < 3; axis++)
+        for (int sign = -1; sign <= 1; sign += 2)
+            count = sbi_crossing_clip(corners, count, axis, sign);
+    for (int k = 2; k < count; k++) {
+        sbi_int3 parts[3];
+        parts[0] = sbi_crossing_round_all(corners[0], SBI_CROSSING_BLADE);
+        parts[1] = sbi_crossing_round_all(corners[k - 1], SBI_CROSSING_BLADE);
+        parts[2] = sbi_crossing_round_all(corners[k], SBI_CROSSING_BLADE);
+        made += sbi_blade_make(parts, blades + made);
+    }
+    return made;
+}
+
+/* ==== src/softbody/cut/cut_links.h ==== */
+/* cut_links: the links that have been cut, by their names. Internal. Floor 4, calls base and mesh only.
+ *
+ * Only cut links are kept, in the order in which they were cut, and found by a table of open addresses: an uncut mesh
+ * costs nothing, whatever its lattice. The caller owns the arrays. */
+#ifndef SB_CUT_LINKS_H
+#define SB_CUT_LINKS_H
+
+
+typedef struct sbi_cut_link {
+    sbi_link_key key;
+    sb_real t; /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
+    int state; /* SBI_LINK_... , not 0 */
+} sbi_cut_link;
+
+enum { SBI_LINK_WHOLE = 0, SBI_LINK_CUT = 1, SBI_LINK_PREDICTED = 2 };
+
+typedef struct sbi_cut_links {
+    int count, capacity;
+    sbi_cut_link *items; /* [capacity] in the order they were cut */
+    int *table;          /* [sbi_cut_links_table(capacity)] 1 + item, or 0 */
+} sbi_cut_links;
+
+/* Entries of the table for so many links: a power of two. */
+SBI_API int sbi_cut_links_table(int capacity);
+/* Takes new arrays with room for `capacity` links, at least as many as there are; the old ones are the caller's to
+ * free. */
+SBI_API void sbi_cut_links_move(sbi_cut_links *links, sbi_cut_link *items, int *table, int capacity);
+/* Item of a link, or -1: it is whole. */
+SBI_API int sbi_cut_links_find(const sbi_cut_links *links, const sbi_link_key *key);
+/* Adds a link that is not there yet, within capacity. */
+SBI_API void sbi_cut_links_add(sbi_cut_links *links, const sbi_link_key *key, sb_real t, int state);
+/* Takes back all but the first `count` that were added. */
+SBI_API void sbi_cut_links_truncate(sbi_cut_links *links, int count);
+
+#endif /* SB_CUT_LINKS_H */
+
+/* ==== src/softbody/cut/cut_links.c ==== */
+/* cut_links: a table of the links that have been cut. */
+
+#include <string.h>
+
+SBI_API int sbi_cut_links_table(int capacity)
+{
+    int size = 16;
+    while (size / 2 < capacity && size < INT32_MAX / 2)
+        size *= 2;
+    return size;
+}
+
+/* Place of a key in the table, or the free one where it belongs. */
+static int sbi_cut_links_slot(const sbi_cut_links *links, const sbi_link_key *key)
+{
+    unsigned mask = (unsigned)sbi_cut_links_table(links->capacity) - 1;
+    uint64_t mixed = 0;
+    for (int i = 0; i < 4; i++) {
+        mixed = (mixed ^ (unsigned)key->at[i]) * UINT64_C(0x9e3779b97f4a7c15);
+        mixed ^= mixed >> 32;
+    }
+    for (unsigned slot = (unsigned)mixed & mask;; slot = (slot + 1) & mask) {
+        int item = links->table[slot] - 1;
+        if (item < 0 || memcmp(&links->items[item].key, key, sizeof *key) == 0)
+            return (int)slot;
+    }
+}
+
+SBI_API void sbi_cut_links_move(sbi_cut_links *links, sbi_cut_link *items, int *table, int capacity)
+{
+    if (links->count)
+        memcpy(items, links->items, (size_t)links->count * sizeof *items);
+    memset(table, 0, (size_t)sbi_cut_links_table(capacity) * sizeof *table);
+    links->items = items;
+    links->table = table;
+    links->capacity = capacity;
+    for (int i = 0; i < links->count; i++)
+        table[sbi_cut_links_slot(links, &items[i].key)] = i + 1;
+}
+
+SBI_API int sbi_cut_links_find(const sbi_cut_links *links, const sbi_link_key *key)
+{
+    return links->count ? links->table[sbi_cut_links_slot(links, key)] - 1 : -1;
+}
+
+SBI_API void sbi_cut_links_add(sbi_cut_links *links, const sbi_link_key *key, sb_real t, int state)
+{
+    sbi_cut_link *item = links->items + links->count;
+    SB_ASSERT(links->count < links->capacity && sbi_cut_links_find(links, key) < 0);
+    links->table[sbi_cut_links_slot(links, key)] = ++links->count;
+    item->key = *key;
+    item->t = t;
+    item->state = state;
+}
+
+SBI_API void sbi_cut_links_truncate(sbi_cut_links *links, int count)
+{
+    while (links->count > count) { /* the last one added is in nobody's way */
+        links->table[sbi_cut_links_slot(links, &links->items[links->count - 1].key)] = 0;
+        links->count--;
+    }
+}
+
+/* ==== src/softbody/cut/parted.h ==== */
+/* parted: the pieces that cut links leave of a tet, and their shapes. Internal. Floor 4, calls base and mesh only.
+ *
+ * Each micro-tet with corners in several pieces is divided into its 24 flags: corner v, a point of the link vw, one of
+ * the face vwu, and the centre. The link's point is its crossing, or its middle where it is whole; the face's is the
+ * mean of the crossings where two or three of its links are cut, else the centroid; the centre is the mean of the
+ * crossings of links between pieces. A flag belongs to the piece of its corner. Its volume is that of the micro-tet
+ * times the weights of w at the link's point, of u at the face's and of the fourth corner at the centre: never
+ * negative, and all 24 sum to the micro-tet, whatever was cut. A plane through a micro-tet is represented exactly.
+ *
+ * The face of a cut (its lips, one for each side) are the triangles (link, face, centre) of links between pieces. What
+ * lies on a face of the tet goes by links alone and not by pieces, which may hang together in one of its tets only.
+ *
+ * Points are barycentrics of the tet; those on a face have the same bits from both tets. */
+#ifndef SB_PARTED_H
+#define SB_PARTED_H
+
+
+typedef struct sbi_parted {
+    const sbi_lattice *lattice;
+    sbi_corner_order order;
+    unsigned char cut[SBI_LATTICE_LINKS]; /* state of each link */
+    sb_real t[SBI_LATTICE_LINKS];         /* crossings of cut ones, 0 at the first end (sbi_lattice_ends) */
+    int piece_count;
+    uint64_t pieces[SBI_LATTICE_POINTS];
+    unsigned char piece_of[SBI_LATTICE_POINTS];
+} sbi_parted;
+
+/* Points of a micro-tet that has parted corners. */
+enum { SBI_MICRO_LINKS = 0, SBI_MICRO_FACES = 6, SBI_MICRO_CENTRE = 10, SBI_MICRO_POINTS = 11 };
+
+typedef struct sbi_micro_points {
+    sb_real micro[SBI_MICRO_POINTS][4]; /* barycentrics in the micro-tet: of the links, of the faces, of the centre */
+    sb_real tet[SBI_MICRO_POINTS][4];   /* and in the tet */
+} sbi_micro_points;
+
+/* A part of a micro-tet. Places are barycentrics 1, 2, 3 of the tet. */
+typedef struct sbi_flag {
+    int piece;
+    sb_real volume; /* of the tet's */
+    sb_vec3 corners[4];
+} sbi_flag;
+
+/* A triangle between two pieces, seen from `above`, to where its normal points; the same for both. */
+typedef struct sbi_lip {
+    int below, above; /* pieces */
+    int link;
+    sb_real corners[3][4]; /* barycentrics */
+} sbi_lip;
+
+/* A piece's moments, in barycentrics 1, 2, 3 of its tet. */
+typedef struct sbi_part_moments {
+    sb_real share;  /* of the tet's volume, >= 0; those of a tet's pieces sum to 1 */
+    sb_vec3 centre; /* centroid */
+    sb_mat3 spread; /* covariance: mean of (xi - centre)(xi - centre)^T */
+} sbi_part_moments;
+
+/* What a piece has of a face. */
+typedef struct sbi_face_moments {
+    sb_real share;    /* of the face's area; those of a tet's pieces sum to 1 */
+    sb_real loads[4]; /* means over the whole face of the barycentrics where the piece is, else 0: they sum to share */
+} sbi_face_moments;
+
+enum { SBI_FLAGS = 24, SBI_LIPS = 12 };
+
+/* The pieces of a tet of the uncut mesh with these corners, as its cut links leave them. */
+SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *links, const int nodes[4], int tet,
+                             sbi_parted *parted);
+/* Finds the pieces anew after `cut` has been changed. */
+SBI_API void sbi_parted_find(sbi_parted *parted);
+/* 1 when the corners of a micro-tet are in several pieces. */
+SBI_API int sbi_parted_is_split(const sbi_parted *parted, int micro);
+/* least: crossings nearer than this to an end count as that far from it, [0, 1/2). */
+SBI_API void sbi_parted_points(const sbi_parted *parted, int micro, sb_real least, sbi_micro_points *points);
+/* Parts of a micro-tet: itself, or its flags; returns how many. */
+SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least, sbi_flag flags[SBI_FLAGS]);
+/* Triangles of a micro-tet between pieces; returns how many. */
+SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS]);
+/* Moments of all pieces: moments [piece_count]. A piece without volume has its lowest point for a centre. */
+SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments);
+/* What each piece has of a face (sb_element_face): moments [piece_count]. */
+SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moments *moments);
+/* Moments of a piece in the reference shape of its tet with corners at x (m): centroid (m) and covariance (m^2). */
+SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid,
+                            sb_mat3 *covariance);
+
+#endif /* SB_PARTED_H */
+
+/* ==== src/softbody/cut/parted.c ==== */
+/* parted: flags, lips and moments of the pieces of a tet. */
+
+#include <string.h>
+
+
+/* The edge between two corners of a micro-tet, and the face opposite to a corner; faces 0 to 3 here are those without
+ * corner 3, 2, 0 and 1. */
+static const signed char sbi_parted_edge[4][4] = {{-1, 0, 2, 3}, {0, -1, 1, 4}, {2, 1, -1, 5}, {3, 4, 5, -1}};
+static const signed char sbi_parted_opposite[4] = {2, 3, 1, 0};
+static const signed char sbi_parted_missing[4] = {3, 2, 0, 1};
+
+/* ---- pieces ---- */
+
+SBI_API void sbi_parted_find(sbi_parted *parted)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    parted->piece_count = sbi_lattice_pieces(lattice, parted->cut, sbi_lattice_all(lattice), parted->pieces);
+    for (int k = 0; k < parted->piece_count; k++)
+        for (int p = 0; p < lattice->point_count; p++)
+            if (parted->pieces[k] >> p & 1)
+                parted->piece_of[p] = (unsigned char)k;
+}
+
+SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *links, const int nodes[4], int tet,
+                             sbi_parted *parted)
+{
+    parted->lattice = lattice;
+    parted->order = sbi_corner_order_make(nodes);
+    for (int l = 0; l < lattice->link_count; l++) {
+        sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
+        int item = sbi_cut_links_find(links, &key);
+        parted->cut[l] = (unsigned char)(item < 0 ? SBI_LINK_WHOLE : links->items[item].state);
+        parted->t[l] = item < 0 ? (sb_real)0.5 : links->items[item].t;
+    }
+    sbi_parted_find(parted);
+}
+
+/* ---- points ---- */
+
+static int sbi_parted_is_parting(const sbi_parted *parted, int link)
+{
+    const unsigned char *ends = parted->lattice->links[link];
+    return parted->piece_of[ends[0]] != parted->piece_of[ends[1]];
+}
+
+SBI_API int sbi_parted_is_split(const sbi_parted *parted, int micro)
+{
+    const unsigned char *corners = parted->lattice->micros[micro];
+    int piece = parted->piece_of[corners[0]];
+    return parted->piece_of[corners[1]] != piece || parted->piece_of[corners[2]] != piece ||
+           parted->piece_of[corners[3]] != piece;
+}
+
+/* The point of the link between corners v and w of a micro-tet. */
+static void sbi_parted_link_point(const sbi_parted *parted, int micro, int v, int w, sb_real least,
+                                  sbi_micro_points *points)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    int edge = sbi_parted_edge[v][w], link = lattice->micro_links[micro][edge], ends[2];
+    sb_real t = parted->cut[link] ? parted->t[link] : (sb_real)0.5, first[4], last[4];
+    t = sb_min(sb_max(t, least), 1 - least);
+    sbi_lattice_ends(lattice, &parted->order, link, ends);
+    sbi_lattice_point(lattice, ends[0], first);
+    sbi_lattice_point(lattice, ends[1], last);
+    for (int a = 0; a < 4; a++) {
+        points->tet[edge][a] = (1 - t) * first[a] + t * last[a];
+        points->micro[edge][a] = 0;
+    }
+    points->micro[edge][w] = lattice->micros[micro][w] == ends[1] ? t : 1 - t;
+    points->micro[edge][v] = lattice->micros[micro][w] == ends[1] ? 1 - t : t;
+}
+
+/* Sum of two or three numbers that does not depend on their order. */
+static sb_real sbi_parted_sum(const sb_real values[3], int count)
+{
+    sb_real low, high, middle;
+    if (count == 2)
+        return values[0] + values[1];
+    low = sb_min(values[0], sb_min(values[1], values[2]));
+    high = sb_max(values[0], sb_max(values[1], values[2]));
+    middle = sb_max(sb_min(values[0], values[1]), sb_min(sb_max(values[0], values[1]), values[2]));
+    return low + middle + high;
+}
+
+/* The point of a face: the mean of its crossings where it may part, or its centroid. */
+static void sbi_parted_face_point(const sbi_parted *parted, int micro, int face, sbi_micro_points *points)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    int at = SBI_MICRO_FACES + face, edges[3], count = 0, missing = sbi_parted_missing[face];
+    sb_real values[3];
+    for (int v = 0; v < 4; v++)
+        for (int w = v + 1; w < 4; w++)
+            if (v != missing && w != missing && parted->cut[lattice->micro_links[micro][(int)sbi_parted_edge[v][w]]])
+                edges[count++] = sbi_parted_edge[v][w];
+    for (int a = 0; a < 4; a++) {
+        int sum = 0; /* of the corners, exact */
+        for (int v = 0; v < 4; v++)
+            sum += v == missing ? 0 : lattice->points[corners[v]][a];
+        points->micro[at][a] = a == missing ? 0 : (sb_real)1 / 3;
+        points->tet[at][a] = (sb_real)sum / (sb_real)(3 * lattice->intervals);
+        if (count < 2)
+            continue;
+        for (int k = 0; k < count; k++)
+            values[k] = points->tet[edges[k]][a];
+        points->tet[at][a] = sbi_parted_sum(values, count) / (sb_real)count;
+        for (int k = 0; k < count; k++)
+            values[k] = points->micro[edges[k]][a];
+        points->micro[at][a] = sbi_parted_sum(values, count) / (sb_real)count;
+    }
+}
+
+/* The centre: the mean of the crossings between pieces. */
+static void sbi_parted_centre(const sbi_parted *parted, int micro, sbi_micro_points *points)
+{
+    int count = 0;
+    for (int a = 0; a < 4; a++)
+        points->micro[SBI_MICRO_CENTRE][a] = points->tet[SBI_MICRO_CENTRE][a] = 0;
+    for (int edge = 0; edge < 6; edge++) {
+        if (!sbi_parted_is_parting(parted, parted->lattice->micro_links[micro][edge]))
+            continue;
+        count++;
+        for (int a = 0; a < 4; a++) {
+            points->micro[SBI_MICRO_CENTRE][a] += points->micro[edge][a];
+            points->tet[SBI_MICRO_CENTRE][a] += points->tet[edge][a];
+        }
+    }
+    for (int a = 0; a < 4; a++) {
+        points->micro[SBI_MICRO_CENTRE][a] /= (sb_real)count;
+        points->tet[SBI_MICRO_CENTRE][a] /= (sb_real)count;
+    }
+}
+
+SBI_API void sbi_parted_points(const sbi_parted *parted, int micro, sb_real least, sbi_micro_points *points)
+{
+    for (int v = 0; v < 4; v++)
+        for (int w = v + 1; w < 4; w++)
+            sbi_parted_link_point(parted, micro, v, w, least, points);
+    for (int face = 0; face < 4; face++)
+        sbi_parted_face_point(parted, micro, face, points);
+    sbi_parted_centre(parted, micro, points);
+}
+
+/* ---- parts ---- */
+
+static sb_vec3 sbi_parted_xi(const sb_real barycentrics[4])
+{
+    return sb_v3(barycentrics[1], barycentrics[2], barycentrics[3]);
+}
+
+static sb_vec3 sbi_parted_corner(const sbi_lattice *lattice, int point)
+{
+    sb_real barycentrics[4];
+    sbi_lattice_point(lattice, point, barycentrics);
+    return sbi_parted_xi(barycentrics);
+}
+
+SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least, sbi_flag flags[SBI_FLAGS])
+{
+    const sbi_lattice *lattice = parted->lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    sb_real volume = (sb_real)1 / (sb_real)lattice->micro_count;
+    sbi_micro_points points;
+    int count = 0;
+    if (!sbi_parted_is_split(parted, micro)) {
+        flags[0].piece = parted->piece_of[corners[0]];
+        flags[0].volume = volume;
+        for (int v = 0; v < 4; v++)
+            flags[0].corners[v] = sbi_parted_corner(lattice, corners[v]);
+        return 1;
+    }
+    sbi_parted_points(parted, micro, least, &points);
+    for (int v = 0; v < 4; v++)
+        for (int w = 0; w < 4; w++)
+            for (int u = 0; u < 4; u++) {
+                sbi_flag *flag = flags + count;
+                int x = 6 - v - w - u, edge = sbi_parted_edge[v][w], face;
+                if (v == w || v == u || w == u)
+                    continue;
+                face = SBI_MICRO_FACES + sbi_parted_opposite[x];
+                flag->piece = parted->piece_of[corners[v]];
+                flag->volume =
+                    volume * points.micro[edge][w] * points.micro[face][u] * points.micro[SBI_MICRO_CENTRE][x];
+                flag->corners[0] = sbi_parted_corner(lattice, corners[v]);
+                flag->corners[1] = sbi_parted_xi(points.tet[edge]);
+                flag->corners[2] = sbi_parted_xi(points.tet[face]);
+                flag->corners[3] = sbi_parted_xi(points.tet[SBI_MICRO_CENTRE]);
+                count++;
+            }
+    return count;
+}
+
+SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS])
+{
+    static const signed char turn[4][4] = {
+        {0, 2, 3, 1}, {3, 0, 0, 2}, {1, 3, 0, 0}, {2, 0, 1, 0}}; /* v, w, u, x even */
+    const unsigned char *corners = parted->lattice->micros[micro];
+    sbi_micro_points points;
+    int count = 0;
+    if (!sbi_parted_is_split(parted, micro))
+        return 0;
+    sbi_parted_points(parted, micro, 0, &points);
+    for (int v = 0; v < 4; v++)
+        for (int w = v + 1; w < 4; w++) {
+            int edge = sbi_parted_edge[v][w], link = parted->lattice->micro_links[micro][edge];
+            int u = turn[v][w], x = 6 - v - w - u;
+            for (int side = 0; side < 2 && sbi_parted_is_parting(parted, link); side++) {
+                sbi_lip *lip = lips + count++;
+                int face = SBI_MICRO_FACES + sbi_parted_opposite[side ? u : x];
+                lip->below = parted->piece_of[corners[v]];
+                lip->above = parted->piece_of[corners[w]];
+                lip->link = link;
+                memcpy(lip->corners[0], points.tet[edge], sizeof lip->corners[0]);
+                memcpy(lip->corners[side ? 2 : 1], points.tet[face], sizeof lip->corners[0]);
+                memcpy(lip->corners[side ? 1 : 2], points.tet[SBI_MICRO_CENTRE], sizeof lip->corners[0]);
+            }
+        }
+    return count;
+}
+
+/* ---- moments ---- */
+
+/* Adds volume and first moments of all parts; centres are sums then. */
+static void sbi_parted_first_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments)
+{
+    sbi_flag flags[SBI_FLAGS];
+    for (int micro = 0; micro < parted->lattice->micro_count; micro++) {
+        int count = sbi_parted_flags(parted, micro, least, flags);
+        for (int k = 0; k < count; k++) {
+            sbi_part_moments *sum = moments + flags[k].piece;
+            sum->share += flags[k].volume;
+            for (int a = 0; a < 4; a++)
+                sum->centre = sb_v3_madd(sum->centre, flags[k].volume / 4, flags[k].corners[a]);
+        }
+    }
+}
+
+/* Adds int (xi - centre)(xi - centre)^T of all parts: of a tet with corners y_i about the centre and volume v it is
+ * v/20 (sum y_i y_i^T + s s^T), s the sum of the y_i. */
+static void sbi_parted_second_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments)
+{
+    sbi_flag flags[SBI_FLAGS];
+    for (int micro = 0; micro < parted->lattice->micro_count; micro++) {
+        int count = sbi_parted_flags(parted, micro, least, flags);
+        for (int k = 0; k < count; k++) {
+            sbi_part_moments *sum = moments + flags[k].piece;
+            sb_mat3 about = sb_m3_zero();
+            sb_vec3 all = sb_v3(0, 0, 0);
+            for (int a = 0; a < 4; a++) {
+                sb_vec3 y = sb_v3_sub(flags[k].corners[a], sum->centre);
+                all = sb_v3_add(all, y);
+                about = sb_m3_add(about, sb_m3_outer(y, y));
+            }
+            about = sb_m3_add(about, sb_m3_outer(all, all));
+            sum->spread = sb_m3_add(sum->spread, sb_m3_scale(flags[k].volume / 20, about));
+        }
+    }
+}
+
+SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments)
+{
+    memset(moments, 0, (size_t)parted->piece_count * sizeof *moments);
+    sbi_parted_first_moments(parted, least, moments);
+    for (int k = 0; k < parted->piece_count; k++) {
+        int lowest = 0;
+        while (!(parted->pieces[k] >> lowest & 1))
+            lowest++;
+        moments[k].centre = moments[k].share > 0 ? sb_v3_scale(1 / moments[k].share, moments[k].centre)
+                                                 : sbi_parted_corner(parted->lattice, lowest);
+    }
+    sbi_parted_second_moments(parted, least, moments);
+    for (int k = 0; k < parted->piece_count; k++)
+        if (moments[k].share > 0)
+            moments[k].spread = sb_m3_scale(1 / moments[k].share, moments[k].spread);
+}
+
+/* Adds a triangle of the face, `area` of the face's, with barycentrics of its corners. */
+static void sbi_parted_add_face(sbi_face_moments *moments, sb_real area, const sb_real *a, const sb_real *b,
+                                const sb_real *c)
+{
+    moments->share += area;
+    for (int i = 0; i < 4; i++)
+        moments->loads[i] += area * (a[i] + b[i] + c[i]) / 3;
+}
+
+/* Adds the face of a micro-tet opposite to corner x. */
+static void sbi_parted_add_micro_face(const sbi_parted *parted, int micro, int x, sbi_face_moments *moments)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    sb_real area = (sb_real)1 / (sb_real)(lattice->intervals * lattice->intervals), at[4][4];
+    int a = x == 0 ? 1 : 0, face = SBI_MICRO_FACES + sbi_parted_opposite[x], whole = 1;
+    sbi_micro_points points;
+    for (int v = 0; v < 4; v++) {
+        sbi_lattice_point(lattice, corners[v], at[v]);
+        whole &= v == x || parted->piece_of[corners[v]] == parted->piece_of[corners[a]];
+    }
+    if (whole) {
+        int b = x == 0 || x == 1 ? 2 : 1, c = x == 3 ? 2 : 3;
+        sbi_parted_add_face(moments + parted->piece_of[corners[a]], area, at[a], at[b], at[c]);
+        return;
+    }
+    sbi_parted_points(parted, micro, 0, &points);
+    for (int v = 0; v < 4; v++)
+        for (int w = 0; w < 4; w++)
+            if (v != w && v != x && w != x) {
+                int edge = sbi_parted_edge[v][w], u = 6 - v - w - x;
+                sbi_parted_add_face(moments + parted->piece_of[corners[v]],
+                                    area * points.micro[edge][w] * points.micro[face][u], at[v], points.tet[edge],
+                                    points.tet[face]);
+            }
+}
+
+SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moments *moments)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    memset(moments, 0, (size_t)parted->piece_count * sizeof *moments);
+    for (int micro = 0; micro < lattice->micro_count; micro++)
+        for (int x = 0; x < 4; x++) {
+            int on = 0;
+            for (int v = 0; v < 4; v++)
+                on += v != x && (lattice->face_points[face] >> lattice->micros[micro][v] & 1);
+            if (on == 3)
+                sbi_parted_add_micro_face(parted, micro, x, moments);
+        }
+}
+
+SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid, sb_mat3 *covariance)
+{
+    sb_mat3 edges = sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0]));
+    *centroid = sb_v3_add(x[0], sb_m3_apply(edges, moments->centre));
+    *covariance = sb_m3_mult(sb_m3_mul(edges, moments->spread), edges);
+}
+
 /* ==== src/softbody/contact/tool_mesh.h ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* tool_mesh: a closed surface as a grid of distances, which a C1 function passes through. Internal to contact, floor 4.
