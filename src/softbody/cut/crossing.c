@@ -79,7 +79,7 @@ static void sbi_crossing_cross(const int64_t a[3], const int64_t b[3], int64_t v
     v[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-static int64_t sbi_crossing_dot(const int64_t a[3], const int64_t b[3])
+static int64_t sbi_crossing_product(const int64_t a[3], const int64_t b[3])
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -108,7 +108,7 @@ SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
 {
     int64_t v[3];
     sbi_crossing_difference(p, blade->corners[0], v);
-    return sbi_crossing_dot(blade->normal, v);
+    return sbi_crossing_product(blade->normal, v);
 }
 
 /* On which side the line through p along e passes the edge from a to b; 0: e is parallel to it. */
@@ -118,7 +118,7 @@ static int sbi_crossing_edge(sbi_int3 a, sbi_int3 b, sbi_int3 p, const int64_t e
     sbi_crossing_difference(a, p, from);
     sbi_crossing_difference(b, p, to);
     sbi_crossing_cross(from, to, v);
-    turn = sbi_crossing_dot(e, v);
+    turn = sbi_crossing_product(e, v);
     if (turn != 0)
         return turn > 0 ? 1 : -1;
     sbi_crossing_difference(b, a, from);
