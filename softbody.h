@@ -33376,8 +33376,7 @@ static void sbi_cubes_add(const sbi_cubes *lattice, const int at[3], double weig
 }
 
 /* Shares of the corners of the one tet, whose edges are three times as long as the box, or of the cell's tet. */
-static void sbi_cubes_share_out(const sbi_cubes *lattice, int at[3], const double share[3],
-                                  sbi_cubes_place *place)
+static void sbi_cubes_share_out(const sbi_cubes *lattice, int at[3], const double share[3], sbi_cubes_place *place)
 {
     int order[3] = {0, 1, 2};
     if (lattice->tet) {
@@ -33533,8 +33532,8 @@ typedef struct sbi_cubes_measure {
 
 /* Edges of about `ratio` times the mean spacing of a region's nodes. Cells larger than the thickness of a stiff sheet
  * or rod resist its bending far too much, the more so the larger they are: such regions take smaller steps. */
-static void sbi_cubes_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio,
-                                  sbi_cubes_measure *measures, sbi_cubes *lattices, int lattice_count)
+static void sbi_cubes_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, sbi_cubes_measure *measures,
+                                sbi_cubes *lattices, int lattice_count)
 {
     memset(measures, 0, (size_t)lattice_count * sizeof *measures);
     for (int i = 0; i < nodes->level->row_count; i++) {
@@ -33552,7 +33551,7 @@ static void sbi_cubes_set_edges(const sbi_mg_nodes *nodes, double ratio, double 
 
 /* Cells of the edges that are set, or larger ones as long as more than `most` points were in use; one cell at least. */
 static void sbi_cubes_choose(sbi_cubes *lattices, int lattice_count, double largest, const sbi_mg_nodes *nodes,
-                               int most, sbi_cubes_table *table)
+                             int most, sbi_cubes_table *table)
 {
     double least = largest;
     for (int l = 0; l < lattice_count; l++) {
@@ -33759,8 +33758,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
     if (made) {
         largest = sbi_cubes_bound(nodes, m.lattices, m.lattice_count);
         sbi_cubes_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
-        sbi_cubes_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4,
-                           &m.table);
+        sbi_cubes_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4, &m.table);
         made = sbi_cubes_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
