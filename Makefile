@@ -2,7 +2,7 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double without the slowest, some 5 minutes on two cores
+#   make test       the tests in double without the slowest, some 3 minutes on two cores
 #   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -187,10 +187,18 @@ SLOW = -step/10,000 -step/1,000 -reference -contact_series $(patsubst tests/test
 	-grid/badly -grid/weighted -grid/convergence -grid/stretched -grid/bars -match/livers -nicp/livers -loads/livers
 QUICK = $(or $(FILTER),$(SLOW))
 # Long too, and left to make check by make test.
-SLOWER = -multigrid/bodies -needle_materials/every -parts/parts -needle_programs/the -live_mesh/iterations \
-	-integrators/explicit -schemes/one -contact/balance -contact/hertz -contact_hostile/squeezed -contact_hostile/fall \
-	-contact_pairs/weight -contact_pairs/thrown -contact_pairs/folded -contact_hung/dragged \
-	-stuffing/thin -stuffing/surfaces -step_guest/elements -surface/check -needle/no
+SLOWER = -body/quasi -bbar/violence -checkpoint/continues -cloud/smooth -contact/balance -contact/grip -contact/hertz -contact/slide \
+	-contact_hostile/fall -contact_hostile/materials -contact_hostile/squeezed -contact_hung/dragged -contact_hung/springs \
+	-contact_organ -contact_pairs/folded -contact_pairs/incline -contact_pairs/patch -contact_pairs/thrown \
+	-contact_pairs/undo -contact_pairs/weight -contact_state/forged -contact_state/no -contact_state/saved \
+	-contact_state/threads -contact_state/undo -contact_static/Hertz -contact_substeps/squeezed -contact_sweep/on \
+	-couple/rest -forged/changed -guest/joint -integrators/explicit -integrators/orders -live_mesh/iterations -load/1,000 \
+	-mesh/hostile -modes/references -multigrid/bodies -multigrid/jumps -multigrid/slivers -multigrid/weighted \
+	-needle/no -needle/steps -needle_control/random -needle_materials -needle_programs/the -needle_programs/a \
+	-parts/of -parts/parts -remesh/allocations -schemes/300 -schemes/one -state/continues -step/linearised \
+	-step/momentum -step/Newmark -step/scale -step_guest/elements -step_guest/materials -stuffing/plates \
+	-stuffing/random -stuffing/side -stuffing/surfaces -stuffing/thin -stuffing/threads -surface/check \
+	-viscoelastic/static -viscoelastic/violence
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
@@ -243,7 +251,7 @@ sanitize: build/sanitize/tests
 	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 
 # The table of cases against closed forms: its introduction is written by hand, its rows by the tests, a section for
-# each suite. `make test` compares the list of cases with the committed one.
+# each suite. `make check` compares the list of cases with the committed one.
 VERIFICATION = $(patsubst tests/test_%.c,%,$(wildcard tests/test_verification_*.c))
 verification: build/double/tests
 	rm -rf build/verification && mkdir -p build/verification

@@ -39,6 +39,25 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 
 /* ---- mass ---- */
 
+SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                               sb_real *volume_load)
+{
+    int n = body->domain.nodes_per_cell;
+    sb_real lumps[10], volume;
+    if (!sbi_live_is_piece(body, cell))
+        return sbi_domain_element_mass(&body->domain, cell, kind, x, mass, volume_load);
+    volume = sbi_domain_tet_volume(x);
+    sbi_piece_lumps(body->live->pieces + cell, n, volume, lumps, volume_load);
+    if (kind != SB_MASS_LUMPED) {
+        sbi_piece_mass(body->live->pieces + cell, n, volume, mass);
+        return 0;
+    }
+    memset(mass, 0, (size_t)(n * n) * sizeof *mass);
+    for (int a = 0; a < n; a++)
+        mass[a * (n + 1)] = lumps[a];
+    return 0;
+}
+
 static void sbi_body_gather_reference(const sb_body *body, int element, sb_vec3 *x)
 {
     int n = body->domain.nodes_per_cell;
@@ -71,7 +90,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
         if (!sbi_live_has_cell(body, e))
             continue;
         sbi_body_gather_reference(body, e, x);
-        sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
+        sbi_body_cell_mass(body, e, kind, x, mass, NULL);
         sbi_body_add_mass_blocks(body, e, mass, sbi_live_density(body, e), blocks);
     }
 }
@@ -189,23 +208,29 @@ static void sbi_body_tilt_masses(sb_body *body)
 
 SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule)
 {
-    sb_real density = sbi_live_density(body, cell), *out = body->live->masses + 8 * (size_t)cell;
+    sb_real density = sbi_live_density(body, cell), (*out)[2] = body->live->masses + 4 * (size_t)cell;
+    sb_real lumps[4], loads[4];
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
-    sbi_domain_tet_masses(rule, x, out, out + 4);
-    for (int a = 0; a < 8; a++)
-        out[a] = density * out[a];
+    if (sbi_live_is_piece(body, cell))
+        sbi_piece_lumps(body->live->pieces + cell, 4, sbi_domain_tet_volume(x), lumps, loads);
+    else
+        sbi_domain_tet_masses(rule, x, lumps, loads);
+    for (int a = 0; a < 4; a++) {
+        out[a][0] = density * lumps[a];
+        out[a][1] = density * loads[a];
+    }
 }
 
 /* Adds what a cell of a body that follows weighs to its nodes. */
 static void sbi_body_add_cell_mass(sb_body *body, int cell)
 {
-    const sb_real *masses = body->live->masses + 8 * (size_t)cell;
+    const sb_real(*masses)[2] = (const sb_real(*)[2])body->live->masses + 4 * (size_t)cell;
     for (int a = 0; a < 4; a++) {
         int node = body->domain.cells[4 * (size_t)cell + (size_t)a];
-        body->lumped_mass[node] += masses[a];
-        body->load_mass[node] += masses[4 + a];
+        body->lumped_mass[node] += masses[a][0];
+        body->load_mass[node] += masses[a][1];
     }
 }
 
@@ -213,9 +238,8 @@ SBI_API void sbi_body_sum_node_mass(sb_body *body, int node)
 {
     sb_real mass = 0, load = 0;
     for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
-        const sb_real *masses = body->live->masses + 8 * (size_t)(at / 4) + at % 4;
-        mass += masses[0];
-        load += masses[4];
+        mass += body->live->masses[at][0];
+        load += body->live->masses[at][1];
     }
     body->lumped_mass[node] = mass;
     body->load_mass[node] = load;
@@ -243,7 +267,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             continue;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
+            sbi_body_cell_mass(body, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         if (sbi_live_follows(body)) {
@@ -251,7 +275,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             sbi_body_add_cell_mass(body, e);
             continue;
         }
-        lifted |= sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
+        lifted |= sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];

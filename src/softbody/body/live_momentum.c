@@ -47,15 +47,15 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int mot
     int n = body->domain.nodes_per_cell;
     const int *cell = body->domain.cells + (size_t)e * (size_t)n;
     if (body->live->follows) {
-        const sb_real *masses = body->live->masses + 8 * (size_t)e;
         for (int a = 0; a < 4; a++)
-            sbi_live_add_mass(body, cell[a], (double)masses[a], about, motions, sums, also);
+            sbi_live_add_mass(body, cell[a], (double)body->live->masses[4 * (size_t)e + (size_t)a][0], about, motions,
+                              sums, also);
         return;
     }
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
     for (int a = 0; a < n; a++)
         x[a] = body->reference[cell[a]];
-    sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
+    sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
         sbi_live_add_mass(body, cell[a], (double)(sbi_live_density(body, e) * mass[a * n + a]), about, motions, sums,
                           also);

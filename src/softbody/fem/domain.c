@@ -31,21 +31,40 @@ static sb_mat3 sbi_domain_jacobian(int node_count, const sb_vec3 *x, const sb_re
     return jacobian;
 }
 
-/* Gradients g_a = Je^-T dN_a/dxi at one point; returns det Je. */
+/* The same of a tet4 in fewer sums, to the last bit: slopes are 1, -1 and 0. (0 - a, not -a: no zero is negative.) */
+static sb_mat3 sbi_domain_tet_jacobian(const sb_vec3 x[4])
+{
+    sb_vec3 from = sb_v3_sub(sb_v3(0, 0, 0), x[0]);
+    sb_mat3 jacobian;
+    for (int j = 0; j < 3; j++) {
+        jacobian.m[0][j] = from.x + x[j + 1].x;
+        jacobian.m[1][j] = from.y + x[j + 1].y;
+        jacobian.m[2][j] = from.z + x[j + 1].z;
+    }
+    return jacobian;
+}
+
+/* Gradients g_a = Je^-T dN_a/dxi at one point; det: of Je, > 0. */
+SBI_FORCE_INLINE void sbi_domain_gradients(const int node_count, sb_mat3 jacobian, sb_real det,
+                                           const sb_real (*local_gradient)[3], sb_real *gradient)
+{
+    sb_mat3 inverse_transpose = sb_m3_scale((sb_real)1 / det, sb_m3_cofactor(jacobian));
+    for (int a = 0; a < node_count; a++) {
+        const sb_real *d = local_gradient[a];
+        sb_vec3 g = sb_m3_apply(inverse_transpose, sb_v3(d[0], d[1], d[2]));
+        gradient[3 * a] = g.x;
+        gradient[3 * a + 1] = g.y;
+        gradient[3 * a + 2] = g.z;
+    }
+}
+
+/* Gradients at one point where det Je > 0; returns det Je. */
 static sb_real sbi_domain_point(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3], sb_real *gradient)
 {
     sb_mat3 jacobian = sbi_domain_jacobian(node_count, x, local_gradient);
     sb_real det = sb_m3_det(jacobian);
-    if (det > 0) {
-        sb_mat3 inverse_transpose = sb_m3_scale((sb_real)1 / det, sb_m3_cofactor(jacobian));
-        for (int a = 0; a < node_count; a++) {
-            const sb_real *d = local_gradient[a];
-            sb_vec3 g = sb_m3_apply(inverse_transpose, sb_v3(d[0], d[1], d[2]));
-            gradient[3 * a] = g.x;
-            gradient[3 * a + 1] = g.y;
-            gradient[3 * a + 2] = g.z;
-        }
-    }
+    if (det > 0)
+        sbi_domain_gradients(node_count, jacobian, det, local_gradient, gradient);
     return det;
 }
 
@@ -112,35 +131,71 @@ static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *erro
                             "element %d is too small: nothing is left of its volume at integration point %d", e, point);
 }
 
+SBI_API sb_real sbi_domain_tet_volume(const sb_vec3 x[4])
+{
+    sb_vec3 a = sb_v3_sub(x[1], x[0]), b = sb_v3_sub(x[2], x[0]), c = sb_v3_sub(x[3], x[0]);
+    return sb_v3_dot(a, sb_v3_cross(b, c)) / 6;
+}
+
+/* Gradients of the shape functions at the points of a piece, in the cell's coordinates. */
+static void sbi_domain_piece_slopes(sbi_element element, const sbi_piece *piece, int q,
+                                    sb_real (*local)[SB_MAX_ELEMENT_NODES][3])
+{
+    sb_real points[4][3];
+    sbi_piece_points(piece, points);
+    for (int p = 0; p < q; p++)
+        sbi_element_shape(element, points[p], NULL, local[p]);
+}
+
+/* Gradients and weights of one cell. */
+static sb_result sbi_domain_fill_cell(sb_domain *domain, int e, int q, const sb_vec3 *x,
+                                      const sb_real (*local)[SB_MAX_ELEMENT_NODES][3], const sb_real *weights,
+                                      sb_real share, int is_piece, sb_error *error)
+{
+    size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    for (int p = 0; p < q; p++) {
+        size_t at = first + (size_t)p;
+        sb_real det = sbi_domain_point(domain->nodes_per_cell, x, local[p], domain->gradients + at * values);
+        domain->weights[at] = det * weights[p];
+        domain->weights[at] *= share;
+        if (!(det > 0) || (!is_piece && !(domain->weights[at] > 0)))
+            return sbi_domain_refuse(e, p, det, error);
+    }
+    if (domain->mean_point)
+        sbi_domain_fill_mean(domain, e, q);
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
-                                  const sb_real *shares, sb_error *error)
+                                  const sb_real *shares, const sbi_piece *pieces, sb_error *error)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
+    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3], own[4][SB_MAX_ELEMENT_NODES][3];
     sbi_element element = sbi_domain_element(domain);
     int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
     for (int p = 0; p < q; p++)
         sbi_element_shape(element, points[p], NULL, local[p]);
     for (int e = 0; e < domain->cell_count; e++) {
         size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)n;
+        int is_piece = pieces && pieces[e].is != 0;
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
-        if (shares && !(shares[e] > 0)) {
+        sb_result result;
+        if (shares && sbi_domain_is_free(domain, e)) {
             memset(domain->gradients + first * values, 0, (size_t)domain->points_per_cell * values * sizeof(sb_real));
             memset(domain->weights + first, 0, (size_t)domain->points_per_cell * sizeof(sb_real));
             continue;
         }
         sbi_domain_gather(domain->cells, positions, e, n, x);
-        for (int p = 0; p < q; p++) {
-            size_t at = first + (size_t)p;
-            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
-            domain->weights[at] = det * weights[p];
-            if (shares)
-                domain->weights[at] *= shares[e];
-            if (!(det > 0) || !(domain->weights[at] > 0))
-                return sbi_domain_refuse(e, p, det, error);
-        }
-        if (domain->mean_point)
-            sbi_domain_fill_mean(domain, e, q);
+        if (is_piece && domain->element_type == SB_TET10 && sbi_domain_tet10_is_curved(x))
+            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
+                                    "cell %d has curved sides: it cannot be a piece of an element", e);
+        if (is_piece && q > 1)
+            sbi_domain_piece_slopes(element, pieces + e, q, own);
+        result = sbi_domain_fill_cell(domain, e, q, x,
+                                      (const sb_real(*)[SB_MAX_ELEMENT_NODES][3])(is_piece && q > 1 ? own : local),
+                                      weights, shares ? shares[e] : (sb_real)1, is_piece, error);
+        if (result != SB_OK)
+            return result;
     }
     return SB_OK;
 }
@@ -211,7 +266,7 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
-        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, error);
+        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, NULL, error);
     if (result != SB_OK) {
         sb_domain_free(&made);
         return result;
@@ -406,35 +461,38 @@ static void sbi_domain_blank(sb_domain *domain, int e)
 }
 
 /* Gradients and weight of a tet; share: of its volume. */
-static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions, sb_real share)
+static void sbi_domain_shape(sb_domain *domain, const sbi_tet_rule *rule, int e, const sb_vec3 *positions,
+                             sb_real share)
 {
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
-    sbi_element element = sbi_domain_element(domain);
+    sb_mat3 jacobian;
     sb_vec3 x[4];
     sb_real det;
     for (int a = 0; a < 4; a++)
         x[a] = positions[domain->cells[4 * (size_t)e + (size_t)a]];
-    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
-    sbi_element_shape(element, points[0], NULL, local);
-    det = sbi_domain_point(4, x, (const sb_real(*)[3])local, domain->gradients + 12 * (size_t)e);
-    domain->weights[e] = share * (det * weights[0]);
+    jacobian = sbi_domain_tet_jacobian(x);
+    det = sb_m3_det(jacobian);
+    sbi_domain_gradients(4, jacobian, det, (const sb_real(*)[3])rule->slopes, domain->gradients + 12 * (size_t)e);
+    domain->weights[e] = share * (det * rule->volume);
 }
 
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share, int is_piece)
 {
-    return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
+    sb_real volume = sb_m3_det(sbi_domain_tet_jacobian(x)) * rule->volume;
+    return (is_piece ? volume : share * volume) > 0;
 }
 
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error)
 {
-    if (sbi_domain_is_upright(rule, x, share))
+    if (sbi_domain_is_upright(rule, x, share, is_piece))
         return SB_OK;
-    return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), error);
+    return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_tet_jacobian(x)), error);
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
 {
+    sbi_tet_rule rule;
+    sbi_domain_make_tet_rule(domain, &rule);
     for (int e = domain->cell_count; e < change->cell_end; e++)
         sbi_domain_blank(domain, e);
     domain->node_count = change->node_end;
@@ -445,12 +503,12 @@ SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change,
     for (int k = 0; k < change->made_cell_count; k++) {
         int e = change->made_cells[k];
         memcpy(domain->cells + 4 * (size_t)e, change->made_cell_nodes + 4 * (size_t)k, 4 * sizeof(int));
-        sbi_domain_shape(domain, e, positions, change->made_shares ? change->made_shares[k] : (sb_real)1);
+        sbi_domain_shape(domain, &rule, e, positions, change->made_shares ? change->made_shares[k] : (sb_real)1);
     }
     for (int k = 0; k < change->reshaped_cell_count; k++) {
         int e = change->reshaped_cells[k];
         sb_real share = change->reshaped_shares ? change->reshaped_shares[k] : (sb_real)1;
-        sbi_domain_shape(domain, e, positions, share);
+        sbi_domain_shape(domain, &rule, e, positions, share);
     }
 }
 
@@ -496,7 +554,7 @@ SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rul
 
 SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4])
 {
-    sb_real det = sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), volume = 0, trace = 0;
+    sb_real det = sb_m3_det(sbi_domain_tet_jacobian(x)), volume = 0, trace = 0;
     for (int a = 0; a < 4; a++)
         masses[a] = load[a] = 0;
     for (int p = 0; p < rule->count; p++) {
