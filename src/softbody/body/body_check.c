@@ -33,7 +33,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
             continue;
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
-        report->duplicate_count += !body->own_points && sbi_body_is_duplicate(body, e);
+        report->duplicate_count += !body->own_points && !sbi_live_is_piece(body, e) && sbi_body_is_duplicate(body, e);
         if (report->worst_element < 0 || quality < report->worst_quality) {
             report->worst_quality = quality;
             report->worst_element = e;

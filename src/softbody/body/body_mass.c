@@ -39,6 +39,25 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 
 /* ---- mass ---- */
 
+SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                               sb_real *volume_load)
+{
+    int n = body->domain.nodes_per_cell;
+    sb_real lumps[10], volume;
+    if (!sbi_live_is_piece(body, cell))
+        return sbi_domain_element_mass(&body->domain, cell, kind, x, mass, volume_load);
+    volume = sbi_domain_tet_volume(x);
+    sbi_piece_lumps(body->live->pieces + cell, n, volume, lumps, volume_load);
+    if (kind != SB_MASS_LUMPED) {
+        sbi_piece_mass(body->live->pieces + cell, n, volume, mass);
+        return 0;
+    }
+    memset(mass, 0, (size_t)(n * n) * sizeof *mass);
+    for (int a = 0; a < n; a++)
+        mass[a * (n + 1)] = lumps[a];
+    return 0;
+}
+
 static void sbi_body_gather_reference(const sb_body *body, int element, sb_vec3 *x)
 {
     int n = body->domain.nodes_per_cell;
@@ -70,7 +89,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
         if (!sbi_live_has_cell(body, e))
             continue;
         sbi_body_gather_reference(body, e, x);
-        sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
+        sbi_body_cell_mass(body, e, kind, x, mass, NULL);
         sbi_body_add_mass_blocks(body, e, mass, sbi_live_density(body, e), blocks);
     }
 }
@@ -192,7 +211,10 @@ SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *ru
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
-    sbi_domain_tet_masses(rule, x, out, out + 4);
+    if (sbi_live_is_piece(body, cell))
+        sbi_piece_lumps(body->live->pieces + cell, 4, sbi_domain_tet_volume(x), out, out + 4);
+    else
+        sbi_domain_tet_masses(rule, x, out, out + 4);
     for (int a = 0; a < 8; a++)
         out[a] = density * out[a];
 }
@@ -240,7 +262,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             continue;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
+            sbi_body_cell_mass(body, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         if (sbi_live_follows(body)) {
@@ -248,7 +270,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             sbi_body_add_cell_mass(body, e);
             continue;
         }
-        lifted |= sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
+        lifted |= sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];

@@ -60,9 +60,8 @@ static void sbi_body_label_by_elements(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
     for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
         body->node_component[i] =
-            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+            sbi_live_has_material(body, i) ? body->element_component.items[lists->items[lists->offsets[i]]] : -1;
     }
 }
 

@@ -336,6 +336,9 @@ SBI_API void sbi_body_update_mass(sb_body *body);
 SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule);
 SBI_API void sbi_body_sum_node_mass(sb_body *body, int node);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
+/* As sbi_domain_element_mass, of a cell that may be a piece; to be multiplied by sbi_live_density. */
+SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                               sb_real *volume_load);
 SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
 /* out = M x for the body's mass matrix. */
 SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out);

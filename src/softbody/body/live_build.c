@@ -14,6 +14,8 @@ static void sbi_live_mesh_layout(const sb_body *body, sbi_live_mesh *mesh, sbi_a
     if (body->fibres)
         mesh->fibres = (sb_vec3 *)sbi_arena_take(arena, cells, sizeof(sb_vec3));
     mesh->shares = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    if (mesh->has_pieces)
+        mesh->pieces = (sbi_piece *)sbi_arena_take(arena, cells, sizeof(sbi_piece));
     mesh->corners = (int *)sbi_arena_take(arena, cells, (size_t)body->domain.nodes_per_cell * sizeof(int));
     mesh->material = (int *)sbi_arena_take(arena, cells, sizeof(int));
     mesh->inherit = (int *)sbi_arena_take(arena, cells, sizeof(int));
@@ -35,9 +37,10 @@ static sb_result sbi_live_mesh_take(const sb_body *body, sbi_live_mesh *mesh, sb
 }
 
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                         sbi_live_mesh *mesh, sb_error *error)
+                                         int has_pieces, sbi_live_mesh *mesh, sb_error *error)
 {
     memset(mesh, 0, sizeof *mesh);
+    mesh->has_pieces = has_pieces;
     if (!sbi_slots_copy(&mesh->nodes, nodes, 0, &body->allocator) ||
         !sbi_slots_copy(&mesh->cells, cells, 0, &body->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
@@ -58,9 +61,10 @@ static int sbi_live_slots_like(sbi_slots *slots, const sbi_slots *counts, const 
 }
 
 SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                     sbi_live_mesh *mesh, sb_error *error)
+                                     int has_pieces, sbi_live_mesh *mesh, sb_error *error)
 {
     memset(mesh, 0, sizeof *mesh);
+    mesh->has_pieces = has_pieces;
     if (!sbi_live_slots_like(&mesh->nodes, nodes, &body->live->nodes, &body->allocator) ||
         !sbi_live_slots_like(&mesh->cells, cells, &body->live->cells, &body->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
@@ -87,10 +91,12 @@ SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh)
     memcpy(mesh->corners, body->domain.cells, (size_t)cells * n * sizeof(int));
     memcpy(mesh->material, body->cell_material, (size_t)cells * sizeof(int));
     memcpy(mesh->shares, body->live->shares, (size_t)cells * sizeof(sb_real));
+    if (mesh->pieces && body->live->pieces)
+        memcpy(mesh->pieces, body->live->pieces, (size_t)cells * sizeof(sbi_piece));
     if (mesh->fibres)
         memcpy(mesh->fibres, body->fibres, (size_t)cells * sizeof(sb_vec3));
     for (int e = 0; e < mesh->cells.end; e++) {
-        mesh->kept[e] = e < cells && mesh->shares[e] > 0;
+        mesh->kept[e] = e < cells && body->live->cells.used[e];
         mesh->inherit[e] = mesh->kept[e] ? e : -1;
         if (!mesh->kept[e])
             mesh->material[e] = 0;
@@ -135,7 +141,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
-    if (!live->shares)
+    if (!live->shares || (mesh->pieces && !sbi_live_take_pieces(next)))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->follows = body->live->follows;
     if (sbi_live_take_marks(next, error) != SB_OK)
@@ -152,10 +158,14 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     memcpy(next->made_young, body->made_young, materials * sizeof(sb_real));
     memcpy(next->cell_material, mesh->material, cells * sizeof(int));
     memcpy(live->shares, mesh->shares, cells * sizeof(sb_real));
+    for (size_t e = 0; mesh->pieces && e < cells; e++) {
+        live->pieces[e] = mesh->pieces[e];
+        live->piece_count += mesh->pieces[e].is != 0;
+    }
     memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
     if (mesh->fibres)
         memcpy(next->fibres, mesh->fibres, cells * sizeof(sb_vec3));
-    return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, error);
+    return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, mesh->pieces, error);
 }
 
 /* Part of each cell in its slot, -1 where it is free, from those of the cells in use. */
@@ -187,7 +197,7 @@ static sb_result sbi_live_make_lists(const sbi_live_mesh *mesh, sb_body *next, s
     view.nodes = mesh->positions;
     view.elements = used + next->domain.cell_count;
     for (int e = 0; e < next->domain.cell_count; e++)
-        if (next->live->shares[e] > 0) {
+        if (sbi_live_has_cell(next, e)) {
             memcpy(view.elements + (size_t)count * (size_t)n, next->domain.cells + (size_t)e * (size_t)n,
                    (size_t)n * sizeof(int));
             used[count++] = e;
@@ -326,14 +336,23 @@ static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources
     return axes;
 }
 
-/* A node made: motion of its sources, and their supports unless it is a copy. */
+/* The axes along which a node with these options may have the supports of its sources. */
+static unsigned sbi_live_kept_axes(unsigned options)
+{
+    unsigned axes = (options & SB_NODE_KEEP_X ? SB_X : 0u) | (options & SB_NODE_KEEP_Y ? SB_Y : 0u) |
+                    (options & SB_NODE_KEEP_Z ? SB_Z : 0u);
+    return options & SB_NODE_COPY ? axes : (unsigned)SB_XYZ;
+}
+
+/* A node made: motion of its sources, and their supports as far as its options say. */
 SBI_API sbi_live_motion sbi_live_made_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
         sbi_live_get_sources(change->source_start, index, change->sources, change->source_weights);
     sbi_live_motion motion;
     motion.node = change->made_nodes[index];
-    motion.fixed = (unsigned char)(change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources));
+    motion.fixed =
+        (unsigned char)(sbi_live_kept_axes(change->made_copies[index]) & sbi_live_common_axes(body, &sources));
     motion.displacement = sbi_live_interpolate(&sources, body->displacement);
     motion.velocity = sbi_live_interpolate(&sources, body->velocity);
     motion.acceleration = sbi_live_interpolate(&sources, body->acceleration);
@@ -416,6 +435,8 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
             if (force.x != 0 || force.y != 0 || force.z != 0)
                 *load = sb_v3_madd(*load, change->heir_weights[k], force);
         }
+    for (int i = 0; i < next->domain.node_count; i++)
+        sbi_live_park_node(next, i);
     sbi_body_update_positions(next);
 }
 
@@ -425,7 +446,7 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
     for (int e = 0; e < mesh->cells.end; e++)
         if (mesh->inherit[e] >= 0)
             sbi_assembly_copy_cell(&next->assembly, e, &body->assembly, mesh->inherit[e]);
-        else if (mesh->shares[e] > 0)
+        else if (mesh->cells.used[e])
             sbi_assembly_forget_cell(&next->assembly, e, next->displacement);
     sbi_assembly_begin_step(&next->assembly, 0);
 }
@@ -468,7 +489,7 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
     for (int a = 0; a < n; a++)
         x[a] = body->reference[cell[a]];
-    sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
+    sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
         sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]],
                           about, v[cell[a]]);
@@ -681,10 +702,10 @@ static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_chang
                                        sb_error *error)
 {
     for (int i = 0; i < change->made_node_count; i++)
-        if (next->node_component[change->made_nodes[i]] < 0)
+        if (sbi_live_first_cell(next, change->made_nodes[i]) < 0)
             return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
-        if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
+        if (next->live->nodes.used[i] && sbi_live_first_cell(body, i) >= 0 && sbi_live_first_cell(next, i) < 0)
             return sbi_live_refuse_lonely(i, 0, error);
     return SB_OK;
 }

@@ -16,8 +16,12 @@ enum {
     SBI_CHANGE_ADD_CELL = 4,
     SBI_CHANGE_REPLACE_CELL = 5,
     SBI_CHANGE_REMOVE_CELL = 6,
-    SBI_CHANGE_SLIDE_NODE = 7 /* a move with sources */
+    SBI_CHANGE_SLIDE_NODE = 7, /* a move with sources */
+    SBI_CHANGE_ADD_PIECE = 8,  /* cells with moments */
+    SBI_CHANGE_REPLACE_PIECE = 9
 };
+/* Moments in the log: centroid, and covariance row by row. */
+enum { SBI_CHANGE_MOMENTS = 12 };
 
 SB_API sb_change_cell sb_default_change_cell(void)
 {
@@ -71,7 +75,7 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
         !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
         !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
         !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
-        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8))
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS))
         return sbi_change_no_memory(error);
     return SB_OK;
 }
@@ -321,13 +325,19 @@ static void sbi_change_log_list(sb_body_change *change, const int *nodes, const 
 
 /* ---- nodes ---- */
 
+static int sbi_change_knows_flags(int flags)
+{
+    int keep = SB_NODE_KEEP_X | SB_NODE_KEEP_Y | SB_NODE_KEEP_Z;
+    return flags == 0 || (flags & ~keep) == SB_NODE_COPY;
+}
+
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error)
 {
     sbi_changed_node *made;
     int slot, expanded;
     sb_result result;
-    if (!change || !node || count < 1 || (flags != 0 && flags != SB_NODE_COPY))
+    if (!change || !node || count < 1 || !sbi_change_knows_flags(flags))
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "sb_body_change_add_node needs a change, a place for the number, at "
                         "least one source and known flags");
@@ -462,6 +472,19 @@ static int sbi_change_region(const sb_body *body, int region)
     return -1;
 }
 
+static sb_result sbi_change_check_moments(const sb_body *body, const sb_cell_moments *moments, sb_error *error)
+{
+    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance);
+    int finite = sb_v3_is_finite(moments->centroid);
+    for (int i = 0; i < 3; i++)
+        finite &= sb_v3_is_finite(sb_m3_column(moments->covariance, i));
+    if (!finite)
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the moments of a cell are not finite");
+    if (!sbi_piece_is_sound(&piece))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the moments of a cell are not those of a piece of a tet");
+    return sbi_live_check_pieces(body, error);
+}
+
 /* Checks all of a cell but what its nodes will be; *parent is its number before the change. */
 static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_cell *cell, int *parent, sb_error *error)
 {
@@ -474,13 +497,13 @@ static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_c
         return sbi_fail_element(error, SB_ERROR_INDEX, *parent, "the parent %d of a cell was not in use", *parent);
     if (cell->region != SB_AUTO && sbi_change_region(body, cell->region) < 0)
         return sbi_fail(error, SB_ERROR_INDEX, "the mesh was made without a region %d", cell->region);
-    if (!(cell->share > 0) || !(cell->share <= 1))
+    if (!(cell->moments ? cell->share >= 0 : cell->share > 0) || !(cell->share <= 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the share %g of a cell is not in (0, 1]", (double)cell->share);
     if (cell->fibre && !sb_v3_is_finite(*cell->fibre))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
     if (cell->fibre && !body->fibres)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
-    return SB_OK;
+    return cell->moments ? sbi_change_check_moments(body, cell->moments, error) : SB_OK;
 }
 
 static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *cell)
@@ -492,6 +515,11 @@ static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *ce
         sbi_change_log_int(change, cell->nodes[a]);
     sbi_change_log_real(change, cell->share);
     sbi_change_log_vector(change, cell->fibre ? *cell->fibre : sb_v3(0, 0, 0));
+    if (cell->moments) {
+        sbi_change_log_vector(change, cell->moments->centroid);
+        for (int i = 0; i < 9; i++)
+            sbi_change_log_real(change, cell->moments->covariance.m[i / 3][i % 3]);
+    }
 }
 
 /* Puts a checked cell into a slot that was taken for it; there is room. */
@@ -504,6 +532,8 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     change->cell_at[slot] = change->made_cells.count;
     made->parent = parent;
     made->share = cell->share;
+    if (cell->moments)
+        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance);
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
                      : parent >= 0           ? body->cell_material[parent]
                                              : 0;
@@ -542,7 +572,7 @@ SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change
     if (result != SB_OK)
         return result;
     slot = sbi_slots_take(&change->cells);
-    sbi_change_log_int(change, SBI_CHANGE_ADD_CELL);
+    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_ADD_PIECE : SBI_CHANGE_ADD_CELL);
     sbi_change_log_cell(change, cell);
     sbi_change_put_cell(change, slot, cell, parent);
     if (number)
@@ -564,7 +594,7 @@ SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number,
         result = sbi_change_reserve(change, 0, error);
     if (result != SB_OK)
         return result;
-    sbi_change_log_int(change, SBI_CHANGE_REPLACE_CELL);
+    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_REPLACE_PIECE : SBI_CHANGE_REPLACE_CELL);
     sbi_change_log_int(change, number);
     sbi_change_log_cell(change, cell);
     sbi_change_drop_cell(change, number);
@@ -634,10 +664,39 @@ static int sbi_change_next_list(sbi_change_reader *reader, const int **nodes, co
     return count;
 }
 
+/* Makes a cell again. */
+static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reader *reader, int call, sb_error *error)
+{
+    int replaces = call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE;
+    int nodes[SB_MAX_ELEMENT_NODES], has_fibre, number = replaces ? sbi_change_next_int(reader) : -1;
+    sb_change_cell cell = sb_default_change_cell();
+    sb_cell_moments moments;
+    sb_vec3 fibre;
+    cell.parent = sbi_change_next_int(reader);
+    cell.region = sbi_change_next_int(reader);
+    has_fibre = sbi_change_next_int(reader);
+    for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
+        nodes[a] = sbi_change_next_int(reader);
+    cell.nodes = nodes;
+    cell.share = sbi_change_next_real(reader);
+    fibre = sbi_change_next_vector(reader);
+    cell.fibre = has_fibre ? &fibre : NULL;
+    if (call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
+        moments.centroid = sbi_change_next_vector(reader);
+        for (int i = 0; i < 9; i++)
+            moments.covariance.m[i / 3][i % 3] = sbi_change_next_real(reader);
+        cell.moments = &moments;
+    }
+    if (reader->bad)
+        return SB_OK;
+    return replaces ? sb_body_change_replace_cell(change, number, &cell, error)
+                    : sb_body_change_add_cell(change, &cell, NULL, error);
+}
+
 /* Makes one call again. */
 static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reader *reader, sb_error *error)
 {
-    int nodes[SB_MAX_ELEMENT_NODES], call = sbi_change_next_int(reader), count = 0, number, flag;
+    int call = sbi_change_next_int(reader), count = 0, number, flag;
     const int *list = NULL;
     const sb_real *weights = NULL;
     sb_vec3 v;
@@ -651,27 +710,14 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    ? sb_body_change_add_node(change, v, list, weights, count, flag, &number, error)
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
-    number = call != SBI_CHANGE_ADD_CELL ? sbi_change_next_int(reader) : -1;
+    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_CELL ||
+        call == SBI_CHANGE_REPLACE_PIECE)
+        return sbi_change_replay_cell(change, reader, call, error);
+    number = sbi_change_next_int(reader);
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
         count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
         return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, list, weights, count, error);
-    }
-    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL) {
-        sb_change_cell cell = sb_default_change_cell();
-        cell.parent = sbi_change_next_int(reader);
-        cell.region = sbi_change_next_int(reader);
-        flag = sbi_change_next_int(reader);
-        for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
-            nodes[a] = sbi_change_next_int(reader);
-        cell.nodes = nodes;
-        cell.share = sbi_change_next_real(reader);
-        v = sbi_change_next_vector(reader);
-        cell.fibre = flag ? &v : NULL;
-        if (reader->bad)
-            return SB_OK;
-        return call == SBI_CHANGE_ADD_CELL ? sb_body_change_add_cell(change, &cell, NULL, error)
-                                           : sb_body_change_replace_cell(change, number, &cell, error);
     }
     reader->bad |= call != SBI_CHANGE_REMOVE_CELL;
     return reader->bad ? SB_OK : sb_body_change_remove_cell(change, number, error);
@@ -771,7 +817,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
             continue;
         lists->made_nodes[out->made_node_count] = node->node;
         lists->made_positions[out->made_node_count] = node->position;
-        lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
+        lists->made_copies[out->made_node_count] = (unsigned char)node->flags;
         lists->source_start[out->made_node_count++] = entries;
         entries = sbi_change_list_entries(change, node, entries, lists->sources, lists->source_weights);
     }
@@ -856,6 +902,8 @@ static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
             continue;
         memset(mesh->corners + (size_t)e * (size_t)n, 0, (size_t)n * sizeof(int));
         mesh->shares[e] = 0;
+        if (mesh->pieces)
+            memset(mesh->pieces + e, 0, sizeof *mesh->pieces);
         mesh->inherit[e] = -1;
         mesh->kept[e] = 0;
     }
@@ -872,6 +920,8 @@ static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
                (size_t)n * sizeof(int));
         mesh->material[cell->cell] = cell->material;
         mesh->shares[cell->cell] = cell->share;
+        if (mesh->pieces)
+            mesh->pieces[cell->cell] = cell->piece;
         mesh->inherit[cell->cell] = cell->parent;
         mesh->kept[cell->cell] = 0;
         if (mesh->fibres)
@@ -885,8 +935,9 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
     int n = body->domain.nodes_per_cell, cells = 0;
     for (int e = 0; e < mesh->cells.end; e++) {
         const int *cell = mesh->corners + (size_t)e * (size_t)n;
-        cells += mesh->shares[e] > 0;
-        for (int a = 0; a < n && mesh->shares[e] > 0; a++) {
+        int used = mesh->cells.used[e];
+        cells += used && mesh->shares[e] > 0;
+        for (int a = 0; a < n && used; a++) {
             if (!sbi_slots_is_used(&mesh->nodes, cell[a])) {
                 sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change",
                                  e, cell[a]);
@@ -963,7 +1014,8 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
                                       sb_error *error)
 {
     const sb_body *body = change->body;
-    sb_result result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
+    sb_result result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells,
+                                              body->live->piece_count || sbi_change_makes_pieces(change), mesh, error);
     if (result != SB_OK)
         return result;
     sbi_live_mesh_fill(body, mesh);
@@ -981,13 +1033,13 @@ static sb_result sbi_change_check_lonely(const sb_body *body, const sb_mesh_chan
     int *marks = body->live->node_marks;
     sb_result result = SB_OK;
     for (int e = 0; e < mesh->cells.end; e++)
-        for (int a = 0; a < 4 && mesh->shares[e] > 0; a++)
+        for (int a = 0; a < 4 && mesh->cells.used[e]; a++)
             marks[mesh->corners[4 * (size_t)e + (size_t)a]] = 1;
     for (int i = 0; i < out->made_node_count && result == SB_OK; i++)
         if (!marks[out->made_nodes[i]])
             result = sbi_live_refuse_lonely(out->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, mesh->nodes.end) && result == SB_OK; i++)
-        if (mesh->nodes.used[i] && body->node_component[i] >= 0 && !marks[i])
+        if (mesh->nodes.used[i] && sbi_live_first_cell(body, i) >= 0 && !marks[i])
             result = sbi_live_refuse_lonely(i, 0, error);
     memset(marks, 0, (size_t)mesh->nodes.end * sizeof *marks);
     return result;
@@ -1006,8 +1058,8 @@ static sb_result sbi_change_check_mesh(const sb_body *body, const sb_mesh_change
         sb_vec3 x[4];
         for (int a = 0; a < 4; a++)
             x[a] = mesh->positions[mesh->corners[4 * (size_t)e + (size_t)a]];
-        if (mesh->shares[e] > 0)
-            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], error);
+        if (mesh->cells.used[e])
+            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], mesh->pieces && mesh->pieces[e].is != 0, error);
     }
     return result == SB_OK ? sbi_change_check_lonely(body, out, mesh, error) : result;
 }

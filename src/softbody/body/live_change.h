@@ -20,6 +20,7 @@ typedef struct sbi_changed_cell {
     int dropped, has_fibre;
     sb_real share;
     sb_vec3 fibre;
+    sbi_piece piece; /* zeros of a cell that is none */
 } sbi_changed_cell;
 
 typedef struct sbi_change_entry {
@@ -76,6 +77,13 @@ typedef struct sbi_change_lists {
  * happened; 1: *result says how it went. */
 SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
                             sb_result *result, sb_error *error);
+SB_INLINE int sbi_change_makes_pieces(const sb_body_change *change)
+{
+    int makes = 0;
+    for (int i = 0; i < change->made_cells.count; i++)
+        makes |= change->made_cells.items[i].piece.is != 0 && !change->made_cells.items[i].dropped;
+    return makes;
+}
 /* Asks all listeners; on failure those asked before give up. */
 SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error);
 /* Whether all that refers to nodes by themselves can go on: heirs and supports. */

@@ -183,12 +183,17 @@ static sb_vec3 sbi_live_place(const sbi_live_following *work, int node)
     return mark < 0 ? change->moved_nodes.items[-1 - mark].position : work->body->reference[node];
 }
 
-static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share)
+static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share, int is_piece)
 {
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->rule, x, share);
+    return sbi_domain_is_upright(&work->rule, x, share, is_piece);
+}
+
+static const sbi_changed_cell *sbi_live_made_cell(const sbi_live_following *work, int index)
+{
+    return work->change->made_cells.items + work->change->cell_at[work->out->made_cells[index]] - 1;
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -201,11 +206,12 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
         for (int a = 0; a < 4; a++)
             good &= sbi_slots_is_used(&work->change->nodes, n[a]);
         good &= n[0] != n[1] && n[0] != n[2] && n[0] != n[3] && n[1] != n[2] && n[1] != n[3] && n[2] != n[3];
-        good = good && sbi_live_cell_is_upright(work, n, out->made_shares[k]);
+        good =
+            good && sbi_live_cell_is_upright(work, n, out->made_shares[k], sbi_live_made_cell(work, k)->piece.is != 0);
     }
     for (int k = 0; k < out->reshaped_cell_count && good; k++)
         good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k],
-                                        out->reshaped_shares[k]);
+                                        out->reshaped_shares[k], sbi_live_is_piece(work->body, out->reshaped_cells[k]));
     return good;
 }
 
@@ -244,6 +250,8 @@ static int sbi_live_reserve(sbi_live_following *work, sb_result *result, sb_erro
     supports = body->support_used + body->matrix.live->key_count + work->out->made_node_count;
     if (*result == SB_OK && body->support_used && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
         *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d blocks of supports", supports);
+    if (*result == SB_OK && sbi_change_makes_pieces(work->change) && !sbi_live_take_pieces(body))
+        *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d pieces", body->live->cells.capacity);
     return 1;
 }
 
@@ -349,14 +357,24 @@ static void sbi_live_follow_nodes_of_body(sbi_live_following *work)
         }
 }
 
-/* Shares, regions and fibres by cell; slots. */
+static void sbi_live_put_piece(sbi_live *live, int cell, const sbi_piece *piece)
+{
+    if (!live->pieces)
+        return;
+    live->piece_count += (piece->is != 0) - (live->pieces[cell].is != 0);
+    live->pieces[cell] = *piece;
+}
+
+/* Shares, pieces, regions and fibres by cell; slots. */
 static void sbi_live_follow_cells_of_body(sbi_live_following *work)
 {
     const sb_mesh_change *out = work->out;
     sb_body_change *change = work->change;
     sb_body *body = work->body;
     sbi_live *live = body->live;
+    sbi_piece none;
     sbi_slots slots;
+    memset(&none, 0, sizeof none);
     for (int e = work->old_cells; e < out->cell_end; e++) {
         live->shares[e] = 0;
         body->cell_material[e] = 0;
@@ -365,6 +383,7 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
     }
     for (int i = 0; i < out->removed_cell_count; i++) {
         live->shares[out->removed_cells[i]] = 0;
+        sbi_live_put_piece(live, out->removed_cells[i], &none);
         body->cell_material[out->removed_cells[i]] = 0;
     }
     for (int i = 0; i < change->made_cells.count; i++) {
@@ -372,6 +391,7 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
         if (cell->dropped)
             continue;
         live->shares[cell->cell] = cell->share;
+        sbi_live_put_piece(live, cell->cell, &cell->piece);
         body->cell_material[cell->cell] = cell->material;
         if (body->fibres)
             body->fibres[cell->cell] = cell->fibre;
@@ -441,7 +461,9 @@ static int sbi_live_component(const sb_body *body, int node)
 {
     const sbi_matrix_live *live = body->matrix.live;
     int part = live->part_of[node];
-    return part == live->alone_part ? -1 : part - (live->alone_part >= 0 && part > live->alone_part);
+    if (part == live->alone_part || !sbi_live_has_material(body, node))
+        return -1;
+    return part - (live->alone_part >= 0 && part > live->alone_part);
 }
 
 /* Parts and boxes as sbi_body_label_nodes gives them, from the nodes that the change is about alone, unless parts got
@@ -467,7 +489,9 @@ static void sbi_live_label_changed(const sbi_live_following *work)
         body->node_component[i] = sbi_live_component(body, i);
         if (body->node_component[i] < 0)
             body->fixed[i] = SB_XYZ;
-        else if (old < 0)
+        if (body->node_component[i] < 0 && old >= 0)
+            sbi_body_leave_box(body, old, body->reference[i]);
+        if (body->node_component[i] >= 0 && old < 0)
             sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
     }
     for (int c = 0; c < body->component_count; c++)
@@ -502,6 +526,9 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
     sbi_live_wake_nodes(work);
     sbi_live_label_changed(work);
+    for (int k = 0; k < work->node_count; k++)
+        if (work->lists->nodes[k] < body->domain.node_count)
+            sbi_live_park_node(body, work->lists->nodes[k]);
     body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);
@@ -535,8 +562,10 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
         return 0;
     if (*result == SB_OK)
         *result = sbi_live_ask_listeners(work.body, out, error);
-    if (*result != SB_OK)
+    if (*result != SB_OK) {
+        sbi_live_drop_pieces(work.body);
         return 1;
+    }
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);

@@ -150,9 +150,10 @@ static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error
     const sb_domain *domain = &body->domain;
     int n = domain->nodes_per_cell, q = domain->points_per_cell, used = body->live->cells.used[e] != 0;
     const int *cell = domain->cells + (size_t)e * (size_t)n;
-    if (used != (body->live->shares[e] > 0))
+    int is_piece = sbi_live_is_piece(body, e);
+    if (is_piece ? !used || body->live->shares[e] < 0 : used != (body->live->shares[e] > 0))
         return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the share %g", e, (double)body->live->shares[e]);
-    for (int p = 0; p < q; p++)
+    for (int p = 0; p < q && !is_piece; p++)
         if ((domain->weights[(size_t)e * (size_t)q + (size_t)p] > 0) != used)
             return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the weight %g at point %d", e,
                                     (double)domain->weights[(size_t)e * (size_t)q + (size_t)p], p);
@@ -194,6 +195,7 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
  * zeros. */
 static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_error *error)
 {
+    const int nothing[6] = {0, 0, 0, 0, 0, 0}; /* of a part of empty pieces */
     for (int i = 0; i < body->domain.node_count; i++) {
         int c = body->node_component[i];
         sb_vec3 x = body->reference[i], low, high;
@@ -208,7 +210,8 @@ static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_e
         sides[c][3] += x.x == high.x, sides[c][4] += x.y == high.y, sides[c][5] += x.z == high.z;
     }
     for (int c = 0; c < body->component_count; c++)
-        if (!sbi_body_box_is_right(body, c) || memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
+        if ((!sbi_body_box_is_right(body, c) && memcmp(sides[c], nothing, sizeof nothing) != 0) ||
+            memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
             return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts",
                             c);
     return SB_OK;
@@ -236,6 +239,7 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
     sb_result result = SB_OK;
     sb_real *mass;
     size_t used = 0, listed = 0;
+    int pieces = 0;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
     if (!body->live)
@@ -259,12 +263,15 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         used += (size_t)n;
         for (int a = 0; a < n; a++)
             x[a] = body->reference[cell[a]];
-        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, lumped, load);
+        sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, lumped, load);
+        pieces += sbi_live_is_piece(body, e);
         for (int a = 0; a < n; a++)
             mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
     }
     for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
         result = sbi_live_check_node(body, i, mass[i], &listed, error);
+    if (result == SB_OK && pieces != body->live->piece_count)
+        result = sbi_fail(error, SB_ERROR_STATE, "%d cells are pieces, not %d", pieces, body->live->piece_count);
     if (result == SB_OK && used != listed)
         result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
                           (unsigned long)listed, (unsigned long)used);

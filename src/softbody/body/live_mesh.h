@@ -20,9 +20,15 @@
  *   others cannot take (fewer than three, or in one line) goes to the supports.
  *   Cells removed for good take their mass and its momentum along: velocities stay.
  * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
+ * - Pieces: where a cut parts a cell, each piece of it becomes a cell with the parent's shape functions and its own
+ *   volume and moments (sb_cell_moments), on copies of the nodes that it is parted from. Stiffness, loads and lumped
+ *   masses are integrals over the piece and sum to those of the whole cell, so that at the instant of the cut nothing
+ *   jumps: not mass, momentum or energy (of tet10 with other than linear material energy by 1e-7, for its points are
+ *   others). A piece may have a share of 0; nodes with no other cells are held where they are, and feel nothing.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
- *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A
- *   supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
+ *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
+ *   (SB_ERROR_ARGUMENT): release it first.
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
@@ -58,8 +64,18 @@ typedef struct sb_body_change sb_body_change;
 
 /* Options of a node, to be added. */
 enum {
-    SB_NODE_COPY = 1 /* a copy where material parts: supports do not go over to it */
+    SB_NODE_COPY = 1,   /* a copy where material parts: supports do not go over to it, unless along */
+    SB_NODE_KEEP_X = 2, /* axes that it is to be supported along as its sources are: its pieces keep a supported face */
+    SB_NODE_KEEP_Y = 4,
+    SB_NODE_KEEP_Z = 8
 };
+
+/* Where in a tet its material is, in the tet's coordinates xi (sb_element_shape), which are barycentrics 1, 2 and 3; of
+ * the whole tet c = (1, 1, 1)/4, and S has 3/80 on the diagonal and -1/80 beside it. */
+typedef struct sb_cell_moments {
+    sb_vec3 centroid;   /* c = 1/V int xi dV, V the volume of the material */
+    sb_mat3 covariance; /* S = 1/V int (xi - c)(xi - c)^T dV, symmetric */
+} sb_cell_moments;
 
 /* A cell to be made. Start from sb_default_change_cell(). */
 typedef struct sb_change_cell {
@@ -67,8 +83,10 @@ typedef struct sb_change_cell {
     int parent; /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
     int region; /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
     const sb_vec3 *fibre; /* direction, or NULL (default): the parent's, or none */
-    sb_real share; /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
-                    * stiffness and mass are its share of the whole cell's */
+    sb_real share; /* of the cell's volume that is material, (0, 1], with moments also 0; default 1. Less where a cut
+                    * leaves part of a cell: stiffness and mass are its share of the whole cell's */
+    const sb_cell_moments *moments; /* of the material of a piece of tet4 or straight tet10: mass and points are where
+                                     * it is. NULL (default): spread over all of the cell */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 
@@ -79,7 +97,7 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
 
 /* Makes a node at a place of the reference shape (m); *node is its number.
  * sources, weights  [count] nodes in use before the change or made by it, >= 1; weights >= 0 that sum to 1
- * flags             0 or SB_NODE_COPY
+ * flags             0 or SB_NODE_COPY with SB_NODE_KEEP_X ...
  * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error);
@@ -95,7 +113,9 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
  * heirs, weights  [count] nodes, >= 0, that what refers to the node goes over to; weights sum to 1. 0: nobody */
 SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
                                             int count, sb_error *error);
-/* Makes a cell; *number (may be NULL) is its number. Nodes may still be to come until the commit. */
+/* Makes a cell; *number (may be NULL) is its number. Nodes may still be to come until the commit.
+ * SB_ERROR_ARGUMENT, SB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED: moments in a body of
+ * other cells than tet4 or tet10, with more than 4 points to a cell, or with consistent masses of tet10. */
 SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change_cell *cell, int *number,
                                          sb_error *error);
 /* Removes a cell and makes another in its slot. */
@@ -106,9 +126,10 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
 /* Checks the change as a whole, takes all memory that following needs, and makes it. On SB_OK the change is gone; on
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
- * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
- * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile, or a needle is in the
- * tissue, whose mesh is the needle's alone then), SB_ERROR_MEMORY, or what a listener says. */
+ * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_UNSUPPORTED (a piece of
+ * a tet10 with curved sides), SB_ERROR_ARGUMENT (what would lose its node, see above), SB_ERROR_STATE (a state with
+ * another mesh was loaded meanwhile, or a needle is in the tissue, whose mesh is the needle's alone then),
+ * SB_ERROR_MEMORY, or what a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 
@@ -117,7 +138,7 @@ SB_API int sb_body_node_in_use(const sb_body *body, int node);
 SB_API int sb_body_cell_in_use(const sb_body *body, int cell);
 /* Nodes of a cell in use, or NULL; valid until the next change. */
 SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell);
-/* Share of a cell's volume that is material; 0 for a free one. */
+/* Share of a cell's volume that is material; 0 for a free one and an empty piece. */
 SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
 /* [node_count] the reference shape (m). */
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);

@@ -36,7 +36,9 @@ typedef struct sbi_listener {
 
 typedef struct sbi_live {
     sbi_slots nodes, cells;
-    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free */
+    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
+    sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
+    int piece_count;         /* cells that are pieces */
     sb_quadrature_kind rule; /* of the domain's points */
     int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;            /* of the def */
@@ -59,7 +61,9 @@ typedef struct sbi_live_mesh {
     sb_vec3 *positions;  /* [nodes.end] */
     int *corners;        /* [cells.end][n]; 0 in free slots */
     int *material;       /* [cells.end] index of the region */
-    sb_real *shares;     /* [cells.end] 0: free */
+    sb_real *shares;     /* [cells.end] 0: free, or an empty piece */
+    int has_pieces;      /* 1: there is room for pieces */
+    sbi_piece *pieces;   /* [cells.end] or NULL */
     int *inherit;        /* [cells.end] cell of the body that it inherits from, or -1: none */
     unsigned char *kept; /* [cells.end] 1: it is that cell */
     sb_vec3 *fibres;     /* [cells.end] unit directions or 0; NULL: the body has none */
@@ -79,12 +83,12 @@ SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *erro
 /* Lists for the changes to come of a body that is made. */
 SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error);
 
-/* Room for a mesh with copies of these slots. */
+/* Room for a mesh with copies of these slots, and for pieces where has_pieces is 1. */
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                         sbi_live_mesh *mesh, sb_error *error);
+                                         int has_pieces, sbi_live_mesh *mesh, sb_error *error);
 /* Room for a mesh with so many slots (end, fresh, count), not filled; no less than the body has room for. */
 SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                     sbi_live_mesh *mesh, sb_error *error);
+                                     int has_pieces, sbi_live_mesh *mesh, sb_error *error);
 SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh);
 /* Lists what the body's mesh has in these slots. */
 SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
@@ -141,13 +145,25 @@ SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mes
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
+/* Whether cells of the body can be pieces; SB_ERROR_UNSUPPORTED says why not. */
+SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error);
+/* Room for pieces; 0: no memory. Dropped again where there are none. */
+SBI_API int sbi_live_take_pieces(sb_body *body);
+SBI_API void sbi_live_drop_pieces(sb_body *body);
+/* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
+SBI_API void sbi_live_park_node(sb_body *body, int node);
+
+SB_INLINE int sbi_live_is_piece(const sb_body *body, int cell)
+{
+    return body->live && body->live->pieces && body->live->pieces[cell].is != 0;
+}
 /* Density times share of material; 0 of a free cell. */
 SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
 {
     sb_real density = body->materials[body->cell_material[cell]].density;
     return body->live ? density * body->live->shares[cell] : density;
 }
-SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->cells.used[cell]; }
 SB_INLINE int sbi_live_follows(const sb_body *body) { return body->live && body->live->follows; }
 /* Cells and parts that arrays have room for. */
 SB_INLINE int sbi_live_cell_room(const sb_body *body)
@@ -177,6 +193,14 @@ SB_INLINE int sbi_live_next_cell(const sb_body *body, int node, int at)
 SB_INLINE int sbi_live_cell_of(const sb_body *body, int at)
 {
     return body->assembly.live ? at / 4 : body->node_elements.items[at];
+}
+/* 1 when a node has material: a cell that is not an empty piece. */
+SB_INLINE int sbi_live_has_material(const sb_body *body, int node)
+{
+    int at = sbi_live_first_cell(body, node);
+    while (at >= 0 && body->live && !(body->live->shares[sbi_live_cell_of(body, at)] > 0))
+        at = sbi_live_next_cell(body, node, at);
+    return at >= 0;
 }
 
 #endif /* SB_LIVE_PRIVATE_H */

@@ -165,6 +165,7 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_slots_free(&live->nodes, &body->allocator);
     sbi_slots_free(&live->cells, &body->allocator);
     sbi_free(&body->allocator, live->shares);
+    sbi_free(&body->allocator, live->pieces);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;
@@ -182,6 +183,47 @@ SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
     return live->node_marks && live->cell_marks && (live->masses || !live->follows)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells that may change", live->cells.capacity);
+}
+
+/* ---- pieces ---- */
+
+SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    int is_tet4 = domain->element_type == SB_TET4, is_tet10 = domain->element_type == SB_TET10;
+    if ((!is_tet4 && !is_tet10) || (is_tet10 && domain->points_per_cell != 4))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "pieces of elements are of tet4, or of tet10 with 4 points each, not of %s with %d",
+                        sb_element_name(domain->element_type), domain->points_per_cell);
+    if (is_tet10 && body->mass_kind == SB_MASS_CONSISTENT)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "consistent masses of pieces of tet10 take more than their moments: lumped ones do not");
+    return SB_OK;
+}
+
+SBI_API int sbi_live_take_pieces(sb_body *body)
+{
+    sbi_live *live = body->live;
+    if (!live->pieces)
+        live->pieces =
+            (sbi_piece *)sbi_alloc_zeroed(&body->allocator, (size_t)live->cells.capacity, sizeof *live->pieces);
+    return live->pieces != NULL;
+}
+
+SBI_API void sbi_live_drop_pieces(sb_body *body)
+{
+    if (body->live->piece_count)
+        return;
+    sbi_free(&body->allocator, body->live->pieces);
+    body->live->pieces = NULL;
+}
+
+SBI_API void sbi_live_park_node(sb_body *body, int node)
+{
+    if (body->node_component[node] >= 0 || sbi_live_first_cell(body, node) < 0)
+        return;
+    body->target[node] = body->displacement[node];
+    body->velocity[node] = body->acceleration[node] = sb_v3(0, 0, 0);
 }
 
 SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
@@ -213,7 +255,8 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
     body->component_count = matrix->part_count - (lonely >= 0);
     for (int i = 0; i < matrix->row_count; i++) {
         int part = matrix->live->part_of[i];
-        body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
+        int is_free = part == lonely || !sbi_live_has_material(body, i);
+        body->node_component[i] = is_free ? -1 : part - (lonely >= 0 && part > lonely);
     }
 }
 

@@ -1106,7 +1106,8 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 
 /* ---- a mesh that may change ---- */
 
-enum { SBI_STATE_LIVE = 15 }; /* number of its part, which comes first */
+/* Numbers of its part, which comes first; the second of a mesh with pieces. */
+enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 16 };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -1119,7 +1120,37 @@ static sbi_live_mesh sbi_state_live_view(const sb_body *body)
     mesh.corners = body->domain.cells;
     mesh.material = body->cell_material;
     mesh.shares = body->live->shares;
+    mesh.has_pieces = body->live->piece_count > 0;
+    mesh.pieces = mesh.has_pieces ? body->live->pieces : NULL;
     return mesh;
+}
+
+/* The number of the body's part of the mesh. */
+static int sbi_state_live_number(const sb_body *body)
+{
+    return body->live->piece_count ? SBI_STATE_PIECES : SBI_STATE_LIVE;
+}
+
+/* How many pieces there are, and each with its cell. */
+static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
+{
+    int count = 0, cell = 0;
+    for (int e = 0; e < mesh->cells.end; e++)
+        count += mesh->pieces[e].is != 0;
+    count = sbi_state_int(walk, count, 1, mesh->cells.end, "number of pieces");
+    for (int k = 0; k < count && walk->result == SB_OK; k++, cell++) {
+        sbi_piece *piece;
+        while (!walk->store && cell < mesh->cells.end - 1 && mesh->pieces[cell].is == 0)
+            cell++;
+        cell = sbi_state_int(walk, cell, cell, mesh->cells.end - 1, "cell of a piece");
+        piece = mesh->pieces + cell;
+        if (walk->store)
+            piece->is = 1;
+        for (int i = 0; i < 3; i++)
+            sbi_state_put_real(walk, piece->centroid + i);
+        for (int i = 0; i < 6; i++)
+            sbi_state_put_real(walk, piece->covariance + i);
+    }
 }
 
 /* Counts of one kind of slots, and the free ones in the order in which they will be used. */
@@ -1159,6 +1190,8 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
 {
     sbi_state_slot_stack(walk, &mesh->nodes);
     sbi_state_slot_stack(walk, &mesh->cells);
+    if (mesh->pieces && walk->result == SB_OK)
+        sbi_state_pieces(walk, mesh);
     if (sbi_state_put_mesh(walk, mesh, n))
         return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
@@ -1206,7 +1239,9 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
     for (int e = 0; e < mesh->cells.end; e++) {
         const int *cell = mesh->corners + (size_t)e * (size_t)n;
         sb_real share = mesh->shares[e];
-        int used = mesh->cells.used[e], bad = used ? !(share > 0) || !(share <= 1) : share != 0;
+        int used = mesh->cells.used[e], is_piece = mesh->pieces && mesh->pieces[e].is != 0;
+        int bad = used ? !(is_piece ? share >= 0 : share > 0) || !(share <= 1) : share != 0 || is_piece;
+        bad |= is_piece && !sbi_piece_is_sound(mesh->pieces + e);
         for (int a = 0; a < n; a++) {
             bad |= used ? !mesh->nodes.used[cell[a]] : cell[a] != 0;
             for (int b = 0; b < a && used; b++)
@@ -1225,8 +1260,11 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     sbi_state_walk walk = *from;
     sbi_slots nodes, cells;
     int n = body->domain.nodes_per_cell;
+    int has_pieces = sbi_get_bytes(from->in + SBI_IMAGE_HEAD, 4) == SBI_STATE_PIECES;
     uint64_t needed;
-    sb_result result;
+    sb_result result = has_pieces ? sbi_live_check_pieces(body, error) : SB_OK;
+    if (result != SB_OK)
+        return result;
     memset(&nodes, 0, sizeof nodes);
     memset(&cells, 0, sizeof cells);
     walk.pass = SBI_STATE_CHECK;
@@ -1241,7 +1279,7 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
         nodes.end > nodes.fresh || cells.end > cells.fresh)
         return sbi_fail(error, SB_ERROR_FORMAT, "the slots of the saved mesh do not fit together");
-    result = sbi_live_mesh_room(body, &nodes, &cells, mesh, error);
+    result = sbi_live_mesh_room(body, &nodes, &cells, has_pieces, mesh, error);
     if (result != SB_OK)
         return result;
     walk.store = 1;
@@ -1264,7 +1302,12 @@ static int sbi_state_same_slots(const sbi_slots *a, const sbi_slots *b)
 static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 {
     size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end, n = (size_t)body->domain.nodes_per_cell;
-    return sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
+    int pieces = 0;
+    for (size_t e = 0; mesh->pieces && e < cells; e++)
+        pieces += mesh->pieces[e].is != 0;
+    return pieces == body->live->piece_count &&
+           (!pieces || memcmp(body->live->pieces, mesh->pieces, cells * sizeof(sbi_piece)) == 0) &&
+           sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
            sbi_state_same_slots(&body->live->cells, &mesh->cells) &&
            memcmp(body->reference, mesh->positions, nodes * sizeof(sb_vec3)) == 0 &&
            memcmp(body->domain.cells, mesh->corners, cells * n * sizeof(int)) == 0 &&
@@ -1306,9 +1349,12 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
     for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
         const sbi_state_own *part = sbi_state_owns + i;
+        int number = part->number;
         if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
-        sbi_state_int(walk, part->number, part->number, part->number, "part");
+        if (part->walk == sbi_state_live)
+            number = sbi_state_live_number(body);
+        sbi_state_int(walk, number, number, number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
@@ -1478,6 +1524,7 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    uint64_t first;
     int is_live;
     if (!body || (size > 0 && !buffer))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
@@ -1487,7 +1534,8 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     if (walk.result != SB_OK)
         return walk.result;
     walk.size = size - SBI_IMAGE_TAIL;
-    is_live = walk.size >= SBI_IMAGE_HEAD + 4 && sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) == SBI_STATE_LIVE;
+    first = walk.size >= SBI_IMAGE_HEAD + 4 ? sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) : 0;
+    is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES;
     if (is_live != (body->live != NULL))
         return sbi_fail(error, SB_ERROR_STATE,
                         is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"

@@ -112,35 +112,71 @@ static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *erro
                             "element %d is too small: nothing is left of its volume at integration point %d", e, point);
 }
 
+SBI_API sb_real sbi_domain_tet_volume(const sb_vec3 x[4])
+{
+    sb_vec3 a = sb_v3_sub(x[1], x[0]), b = sb_v3_sub(x[2], x[0]), c = sb_v3_sub(x[3], x[0]);
+    return sb_v3_dot(a, sb_v3_cross(b, c)) / 6;
+}
+
+/* Gradients of the shape functions at the points of a piece, in the cell's coordinates. */
+static void sbi_domain_piece_slopes(sbi_element element, const sbi_piece *piece, int q,
+                                    sb_real (*local)[SB_MAX_ELEMENT_NODES][3])
+{
+    sb_real points[4][3];
+    sbi_piece_points(piece, points);
+    for (int p = 0; p < q; p++)
+        sbi_element_shape(element, points[p], NULL, local[p]);
+}
+
+/* Gradients and weights of one cell. */
+static sb_result sbi_domain_fill_cell(sb_domain *domain, int e, int q, const sb_vec3 *x,
+                                      const sb_real (*local)[SB_MAX_ELEMENT_NODES][3], const sb_real *weights,
+                                      sb_real share, int is_piece, sb_error *error)
+{
+    size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    for (int p = 0; p < q; p++) {
+        size_t at = first + (size_t)p;
+        sb_real det = sbi_domain_point(domain->nodes_per_cell, x, local[p], domain->gradients + at * values);
+        domain->weights[at] = det * weights[p];
+        domain->weights[at] *= share;
+        if (!(det > 0) || (!is_piece && !(domain->weights[at] > 0)))
+            return sbi_domain_refuse(e, p, det, error);
+    }
+    if (domain->mean_point)
+        sbi_domain_fill_mean(domain, e, q);
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
-                                  const sb_real *shares, sb_error *error)
+                                  const sb_real *shares, const sbi_piece *pieces, sb_error *error)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
+    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3], own[4][SB_MAX_ELEMENT_NODES][3];
     sbi_element element = sbi_domain_element(domain);
     int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
     for (int p = 0; p < q; p++)
         sbi_element_shape(element, points[p], NULL, local[p]);
     for (int e = 0; e < domain->cell_count; e++) {
         size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)n;
+        int is_piece = pieces && pieces[e].is != 0;
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
-        if (shares && !(shares[e] > 0)) {
+        sb_result result;
+        if (shares && sbi_domain_is_free(domain, e)) {
             memset(domain->gradients + first * values, 0, (size_t)domain->points_per_cell * values * sizeof(sb_real));
             memset(domain->weights + first, 0, (size_t)domain->points_per_cell * sizeof(sb_real));
             continue;
         }
         sbi_domain_gather(domain->cells, positions, e, n, x);
-        for (int p = 0; p < q; p++) {
-            size_t at = first + (size_t)p;
-            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
-            domain->weights[at] = det * weights[p];
-            if (shares)
-                domain->weights[at] *= shares[e];
-            if (!(det > 0) || !(domain->weights[at] > 0))
-                return sbi_domain_refuse(e, p, det, error);
-        }
-        if (domain->mean_point)
-            sbi_domain_fill_mean(domain, e, q);
+        if (is_piece && domain->element_type == SB_TET10 && sbi_domain_tet10_is_curved(x))
+            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
+                                    "cell %d has curved sides: it cannot be a piece of an element", e);
+        if (is_piece && q > 1)
+            sbi_domain_piece_slopes(element, pieces + e, q, own);
+        result = sbi_domain_fill_cell(domain, e, q, x,
+                                      (const sb_real(*)[SB_MAX_ELEMENT_NODES][3])(is_piece && q > 1 ? own : local),
+                                      weights, shares ? shares[e] : (sb_real)1, is_piece, error);
+        if (result != SB_OK)
+            return result;
     }
     return SB_OK;
 }
@@ -211,7 +247,7 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
-        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, error);
+        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, NULL, error);
     if (result != SB_OK) {
         sb_domain_free(&made);
         return result;
@@ -420,15 +456,16 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share, int is_piece)
 {
-    return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
+    sb_real volume = sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume;
+    return (is_piece ? volume : share * volume) > 0;
 }
 
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error)
 {
-    if (sbi_domain_is_upright(rule, x, share))
+    if (sbi_domain_is_upright(rule, x, share, is_piece))
         return SB_OK;
     return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), error);
 }

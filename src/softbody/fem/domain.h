@@ -6,6 +6,7 @@
 #include "../mesh/element.h"
 #include "../mesh/mesh.h"
 #include "../mesh/mesh_change.h"
+#include "piece.h"
 
 /* Cells of integration points. A cell is a list of nodes and the points that share it; a point is a weight (m^3)
  * and the reference gradients (1/m) of the cell's shape functions. With these
@@ -77,10 +78,13 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
                                   sb_domain *copy, sb_error *error);
 /* Fills weights and gradients of every cell; the arrays are there, cells, counts and mean_point set.
  * positions  [node_count] (m)
- * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where its share is. NULL: 1
- * SB_ERROR_MESH names the element. */
+ * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where it is free. NULL: 1
+ * pieces     [cell_count] of tet4 and tet10; NULL: none
+ * SB_ERROR_MESH names the element, SB_ERROR_UNSUPPORTED one that is a piece of a tet10 with curved sides. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
-                                  const sb_real *shares, sb_error *error);
+                                  const sb_real *shares, const sbi_piece *pieces, sb_error *error);
+/* Volume of the tet of a cell's corners (m^3). */
+SBI_API sb_real sbi_domain_tet_volume(const sb_vec3 x[4]);
 /* ---- a mesh that changes: tet4 only. A slot that holds no cell names node 0 at every corner and
  * has weight and gradients of 0, so that loops that only read need not know. */
 
@@ -97,10 +101,10 @@ typedef struct sbi_tet_rule {
     sb_real slopes[4][3]; /* local gradients, the same at all points */
     sb_real volume;       /* weight of the one point of the stiffness */
 } sbi_tet_rule;
-/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
+/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it; of a piece the tet. */
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share, int is_piece);
 /* The same of cell e, with the error of sbi_domain_fill. */
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {

@@ -30,7 +30,8 @@ typedef struct sb_mesh_change {
     const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
     const sb_real *source_weights; /* >= 0, they sum to 1 */
 
-    const unsigned char *made_copies; /* [made_node_count] 1: a copy where material parts, which no support follows */
+    const unsigned char *made_copies; /* [made_node_count] options of the nodes: copies where material parts, see
+                                       * SB_NODE_COPY */
 
     int removed_node_count;
     const int *removed_nodes;    /* [removed_node_count] */

@@ -6,33 +6,33 @@
 
 /* The box of a region in cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are
  * linear: rigid motions and uniform strains of the finer level are then motions of the coarser one, too. */
-typedef struct sbi_lattice {
+typedef struct sbi_cubes {
     double low[3], extent[3]; /* m */
     double edge;              /* about that of its cells (m) */
     int cells[3];             /* 0 along an axis without extent */
     int tet;                  /* 1: a region smaller than a cell; one tet around it takes half as many nodes */
     int64_t first;            /* number of its first point */
-} sbi_lattice;
+} sbi_cubes;
 
 /* Where a node lies: the corners of its tet that have a share. */
-typedef struct sbi_lattice_place {
+typedef struct sbi_cubes_place {
     int count;
     int64_t points[4];
     double weights[4];
-} sbi_lattice_place;
+} sbi_cubes_place;
 
-static double sbi_lattice_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
+static double sbi_cubes_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
 
 /* Lays the boxes around the nodes of their regions; returns the largest extent. */
-static double sbi_lattice_bound(const sbi_mg_nodes *nodes, sbi_lattice *lattices, int lattice_count)
+static double sbi_cubes_bound(const sbi_mg_nodes *nodes, sbi_cubes *lattices, int lattice_count)
 {
     double largest = 0;
     for (int l = 0; l < lattice_count; l++)
         lattices[l].edge = -1; /* empty so far */
     for (int i = 0; i < nodes->level->row_count; i++) {
-        sbi_lattice *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
+        sbi_cubes *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
         for (int axis = 0; axis < 3; axis++) {
-            double x = sbi_lattice_coordinate(nodes->positions[i], axis), low = lattice->low[axis];
+            double x = sbi_cubes_coordinate(nodes->positions[i], axis), low = lattice->low[axis];
             double high = lattice->extent[axis];
             lattice->low[axis] = lattice->edge < 0 || x < low ? x : low;
             lattice->extent[axis] = lattice->edge < 0 || x > high ? x : high; /* the upper end */
@@ -48,11 +48,11 @@ static double sbi_lattice_bound(const sbi_mg_nodes *nodes, sbi_lattice *lattices
 }
 
 /* Cells of about the edges that are set, which fill the boxes. */
-static void sbi_lattice_cut(sbi_lattice *lattices, int lattice_count)
+static void sbi_cubes_cut(sbi_cubes *lattices, int lattice_count)
 {
     int64_t first = 0;
     for (int l = 0; l < lattice_count; l++) {
-        sbi_lattice *lattice = lattices + l;
+        sbi_cubes *lattice = lattices + l;
         int64_t points = 1;
         int small = lattice_count > 1;
         for (int axis = 0; axis < 3; axis++)
@@ -68,31 +68,30 @@ static void sbi_lattice_cut(sbi_lattice *lattices, int lattice_count)
     }
 }
 
-static int64_t sbi_lattice_point(const sbi_lattice *lattice, const int at[3])
+static int64_t sbi_cubes_point(const sbi_cubes *lattice, const int at[3])
 {
     return lattice->first + ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
 }
 
 /* Shares below a ten-thousandth are left out, lest a coarse node hang on nothing else. */
-static void sbi_lattice_add(const sbi_lattice *lattice, const int at[3], double weight, sbi_lattice_place *place)
+static void sbi_cubes_add(const sbi_cubes *lattice, const int at[3], double weight, sbi_cubes_place *place)
 {
     if (weight < 1e-4)
         return;
-    place->points[place->count] = sbi_lattice_point(lattice, at);
+    place->points[place->count] = sbi_cubes_point(lattice, at);
     place->weights[place->count++] = weight;
 }
 
 /* Shares of the corners of the one tet, whose edges are three times as long as the box, or of the cell's tet. */
-static void sbi_lattice_share_out(const sbi_lattice *lattice, int at[3], const double share[3],
-                                  sbi_lattice_place *place)
+static void sbi_cubes_share_out(const sbi_cubes *lattice, int at[3], const double share[3], sbi_cubes_place *place)
 {
     int order[3] = {0, 1, 2};
     if (lattice->tet) {
-        sbi_lattice_add(lattice, at, 1 - (share[0] + share[1] + share[2]) / 3, place);
+        sbi_cubes_add(lattice, at, 1 - (share[0] + share[1] + share[2]) / 3, place);
         for (int axis = 0; axis < 3; axis++) {
             int corner[3] = {0, 0, 0};
             corner[axis] = lattice->cells[axis];
-            sbi_lattice_add(lattice, corner, share[axis] / 3, place);
+            sbi_cubes_add(lattice, corner, share[axis] / 3, place);
         }
         return;
     }
@@ -102,29 +101,29 @@ static void sbi_lattice_share_out(const sbi_lattice *lattice, int at[3], const d
             order[b] = order[b - 1];
             order[b - 1] = swap;
         }
-    sbi_lattice_add(lattice, at, 1 - share[order[0]], place);
+    sbi_cubes_add(lattice, at, 1 - share[order[0]], place);
     for (int k = 0; k < 3; k++) {
         at[order[k]]++;
-        sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), place);
+        sbi_cubes_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), place);
     }
 }
 
-static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 position)
+static sbi_cubes_place sbi_cubes_find(const sbi_cubes *lattice, sb_vec3 position)
 {
-    sbi_lattice_place place;
+    sbi_cubes_place place;
     int at[3];
     double share[3], sum = 0;
     place.count = 0;
     for (int axis = 0; axis < 3; axis++) {
         int cells = lattice->cells[axis];
-        double way = sbi_lattice_coordinate(position, axis) - lattice->low[axis];
+        double way = sbi_cubes_coordinate(position, axis) - lattice->low[axis];
         double t = cells ? way / lattice->extent[axis] * cells : 0;
         at[axis] = (int)t;
         if (cells && at[axis] >= cells)
             at[axis] = cells - 1;
         share[axis] = t - at[axis];
     }
-    sbi_lattice_share_out(lattice, at, share, &place);
+    sbi_cubes_share_out(lattice, at, share, &place);
     for (int k = 0; k < place.count; k++)
         sum += place.weights[k];
     for (int k = 0; k < place.count; k++)
@@ -132,7 +131,7 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
     return place;
 }
 
-static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
+static sb_vec3 sbi_cubes_position(const sbi_cubes *lattice, int64_t point)
 {
     double x[3];
     point -= lattice->first;
@@ -148,14 +147,14 @@ static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
 /* ---- points in use ------------------------------------------------------------------------------------- */
 
 /* Numbers points in the order they come: open addressing, a power of two of places. */
-typedef struct sbi_lattice_table {
+typedef struct sbi_cubes_table {
     size_t mask;
     int64_t *points; /* [mask + 1] -1: free */
     int *numbers;    /* [mask + 1] */
     int count;
-} sbi_lattice_table;
+} sbi_cubes_table;
 
-static int sbi_lattice_number(sbi_lattice_table *table, int64_t point)
+static int sbi_cubes_number(sbi_cubes_table *table, int64_t point)
 {
     uint64_t hash = (uint64_t)point * UINT64_C(0x9E3779B97F4A7C15);
     size_t at = (size_t)(hash >> 20) & table->mask;
@@ -168,7 +167,7 @@ static int sbi_lattice_number(sbi_lattice_table *table, int64_t point)
     return table->numbers[at];
 }
 
-static void sbi_lattice_forget(sbi_lattice_table *table)
+static void sbi_cubes_forget(sbi_cubes_table *table)
 {
     for (size_t k = 0; k <= table->mask; k++)
         table->points[k] = -1;
@@ -176,20 +175,20 @@ static void sbi_lattice_forget(sbi_lattice_table *table)
 }
 
 /* 1: no more than `most` points are in use. */
-static int sbi_lattice_fits(const sbi_lattice *lattices, const sbi_mg_nodes *nodes, int most, sbi_lattice_table *table)
+static int sbi_cubes_fits(const sbi_cubes *lattices, const sbi_mg_nodes *nodes, int most, sbi_cubes_table *table)
 {
-    sbi_lattice_forget(table);
+    sbi_cubes_forget(table);
     for (int i = 0; i < nodes->level->row_count && table->count <= most; i++) {
-        const sbi_lattice *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
-        sbi_lattice_place place = sbi_lattice_find(lattice, nodes->positions[i]);
+        const sbi_cubes *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
+        sbi_cubes_place place = sbi_cubes_find(lattice, nodes->positions[i]);
         for (int k = 0; k < place.count; k++)
-            sbi_lattice_number(table, place.points[k]);
+            sbi_cubes_number(table, place.points[k]);
     }
     return table->count <= most;
 }
 
 /* Keeps the `limit` smallest of the numbers given, ascending; returns their count. */
-static int sbi_lattice_keep_least(double *least, int count, int limit, double value)
+static int sbi_cubes_keep_least(double *least, int count, int limit, double value)
 {
     int place;
     if (count == limit && value >= least[limit - 1])
@@ -203,7 +202,7 @@ static int sbi_lattice_keep_least(double *least, int count, int limit, double va
 
 /* Mean distance of a node to the nearest of those of its region that it is coupled with (m), up to six: that many are
  * next to it in a regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
-static double sbi_lattice_node_spacing(const sbi_mg_nodes *nodes, int row)
+static double sbi_cubes_node_spacing(const sbi_mg_nodes *nodes, int row)
 {
     enum { NEAREST = 6 };
     const sbi_mg_level *level = nodes->level;
@@ -213,7 +212,7 @@ static double sbi_lattice_node_spacing(const sbi_mg_nodes *nodes, int row)
     for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
         sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
         if (level->columns[q] != row && (!nodes->labels || nodes->labels[level->columns[q]] == nodes->labels[row]))
-            count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
+            count = sbi_cubes_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
     }
     for (int k = 0; k < count; k++)
         sum += sqrt(squares[k]);
@@ -221,7 +220,7 @@ static double sbi_lattice_node_spacing(const sbi_mg_nodes *nodes, int row)
 }
 
 /* 1: the node is coupled with a softer region. */
-static int sbi_lattice_is_on_jump(const sbi_mg_nodes *nodes, int row)
+static int sbi_cubes_is_on_jump(const sbi_mg_nodes *nodes, int row)
 {
     const sbi_mg_level *level = nodes->level;
     const sb_real *moduli = nodes->regions->moduli;
@@ -232,34 +231,34 @@ static int sbi_lattice_is_on_jump(const sbi_mg_nodes *nodes, int row)
 }
 
 /* What decides about a region's cells. */
-typedef struct sbi_lattice_measure {
+typedef struct sbi_cubes_measure {
     double spacing; /* of its nodes, summed up */
     int count;      /* of its nodes */
     int on_jump;    /* those that are coupled with a softer region */
-} sbi_lattice_measure;
+} sbi_cubes_measure;
 
 /* Edges of about `ratio` times the mean spacing of a region's nodes. Cells larger than the thickness of a stiff sheet
  * or rod resist its bending far too much, the more so the larger they are: such regions take smaller steps. */
-static void sbi_lattice_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio,
-                                  sbi_lattice_measure *measures, sbi_lattice *lattices, int lattice_count)
+static void sbi_cubes_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, sbi_cubes_measure *measures,
+                                sbi_cubes *lattices, int lattice_count)
 {
     memset(measures, 0, (size_t)lattice_count * sizeof *measures);
     for (int i = 0; i < nodes->level->row_count; i++) {
-        sbi_lattice_measure *measure = measures + (nodes->labels ? nodes->labels[i] : 0);
-        measure->spacing += sbi_lattice_node_spacing(nodes, i);
+        sbi_cubes_measure *measure = measures + (nodes->labels ? nodes->labels[i] : 0);
+        measure->spacing += sbi_cubes_node_spacing(nodes, i);
         measure->count++;
-        measure->on_jump += nodes->labels && sbi_lattice_is_on_jump(nodes, i);
+        measure->on_jump += nodes->labels && sbi_cubes_is_on_jump(nodes, i);
     }
     for (int l = 0; l < lattice_count; l++) {
-        const sbi_lattice_measure *measure = measures + l;
+        const sbi_cubes_measure *measure = measures + l;
         int thin = measure->count < 2 * measure->on_jump;
         lattices[l].edge = (thin ? thin_ratio : ratio) * measure->spacing / (measure->count ? measure->count : 1);
     }
 }
 
 /* Cells of the edges that are set, or larger ones as long as more than `most` points were in use; one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattices, int lattice_count, double largest, const sbi_mg_nodes *nodes,
-                               int most, sbi_lattice_table *table)
+static void sbi_cubes_choose(sbi_cubes *lattices, int lattice_count, double largest, const sbi_mg_nodes *nodes,
+                             int most, sbi_cubes_table *table)
 {
     double least = largest;
     for (int l = 0; l < lattice_count; l++) {
@@ -267,25 +266,25 @@ static void sbi_lattice_choose(sbi_lattice *lattices, int lattice_count, double 
         least = lattices[l].edge < least ? lattices[l].edge : least;
     }
     for (; least < largest; least *= 1.25) {
-        sbi_lattice_cut(lattices, lattice_count);
-        if (sbi_lattice_fits(lattices, nodes, most, table))
+        sbi_cubes_cut(lattices, lattice_count);
+        if (sbi_cubes_fits(lattices, nodes, most, table))
             return;
         for (int l = 0; l < lattice_count; l++)
             lattices[l].edge *= 1.25;
     }
     for (int l = 0; l < lattice_count; l++)
         lattices[l].edge = largest;
-    sbi_lattice_cut(lattices, lattice_count);
+    sbi_cubes_cut(lattices, lattice_count);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
 
-typedef struct sbi_lattice_maker {
+typedef struct sbi_cubes_maker {
     const sbi_mg_nodes *nodes;
     const sbi_mg_level *level;
-    sbi_lattice *lattices; /* [lattice_count] by region */
+    sbi_cubes *lattices; /* [lattice_count] by region */
     int lattice_count;
-    sbi_lattice_table table;
+    sbi_cubes_table table;
     int point_count;
     int64_t *points; /* [point_count] */
     int *list_start; /* [point_count + 1] into list: the entries of the rows by point */
@@ -294,37 +293,37 @@ typedef struct sbi_lattice_maker {
     int *number;   /* [entries] coarse node of each entry, -1: not yet */
     int *entry_of; /* [rows] entry of a row in the list at work */
     int *queue;    /* [rows] */
-} sbi_lattice_maker;
+} sbi_cubes_maker;
 
 /* 1: nothing but itself is coupled to the node; it needs no coarse level. */
-static int sbi_lattice_is_alone(const sbi_mg_level *level, int row)
+static int sbi_cubes_is_alone(const sbi_mg_level *level, int row)
 {
     return level->row_start[row + 1] - level->row_start[row] == 1;
 }
 
-static const sbi_lattice *sbi_lattice_of(const sbi_lattice_maker *m, int row)
+static const sbi_cubes *sbi_cubes_of(const sbi_cubes_maker *m, int row)
 {
     return m->lattices + (m->nodes->labels ? m->nodes->labels[row] : 0);
 }
 
-static int sbi_lattice_count_entries(const sbi_lattice_maker *m)
+static int sbi_cubes_count_entries(const sbi_cubes_maker *m)
 {
     int entries = 0;
     for (int i = 0; i < m->level->row_count; i++)
-        if (!sbi_lattice_is_alone(m->level, i))
-            entries += sbi_lattice_find(sbi_lattice_of(m, i), m->nodes->positions[i]).count;
+        if (!sbi_cubes_is_alone(m->level, i))
+            entries += sbi_cubes_find(sbi_cubes_of(m, i), m->nodes->positions[i]).count;
     return entries;
 }
 
-static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
+static void sbi_cubes_fill(sbi_cubes_maker *m, sbi_mg_rows *rows)
 {
     int entries = 0;
-    sbi_lattice_forget(&m->table);
+    sbi_cubes_forget(&m->table);
     for (int i = 0; i < m->level->row_count; i++) {
-        sbi_lattice_place place = sbi_lattice_find(sbi_lattice_of(m, i), m->nodes->positions[i]);
+        sbi_cubes_place place = sbi_cubes_find(sbi_cubes_of(m, i), m->nodes->positions[i]);
         rows->start[i] = entries;
-        for (int k = 0; k < place.count && !sbi_lattice_is_alone(m->level, i); k++, entries++) {
-            rows->nodes[entries] = sbi_lattice_number(&m->table, place.points[k]);
+        for (int k = 0; k < place.count && !sbi_cubes_is_alone(m->level, i); k++, entries++) {
+            rows->nodes[entries] = sbi_cubes_number(&m->table, place.points[k]);
             rows->weights[entries] = (float)place.weights[k];
             m->points[rows->nodes[entries]] = place.points[k];
             m->owner[entries] = i;
@@ -336,7 +335,7 @@ static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
 }
 
 /* Counting sort of the entries by point. */
-static void sbi_lattice_sort(sbi_lattice_maker *m, const sbi_mg_rows *rows, int entries)
+static void sbi_cubes_sort(sbi_cubes_maker *m, const sbi_mg_rows *rows, int entries)
 {
     memset(m->list_start, 0, ((size_t)m->point_count + 1) * sizeof(int));
     for (int e = 0; e < entries; e++)
@@ -351,7 +350,7 @@ static void sbi_lattice_sort(sbi_lattice_maker *m, const sbi_mg_rows *rows, int 
 }
 
 /* Gives the entries of a point that can be reached from entry e, node by node of the point's own, one number. */
-static void sbi_lattice_spread(sbi_lattice_maker *m, int point, int e, int number)
+static void sbi_cubes_spread(sbi_cubes_maker *m, int point, int e, int number)
 {
     const sbi_mg_level *level = m->level;
     int count = 0;
@@ -372,7 +371,7 @@ static void sbi_lattice_spread(sbi_lattice_maker *m, int point, int e, int numbe
 
 /* Points whose nodes do not hang together (of parts, or of two lobes with a gap between them) become several coarse
  * nodes in the same place: a coarse motion never reaches across a gap. Returns the number of coarse nodes. */
-static int sbi_lattice_split(sbi_lattice_maker *m)
+static int sbi_cubes_split(sbi_cubes_maker *m)
 {
     int count = 0;
     for (int i = 0; i < m->level->row_count; i++)
@@ -382,12 +381,12 @@ static int sbi_lattice_split(sbi_lattice_maker *m)
             m->entry_of[m->owner[m->list[s]]] = s;
         for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++)
             if (m->number[m->list[s]] < 0)
-                sbi_lattice_spread(m, p, m->list[s], count++);
+                sbi_cubes_spread(m, p, m->list[s], count++);
     }
     return count;
 }
 
-static int sbi_lattice_take_rows(sbi_lattice_maker *m, const sb_allocator *allocator, int entries, sbi_mg_rows *rows)
+static int sbi_cubes_take_rows(sbi_cubes_maker *m, const sb_allocator *allocator, int entries, sbi_mg_rows *rows)
 {
     size_t n = (size_t)m->level->row_count, count = (size_t)entries;
     rows->start = (int *)sbi_alloc(allocator, n + 1, sizeof(int));
@@ -405,20 +404,20 @@ static int sbi_lattice_take_rows(sbi_lattice_maker *m, const sb_allocator *alloc
     return 1;
 }
 
-static int sbi_lattice_make_rows(sbi_lattice_maker *m, const sb_allocator *allocator, sbi_mg_rows *rows)
+static int sbi_cubes_make_rows(sbi_cubes_maker *m, const sb_allocator *allocator, sbi_mg_rows *rows)
 {
-    int entries = sbi_lattice_count_entries(m), made;
-    if (!sbi_lattice_take_rows(m, allocator, entries, rows))
+    int entries = sbi_cubes_count_entries(m), made;
+    if (!sbi_cubes_take_rows(m, allocator, entries, rows))
         return 0;
-    sbi_lattice_fill(m, rows);
-    sbi_lattice_sort(m, rows, entries);
-    rows->coarse_count = sbi_lattice_split(m);
+    sbi_cubes_fill(m, rows);
+    sbi_cubes_sort(m, rows, entries);
+    rows->coarse_count = sbi_cubes_split(m);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
     if (m->nodes->labels)
         rows->labels = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
     made = rows->positions && (rows->labels || !m->nodes->labels);
     for (int e = 0; e < entries && made; e++) {
-        rows->positions[m->number[e]] = sbi_lattice_position(sbi_lattice_of(m, m->owner[e]), m->points[rows->nodes[e]]);
+        rows->positions[m->number[e]] = sbi_cubes_position(sbi_cubes_of(m, m->owner[e]), m->points[rows->nodes[e]]);
         rows->nodes[e] = m->number[e];
         if (rows->labels)
             rows->labels[m->number[e]] = m->nodes->labels[m->owner[e]];
@@ -436,7 +435,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *allocator, sbi_lattice_measure **measures)
+static int sbi_cubes_take_scratch(sbi_cubes_maker *m, const sb_allocator *allocator, sbi_cubes_measure **measures)
 {
     size_t places = 64, lattices;
     m->lattice_count = m->nodes->labels ? m->nodes->regions->count : 1;
@@ -446,29 +445,28 @@ static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *al
     m->table.mask = places - 1;
     m->table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
     m->table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
-    m->lattices = (sbi_lattice *)sbi_alloc_zeroed(allocator, lattices, sizeof(sbi_lattice));
-    *measures = (sbi_lattice_measure *)sbi_alloc(allocator, lattices, sizeof **measures);
+    m->lattices = (sbi_cubes *)sbi_alloc_zeroed(allocator, lattices, sizeof(sbi_cubes));
+    *measures = (sbi_cubes_measure *)sbi_alloc(allocator, lattices, sizeof **measures);
     return m->table.points && m->table.numbers && m->lattices && *measures;
 }
 
 SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
                            sbi_mg_rows *rows)
 {
-    sbi_lattice_maker m;
-    sbi_lattice_measure *measures;
+    sbi_cubes_maker m;
+    sbi_cubes_measure *measures;
     double largest;
     int made, count = nodes->level->row_count;
     memset(&m, 0, sizeof m);
     memset(rows, 0, sizeof *rows);
     m.nodes = nodes;
     m.level = nodes->level;
-    made = sbi_lattice_take_scratch(&m, allocator, &measures);
+    made = sbi_cubes_take_scratch(&m, allocator, &measures);
     if (made) {
-        largest = sbi_lattice_bound(nodes, m.lattices, m.lattice_count);
-        sbi_lattice_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
-        sbi_lattice_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4,
-                           &m.table);
-        made = sbi_lattice_make_rows(&m, allocator, rows);
+        largest = sbi_cubes_bound(nodes, m.lattices, m.lattice_count);
+        sbi_cubes_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
+        sbi_cubes_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4, &m.table);
+        made = sbi_cubes_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
     sbi_free(allocator, m.table.numbers);

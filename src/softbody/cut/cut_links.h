@@ -1,0 +1,36 @@
+/* cut_links: the links that have been cut, by their names. Internal. Floor 4, calls base and mesh only.
+ *
+ * Only cut links are kept, in the order in which they were cut, and found by a table of open addresses: an uncut mesh
+ * costs nothing, whatever its lattice. The caller owns the arrays. */
+#ifndef SB_CUT_LINKS_H
+#define SB_CUT_LINKS_H
+
+#include "lattice.h"
+
+typedef struct sbi_cut_link {
+    sbi_link_key key;
+    sb_real t; /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
+    int state; /* SBI_LINK_... , not 0 */
+} sbi_cut_link;
+
+enum { SBI_LINK_WHOLE = 0, SBI_LINK_CUT = 1, SBI_LINK_PREDICTED = 2 };
+
+typedef struct sbi_cut_links {
+    int count, capacity;
+    sbi_cut_link *items; /* [capacity] in the order they were cut */
+    int *table;          /* [sbi_cut_links_table(capacity)] 1 + item, or 0 */
+} sbi_cut_links;
+
+/* Entries of the table for so many links: a power of two. */
+SBI_API int sbi_cut_links_table(int capacity);
+/* Takes new arrays with room for `capacity` links, at least as many as there are; the old ones are the caller's to
+ * free. */
+SBI_API void sbi_cut_links_move(sbi_cut_links *links, sbi_cut_link *items, int *table, int capacity);
+/* Item of a link, or -1: it is whole. */
+SBI_API int sbi_cut_links_find(const sbi_cut_links *links, const sbi_link_key *key);
+/* Adds a link that is not there yet, within capacity. */
+SBI_API void sbi_cut_links_add(sbi_cut_links *links, const sbi_link_key *key, sb_real t, int state);
+/* Takes back all but the first `count` that were added. */
+SBI_API void sbi_cut_links_truncate(sbi_cut_links *links, int count);
+
+#endif /* SB_CUT_LINKS_H */

@@ -1,0 +1,35 @@
+/* piece: what of a tet is material, and the points, masses and loads that follow from it. Floor 2, internal.
+ *
+ * A tet that was cut is one cell for each of its pieces, with the shape functions of the whole tet. What is quadratic
+ * at most (the stiffness of tet4 and straight tet10, lumped masses, loads, the mass of tet4) is integrated exactly over
+ * any piece from ten numbers: its volume V, its centroid c and its covariance S = 1/V int (x - c)(x - c)^T. Four points
+ * of weight V/4 at c + L d_k, L L^T = S, d = (1,1,1) (1,-1,-1) (-1,1,-1) (-1,-1,1), do that. Centroid and covariance
+ * are in the tet's own coordinates (sb_element_shape): they stay the same when its corners move. */
+#ifndef SB_PIECE_H
+#define SB_PIECE_H
+
+#include "../base/dense.h"
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* In the order in which files have it. */
+typedef struct sbi_piece {
+    sb_real is; /* 1; 0: the cell is not one, and the rest 0 */
+    sb_real centroid[3];
+    sb_real covariance[6]; /* xx, yy, zz, yz, zx, xy */
+} sbi_piece;
+enum { SBI_PIECE_REALS = 10 };
+
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance);
+/* 0: the centroid is outside the tet, or the covariance is that of nothing in it. */
+SBI_API int sbi_piece_is_sound(const sbi_piece *piece);
+/* The four points that stand for the piece, in the tet's coordinates. */
+SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3]);
+/* Lumped masses and int N_a dV (m^3) of a tet (nodes: 4 or 10) whose piece has this volume. Those of the pieces of a
+ * tet sum to its own: m_a = int w_a with w_a = L_a, of tet10 5/18 L_a^2 at corners and 2 L_p L_q + 13/54 (L_p^2 +
+ * L_q^2) on edges, which are 1/36 and 4/27 on the whole tet. Masses are > 0. load may be NULL. */
+SBI_API void sbi_piece_lumps(const sbi_piece *piece, int nodes, sb_real volume, sb_real *masses, sb_real *load);
+/* mass[nodes][nodes] (m^3) = int N_a N_b dV: exact of tet4, by the four points of tet10. */
+SBI_API void sbi_piece_mass(const sbi_piece *piece, int nodes, sb_real volume, sb_real *mass);
+#endif
+
+#endif /* SB_PIECE_H */
