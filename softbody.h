@@ -2818,7 +2818,8 @@ typedef struct sb_mesh_change {
     const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
     const sb_real *source_weights; /* >= 0, they sum to 1 */
 
-    const unsigned char *made_copies; /* [made_node_count] 1: a copy where material parts, which no support follows */
+    const unsigned char *made_copies; /* [made_node_count] options of the nodes: copies where material parts, see
+                                       * SB_NODE_COPY */
 
     int removed_node_count;
     const int *removed_nodes;    /* [removed_node_count] */
@@ -3975,6 +3976,21 @@ SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
 
 #endif /* SB_DIRECT_H */
 
+/* ==== src/softbody/fem/piece.h ==== */
+/* piece: what of a tet is material, and the points, masses and loads that follow from it. Floor 2, internal.
+ *
+ * A tet that was cut is one cell for each of its pieces, with the shape functions of the whole tet. What is quadratic
+ * at most (the stiffness of tet4 and straight tet10, lumped masses, loads, the mass of tet4) is integrated exactly over
+ * any piece from ten numbers: its volume V, its centroid c and its covariance S = 1/V int (x - c)(x - c)^T. Four points
+ * of weight V/4 at c + L d_k, L L^T = S, d = (1,1,1) (1,-1,-1) (-1,1,-1) (-1,-1,1), do that. Centroid and covariance
+ * are in the tet's own coordinates (sb_element_shape): they stay the same when its corners move. */
+#ifndef SB_PIECE_H
+#define SB_PIECE_H
+
+
+
+#endif /* SB_PIECE_H */
+
 /* ==== src/softbody/fem/domain.h ==== */
 /* domain: integration points, the one abstraction everything with energy is made of. Floor 2. */
 #ifndef SB_DOMAIN_H
@@ -4771,9 +4787,15 @@ SB_API const char *sb_check_string(unsigned warning);
  *   others cannot take (fewer than three, or in one line) goes to the supports.
  *   Cells removed for good take their mass and its momentum along: velocities stay.
  * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
+ * - Pieces: where a cut parts a cell, each piece of it becomes a cell with the parent's shape functions and its own
+ *   volume and moments (sb_cell_moments), on copies of the nodes that it is parted from. Stiffness, loads and lumped
+ *   masses are integrals over the piece and sum to those of the whole cell, so that at the instant of the cut nothing
+ *   jumps: not mass, momentum or energy (of tet10 with other than linear material energy by 1e-7, for its points are
+ *   others). A piece may have a share of 0; nodes with no other cells are held where they are, and feel nothing.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
- *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A
- *   supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
+ *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
+ *   (SB_ERROR_ARGUMENT): release it first.
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
@@ -4807,8 +4829,18 @@ typedef struct sb_body_change sb_body_change;
 
 /* Options of a node, to be added. */
 enum {
-    SB_NODE_COPY = 1 /* a copy where material parts: supports do not go over to it */
+    SB_NODE_COPY = 1,   /* a copy where material parts: supports do not go over to it, unless along */
+    SB_NODE_KEEP_X = 2, /* axes that it is to be supported along as its sources are: its pieces keep a supported face */
+    SB_NODE_KEEP_Y = 4,
+    SB_NODE_KEEP_Z = 8
 };
+
+/* Where in a tet its material is, in the tet's coordinates xi (sb_element_shape), which are barycentrics 1, 2 and 3; of
+ * the whole tet c = (1, 1, 1)/4, and S has 3/80 on the diagonal and -1/80 beside it. */
+typedef struct sb_cell_moments {
+    sb_vec3 centroid;   /* c = 1/V int xi dV, V the volume of the material */
+    sb_mat3 covariance; /* S = 1/V int (xi - c)(xi - c)^T dV, symmetric */
+} sb_cell_moments;
 
 /* A cell to be made. Start from sb_default_change_cell(). */
 typedef struct sb_change_cell {
@@ -4816,8 +4848,10 @@ typedef struct sb_change_cell {
     int parent; /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
     int region; /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
     const sb_vec3 *fibre; /* direction, or NULL (default): the parent's, or none */
-    sb_real share; /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
-                    * stiffness and mass are its share of the whole cell's */
+    sb_real share; /* of the cell's volume that is material, (0, 1], with moments also 0; default 1. Less where a cut
+                    * leaves part of a cell: stiffness and mass are its share of the whole cell's */
+    const sb_cell_moments *moments; /* of the material of a piece of tet4 or straight tet10: mass and points are where
+                                     * it is. NULL (default): spread over all of the cell */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 
@@ -4828,7 +4862,7 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
 
 /* Makes a node at a place of the reference shape (m); *node is its number.
  * sources, weights  [count] nodes in use before the change or made by it, >= 1; weights >= 0 that sum to 1
- * flags             0 or SB_NODE_COPY
+ * flags             0 or SB_NODE_COPY with SB_NODE_KEEP_X ...
  * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error);
@@ -4844,7 +4878,9 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
  * heirs, weights  [count] nodes, >= 0, that what refers to the node goes over to; weights sum to 1. 0: nobody */
 SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
                                             int count, sb_error *error);
-/* Makes a cell; *number (may be NULL) is its number. Nodes may still be to come until the commit. */
+/* Makes a cell; *number (may be NULL) is its number. Nodes may still be to come until the commit.
+ * SB_ERROR_ARGUMENT, SB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED: moments in a body of
+ * other cells than tet4 or tet10, with more than 4 points to a cell, or with consistent masses of tet10. */
 SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change_cell *cell, int *number,
                                          sb_error *error);
 /* Removes a cell and makes another in its slot. */
@@ -4855,9 +4891,10 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
 /* Checks the change as a whole, takes all memory that following needs, and makes it. On SB_OK the change is gone; on
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
- * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
- * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile, or a needle is in the
- * tissue, whose mesh is the needle's alone then), SB_ERROR_MEMORY, or what a listener says. */
+ * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_UNSUPPORTED (a piece of
+ * a tet10 with curved sides), SB_ERROR_ARGUMENT (what would lose its node, see above), SB_ERROR_STATE (a state with
+ * another mesh was loaded meanwhile, or a needle is in the tissue, whose mesh is the needle's alone then),
+ * SB_ERROR_MEMORY, or what a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 
@@ -4866,7 +4903,7 @@ SB_API int sb_body_node_in_use(const sb_body *body, int node);
 SB_API int sb_body_cell_in_use(const sb_body *body, int cell);
 /* Nodes of a cell in use, or NULL; valid until the next change. */
 SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell);
-/* Share of a cell's volume that is material; 0 for a free one. */
+/* Share of a cell's volume that is material; 0 for a free one and an empty piece. */
 SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
 /* [node_count] the reference shape (m). */
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
@@ -6133,6 +6170,27 @@ SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count);
 /* Whoever filled them says so. */
 SBI_API void sbi_direct_take_values(sb_direct *direct);
 
+/* ==== src/softbody/fem/piece.h, internal ==== */
+/* In the order in which files have it. */
+typedef struct sbi_piece {
+    sb_real is; /* 1; 0: the cell is not one, and the rest 0 */
+    sb_real centroid[3];
+    sb_real covariance[6]; /* xx, yy, zz, yz, zx, xy */
+} sbi_piece;
+enum { SBI_PIECE_REALS = 10 };
+
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance);
+/* 0: the centroid is outside the tet, or the covariance is that of nothing in it. */
+SBI_API int sbi_piece_is_sound(const sbi_piece *piece);
+/* The four points that stand for the piece, in the tet's coordinates. */
+SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3]);
+/* Lumped masses and int N_a dV (m^3) of a tet (nodes: 4 or 10) whose piece has this volume. Those of the pieces of a
+ * tet sum to its own: m_a = int w_a with w_a = L_a, of tet10 5/18 L_a^2 at corners and 2 L_p L_q + 13/54 (L_p^2 +
+ * L_q^2) on edges, which are 1/36 and 4/27 on the whole tet. Masses are > 0. load may be NULL. */
+SBI_API void sbi_piece_lumps(const sbi_piece *piece, int nodes, sb_real volume, sb_real *masses, sb_real *load);
+/* mass[nodes][nodes] (m^3) = int N_a N_b dV: exact of tet4, by the four points of tet10. */
+SBI_API void sbi_piece_mass(const sbi_piece *piece, int nodes, sb_real volume, sb_real *mass);
+
 /* ==== src/softbody/fem/domain.h, internal ==== */
 /* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
  * NULL array, other numbers of points than a body's loops, a negative weight or mass, no weight at all, or gradients
@@ -6142,10 +6200,13 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
                                   sb_domain *copy, sb_error *error);
 /* Fills weights and gradients of every cell; the arrays are there, cells, counts and mean_point set.
  * positions  [node_count] (m)
- * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where its share is. NULL: 1
- * SB_ERROR_MESH names the element. */
+ * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where it is free. NULL: 1
+ * pieces     [cell_count] of tet4 and tet10; NULL: none
+ * SB_ERROR_MESH names the element, SB_ERROR_UNSUPPORTED one that is a piece of a tet10 with curved sides. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
-                                  const sb_real *shares, sb_error *error);
+                                  const sb_real *shares, const sbi_piece *pieces, sb_error *error);
+/* Volume of the tet of a cell's corners (m^3). */
+SBI_API sb_real sbi_domain_tet_volume(const sb_vec3 x[4]);
 /* ---- a mesh that changes: tet4 only. A slot that holds no cell names node 0 at every corner and
  * has weight and gradients of 0, so that loops that only read need not know. */
 
@@ -6162,10 +6223,10 @@ typedef struct sbi_tet_rule {
     sb_real slopes[4][3]; /* local gradients, the same at all points */
     sb_real volume;       /* weight of the one point of the stiffness */
 } sbi_tet_rule;
-/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
+/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it; of a piece the tet. */
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share, int is_piece);
 /* The same of cell e, with the error of sbi_domain_fill. */
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
@@ -33238,33 +33299,33 @@ SBI_API int sbi_mg_limit_regions(const sbi_mg_level *level, const sbi_mg_regions
 
 /* The box of a region in cells; each cell is cut into six tets along its diagonal (Kuhn), in which displacements are
  * linear: rigid motions and uniform strains of the finer level are then motions of the coarser one, too. */
-typedef struct sbi_lattice {
+typedef struct sbi_cubes {
     double low[3], extent[3]; /* m */
     double edge;              /* about that of its cells (m) */
     int cells[3];             /* 0 along an axis without extent */
     int tet;                  /* 1: a region smaller than a cell; one tet around it takes half as many nodes */
     int64_t first;            /* number of its first point */
-} sbi_lattice;
+} sbi_cubes;
 
 /* Where a node lies: the corners of its tet that have a share. */
-typedef struct sbi_lattice_place {
+typedef struct sbi_cubes_place {
     int count;
     int64_t points[4];
     double weights[4];
-} sbi_lattice_place;
+} sbi_cubes_place;
 
-static double sbi_lattice_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
+static double sbi_cubes_coordinate(sb_vec3 x, int axis) { return (double)(axis == 0 ? x.x : axis == 1 ? x.y : x.z); }
 
 /* Lays the boxes around the nodes of their regions; returns the largest extent. */
-static double sbi_lattice_bound(const sbi_mg_nodes *nodes, sbi_lattice *lattices, int lattice_count)
+static double sbi_cubes_bound(const sbi_mg_nodes *nodes, sbi_cubes *lattices, int lattice_count)
 {
     double largest = 0;
     for (int l = 0; l < lattice_count; l++)
         lattices[l].edge = -1; /* empty so far */
     for (int i = 0; i < nodes->level->row_count; i++) {
-        sbi_lattice *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
+        sbi_cubes *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
         for (int axis = 0; axis < 3; axis++) {
-            double x = sbi_lattice_coordinate(nodes->positions[i], axis), low = lattice->low[axis];
+            double x = sbi_cubes_coordinate(nodes->positions[i], axis), low = lattice->low[axis];
             double high = lattice->extent[axis];
             lattice->low[axis] = lattice->edge < 0 || x < low ? x : low;
             lattice->extent[axis] = lattice->edge < 0 || x > high ? x : high; /* the upper end */
@@ -33280,11 +33341,11 @@ static double sbi_lattice_bound(const sbi_mg_nodes *nodes, sbi_lattice *lattices
 }
 
 /* Cells of about the edges that are set, which fill the boxes. */
-static void sbi_lattice_cut(sbi_lattice *lattices, int lattice_count)
+static void sbi_cubes_cut(sbi_cubes *lattices, int lattice_count)
 {
     int64_t first = 0;
     for (int l = 0; l < lattice_count; l++) {
-        sbi_lattice *lattice = lattices + l;
+        sbi_cubes *lattice = lattices + l;
         int64_t points = 1;
         int small = lattice_count > 1;
         for (int axis = 0; axis < 3; axis++)
@@ -33300,31 +33361,30 @@ static void sbi_lattice_cut(sbi_lattice *lattices, int lattice_count)
     }
 }
 
-static int64_t sbi_lattice_point(const sbi_lattice *lattice, const int at[3])
+static int64_t sbi_cubes_point(const sbi_cubes *lattice, const int at[3])
 {
     return lattice->first + ((int64_t)at[2] * (lattice->cells[1] + 1) + at[1]) * (lattice->cells[0] + 1) + at[0];
 }
 
 /* Shares below a ten-thousandth are left out, lest a coarse node hang on nothing else. */
-static void sbi_lattice_add(const sbi_lattice *lattice, const int at[3], double weight, sbi_lattice_place *place)
+static void sbi_cubes_add(const sbi_cubes *lattice, const int at[3], double weight, sbi_cubes_place *place)
 {
     if (weight < 1e-4)
         return;
-    place->points[place->count] = sbi_lattice_point(lattice, at);
+    place->points[place->count] = sbi_cubes_point(lattice, at);
     place->weights[place->count++] = weight;
 }
 
 /* Shares of the corners of the one tet, whose edges are three times as long as the box, or of the cell's tet. */
-static void sbi_lattice_share_out(const sbi_lattice *lattice, int at[3], const double share[3],
-                                  sbi_lattice_place *place)
+static void sbi_cubes_share_out(const sbi_cubes *lattice, int at[3], const double share[3], sbi_cubes_place *place)
 {
     int order[3] = {0, 1, 2};
     if (lattice->tet) {
-        sbi_lattice_add(lattice, at, 1 - (share[0] + share[1] + share[2]) / 3, place);
+        sbi_cubes_add(lattice, at, 1 - (share[0] + share[1] + share[2]) / 3, place);
         for (int axis = 0; axis < 3; axis++) {
             int corner[3] = {0, 0, 0};
             corner[axis] = lattice->cells[axis];
-            sbi_lattice_add(lattice, corner, share[axis] / 3, place);
+            sbi_cubes_add(lattice, corner, share[axis] / 3, place);
         }
         return;
     }
@@ -33334,29 +33394,29 @@ static void sbi_lattice_share_out(const sbi_lattice *lattice, int at[3], const d
             order[b] = order[b - 1];
             order[b - 1] = swap;
         }
-    sbi_lattice_add(lattice, at, 1 - share[order[0]], place);
+    sbi_cubes_add(lattice, at, 1 - share[order[0]], place);
     for (int k = 0; k < 3; k++) {
         at[order[k]]++;
-        sbi_lattice_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), place);
+        sbi_cubes_add(lattice, at, share[order[k]] - (k < 2 ? share[order[k + 1]] : 0), place);
     }
 }
 
-static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 position)
+static sbi_cubes_place sbi_cubes_find(const sbi_cubes *lattice, sb_vec3 position)
 {
-    sbi_lattice_place place;
+    sbi_cubes_place place;
     int at[3];
     double share[3], sum = 0;
     place.count = 0;
     for (int axis = 0; axis < 3; axis++) {
         int cells = lattice->cells[axis];
-        double way = sbi_lattice_coordinate(position, axis) - lattice->low[axis];
+        double way = sbi_cubes_coordinate(position, axis) - lattice->low[axis];
         double t = cells ? way / lattice->extent[axis] * cells : 0;
         at[axis] = (int)t;
         if (cells && at[axis] >= cells)
             at[axis] = cells - 1;
         share[axis] = t - at[axis];
     }
-    sbi_lattice_share_out(lattice, at, share, &place);
+    sbi_cubes_share_out(lattice, at, share, &place);
     for (int k = 0; k < place.count; k++)
         sum += place.weights[k];
     for (int k = 0; k < place.count; k++)
@@ -33364,7 +33424,7 @@ static sbi_lattice_place sbi_lattice_find(const sbi_lattice *lattice, sb_vec3 po
     return place;
 }
 
-static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
+static sb_vec3 sbi_cubes_position(const sbi_cubes *lattice, int64_t point)
 {
     double x[3];
     point -= lattice->first;
@@ -33380,14 +33440,14 @@ static sb_vec3 sbi_lattice_position(const sbi_lattice *lattice, int64_t point)
 /* ---- points in use ------------------------------------------------------------------------------------- */
 
 /* Numbers points in the order they come: open addressing, a power of two of places. */
-typedef struct sbi_lattice_table {
+typedef struct sbi_cubes_table {
     size_t mask;
     int64_t *points; /* [mask + 1] -1: free */
     int *numbers;    /* [mask + 1] */
     int count;
-} sbi_lattice_table;
+} sbi_cubes_table;
 
-static int sbi_lattice_number(sbi_lattice_table *table, int64_t point)
+static int sbi_cubes_number(sbi_cubes_table *table, int64_t point)
 {
     uint64_t hash = (uint64_t)point * UINT64_C(0x9E3779B97F4A7C15);
     size_t at = (size_t)(hash >> 20) & table->mask;
@@ -33400,7 +33460,7 @@ static int sbi_lattice_number(sbi_lattice_table *table, int64_t point)
     return table->numbers[at];
 }
 
-static void sbi_lattice_forget(sbi_lattice_table *table)
+static void sbi_cubes_forget(sbi_cubes_table *table)
 {
     for (size_t k = 0; k <= table->mask; k++)
         table->points[k] = -1;
@@ -33408,20 +33468,20 @@ static void sbi_lattice_forget(sbi_lattice_table *table)
 }
 
 /* 1: no more than `most` points are in use. */
-static int sbi_lattice_fits(const sbi_lattice *lattices, const sbi_mg_nodes *nodes, int most, sbi_lattice_table *table)
+static int sbi_cubes_fits(const sbi_cubes *lattices, const sbi_mg_nodes *nodes, int most, sbi_cubes_table *table)
 {
-    sbi_lattice_forget(table);
+    sbi_cubes_forget(table);
     for (int i = 0; i < nodes->level->row_count && table->count <= most; i++) {
-        const sbi_lattice *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
-        sbi_lattice_place place = sbi_lattice_find(lattice, nodes->positions[i]);
+        const sbi_cubes *lattice = lattices + (nodes->labels ? nodes->labels[i] : 0);
+        sbi_cubes_place place = sbi_cubes_find(lattice, nodes->positions[i]);
         for (int k = 0; k < place.count; k++)
-            sbi_lattice_number(table, place.points[k]);
+            sbi_cubes_number(table, place.points[k]);
     }
     return table->count <= most;
 }
 
 /* Keeps the `limit` smallest of the numbers given, ascending; returns their count. */
-static int sbi_lattice_keep_least(double *least, int count, int limit, double value)
+static int sbi_cubes_keep_least(double *least, int count, int limit, double value)
 {
     int place;
     if (count == limit && value >= least[limit - 1])
@@ -33435,7 +33495,7 @@ static int sbi_lattice_keep_least(double *least, int count, int limit, double va
 
 /* Mean distance of a node to the nearest of those of its region that it is coupled with (m), up to six: that many are
  * next to it in a regular solid, so that the long ways within quadratic elements do not count. 0: coupled with none. */
-static double sbi_lattice_node_spacing(const sbi_mg_nodes *nodes, int row)
+static double sbi_cubes_node_spacing(const sbi_mg_nodes *nodes, int row)
 {
     enum { NEAREST = 6 };
     const sbi_mg_level *level = nodes->level;
@@ -33445,7 +33505,7 @@ static double sbi_lattice_node_spacing(const sbi_mg_nodes *nodes, int row)
     for (int q = level->row_start[row]; q < level->row_start[row + 1]; q++) {
         sb_vec3 way = sb_v3_sub(positions[level->columns[q]], positions[row]);
         if (level->columns[q] != row && (!nodes->labels || nodes->labels[level->columns[q]] == nodes->labels[row]))
-            count = sbi_lattice_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
+            count = sbi_cubes_keep_least(squares, count, NEAREST, (double)sb_v3_dot(way, way));
     }
     for (int k = 0; k < count; k++)
         sum += sqrt(squares[k]);
@@ -33453,7 +33513,7 @@ static double sbi_lattice_node_spacing(const sbi_mg_nodes *nodes, int row)
 }
 
 /* 1: the node is coupled with a softer region. */
-static int sbi_lattice_is_on_jump(const sbi_mg_nodes *nodes, int row)
+static int sbi_cubes_is_on_jump(const sbi_mg_nodes *nodes, int row)
 {
     const sbi_mg_level *level = nodes->level;
     const sb_real *moduli = nodes->regions->moduli;
@@ -33464,34 +33524,34 @@ static int sbi_lattice_is_on_jump(const sbi_mg_nodes *nodes, int row)
 }
 
 /* What decides about a region's cells. */
-typedef struct sbi_lattice_measure {
+typedef struct sbi_cubes_measure {
     double spacing; /* of its nodes, summed up */
     int count;      /* of its nodes */
     int on_jump;    /* those that are coupled with a softer region */
-} sbi_lattice_measure;
+} sbi_cubes_measure;
 
 /* Edges of about `ratio` times the mean spacing of a region's nodes. Cells larger than the thickness of a stiff sheet
  * or rod resist its bending far too much, the more so the larger they are: such regions take smaller steps. */
-static void sbi_lattice_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio,
-                                  sbi_lattice_measure *measures, sbi_lattice *lattices, int lattice_count)
+static void sbi_cubes_set_edges(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, sbi_cubes_measure *measures,
+                                sbi_cubes *lattices, int lattice_count)
 {
     memset(measures, 0, (size_t)lattice_count * sizeof *measures);
     for (int i = 0; i < nodes->level->row_count; i++) {
-        sbi_lattice_measure *measure = measures + (nodes->labels ? nodes->labels[i] : 0);
-        measure->spacing += sbi_lattice_node_spacing(nodes, i);
+        sbi_cubes_measure *measure = measures + (nodes->labels ? nodes->labels[i] : 0);
+        measure->spacing += sbi_cubes_node_spacing(nodes, i);
         measure->count++;
-        measure->on_jump += nodes->labels && sbi_lattice_is_on_jump(nodes, i);
+        measure->on_jump += nodes->labels && sbi_cubes_is_on_jump(nodes, i);
     }
     for (int l = 0; l < lattice_count; l++) {
-        const sbi_lattice_measure *measure = measures + l;
+        const sbi_cubes_measure *measure = measures + l;
         int thin = measure->count < 2 * measure->on_jump;
         lattices[l].edge = (thin ? thin_ratio : ratio) * measure->spacing / (measure->count ? measure->count : 1);
     }
 }
 
 /* Cells of the edges that are set, or larger ones as long as more than `most` points were in use; one cell at least. */
-static void sbi_lattice_choose(sbi_lattice *lattices, int lattice_count, double largest, const sbi_mg_nodes *nodes,
-                               int most, sbi_lattice_table *table)
+static void sbi_cubes_choose(sbi_cubes *lattices, int lattice_count, double largest, const sbi_mg_nodes *nodes,
+                             int most, sbi_cubes_table *table)
 {
     double least = largest;
     for (int l = 0; l < lattice_count; l++) {
@@ -33499,25 +33559,25 @@ static void sbi_lattice_choose(sbi_lattice *lattices, int lattice_count, double 
         least = lattices[l].edge < least ? lattices[l].edge : least;
     }
     for (; least < largest; least *= 1.25) {
-        sbi_lattice_cut(lattices, lattice_count);
-        if (sbi_lattice_fits(lattices, nodes, most, table))
+        sbi_cubes_cut(lattices, lattice_count);
+        if (sbi_cubes_fits(lattices, nodes, most, table))
             return;
         for (int l = 0; l < lattice_count; l++)
             lattices[l].edge *= 1.25;
     }
     for (int l = 0; l < lattice_count; l++)
         lattices[l].edge = largest;
-    sbi_lattice_cut(lattices, lattice_count);
+    sbi_cubes_cut(lattices, lattice_count);
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
 
-typedef struct sbi_lattice_maker {
+typedef struct sbi_cubes_maker {
     const sbi_mg_nodes *nodes;
     const sbi_mg_level *level;
-    sbi_lattice *lattices; /* [lattice_count] by region */
+    sbi_cubes *lattices; /* [lattice_count] by region */
     int lattice_count;
-    sbi_lattice_table table;
+    sbi_cubes_table table;
     int point_count;
     int64_t *points; /* [point_count] */
     int *list_start; /* [point_count + 1] into list: the entries of the rows by point */
@@ -33526,37 +33586,37 @@ typedef struct sbi_lattice_maker {
     int *number;   /* [entries] coarse node of each entry, -1: not yet */
     int *entry_of; /* [rows] entry of a row in the list at work */
     int *queue;    /* [rows] */
-} sbi_lattice_maker;
+} sbi_cubes_maker;
 
 /* 1: nothing but itself is coupled to the node; it needs no coarse level. */
-static int sbi_lattice_is_alone(const sbi_mg_level *level, int row)
+static int sbi_cubes_is_alone(const sbi_mg_level *level, int row)
 {
     return level->row_start[row + 1] - level->row_start[row] == 1;
 }
 
-static const sbi_lattice *sbi_lattice_of(const sbi_lattice_maker *m, int row)
+static const sbi_cubes *sbi_cubes_of(const sbi_cubes_maker *m, int row)
 {
     return m->lattices + (m->nodes->labels ? m->nodes->labels[row] : 0);
 }
 
-static int sbi_lattice_count_entries(const sbi_lattice_maker *m)
+static int sbi_cubes_count_entries(const sbi_cubes_maker *m)
 {
     int entries = 0;
     for (int i = 0; i < m->level->row_count; i++)
-        if (!sbi_lattice_is_alone(m->level, i))
-            entries += sbi_lattice_find(sbi_lattice_of(m, i), m->nodes->positions[i]).count;
+        if (!sbi_cubes_is_alone(m->level, i))
+            entries += sbi_cubes_find(sbi_cubes_of(m, i), m->nodes->positions[i]).count;
     return entries;
 }
 
-static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
+static void sbi_cubes_fill(sbi_cubes_maker *m, sbi_mg_rows *rows)
 {
     int entries = 0;
-    sbi_lattice_forget(&m->table);
+    sbi_cubes_forget(&m->table);
     for (int i = 0; i < m->level->row_count; i++) {
-        sbi_lattice_place place = sbi_lattice_find(sbi_lattice_of(m, i), m->nodes->positions[i]);
+        sbi_cubes_place place = sbi_cubes_find(sbi_cubes_of(m, i), m->nodes->positions[i]);
         rows->start[i] = entries;
-        for (int k = 0; k < place.count && !sbi_lattice_is_alone(m->level, i); k++, entries++) {
-            rows->nodes[entries] = sbi_lattice_number(&m->table, place.points[k]);
+        for (int k = 0; k < place.count && !sbi_cubes_is_alone(m->level, i); k++, entries++) {
+            rows->nodes[entries] = sbi_cubes_number(&m->table, place.points[k]);
             rows->weights[entries] = (float)place.weights[k];
             m->points[rows->nodes[entries]] = place.points[k];
             m->owner[entries] = i;
@@ -33568,7 +33628,7 @@ static void sbi_lattice_fill(sbi_lattice_maker *m, sbi_mg_rows *rows)
 }
 
 /* Counting sort of the entries by point. */
-static void sbi_lattice_sort(sbi_lattice_maker *m, const sbi_mg_rows *rows, int entries)
+static void sbi_cubes_sort(sbi_cubes_maker *m, const sbi_mg_rows *rows, int entries)
 {
     memset(m->list_start, 0, ((size_t)m->point_count + 1) * sizeof(int));
     for (int e = 0; e < entries; e++)
@@ -33583,7 +33643,7 @@ static void sbi_lattice_sort(sbi_lattice_maker *m, const sbi_mg_rows *rows, int 
 }
 
 /* Gives the entries of a point that can be reached from entry e, node by node of the point's own, one number. */
-static void sbi_lattice_spread(sbi_lattice_maker *m, int point, int e, int number)
+static void sbi_cubes_spread(sbi_cubes_maker *m, int point, int e, int number)
 {
     const sbi_mg_level *level = m->level;
     int count = 0;
@@ -33604,7 +33664,7 @@ static void sbi_lattice_spread(sbi_lattice_maker *m, int point, int e, int numbe
 
 /* Points whose nodes do not hang together (of parts, or of two lobes with a gap between them) become several coarse
  * nodes in the same place: a coarse motion never reaches across a gap. Returns the number of coarse nodes. */
-static int sbi_lattice_split(sbi_lattice_maker *m)
+static int sbi_cubes_split(sbi_cubes_maker *m)
 {
     int count = 0;
     for (int i = 0; i < m->level->row_count; i++)
@@ -33614,12 +33674,12 @@ static int sbi_lattice_split(sbi_lattice_maker *m)
             m->entry_of[m->owner[m->list[s]]] = s;
         for (int s = m->list_start[p]; s < m->list_start[p + 1]; s++)
             if (m->number[m->list[s]] < 0)
-                sbi_lattice_spread(m, p, m->list[s], count++);
+                sbi_cubes_spread(m, p, m->list[s], count++);
     }
     return count;
 }
 
-static int sbi_lattice_take_rows(sbi_lattice_maker *m, const sb_allocator *allocator, int entries, sbi_mg_rows *rows)
+static int sbi_cubes_take_rows(sbi_cubes_maker *m, const sb_allocator *allocator, int entries, sbi_mg_rows *rows)
 {
     size_t n = (size_t)m->level->row_count, count = (size_t)entries;
     rows->start = (int *)sbi_alloc(allocator, n + 1, sizeof(int));
@@ -33637,20 +33697,20 @@ static int sbi_lattice_take_rows(sbi_lattice_maker *m, const sb_allocator *alloc
     return 1;
 }
 
-static int sbi_lattice_make_rows(sbi_lattice_maker *m, const sb_allocator *allocator, sbi_mg_rows *rows)
+static int sbi_cubes_make_rows(sbi_cubes_maker *m, const sb_allocator *allocator, sbi_mg_rows *rows)
 {
-    int entries = sbi_lattice_count_entries(m), made;
-    if (!sbi_lattice_take_rows(m, allocator, entries, rows))
+    int entries = sbi_cubes_count_entries(m), made;
+    if (!sbi_cubes_take_rows(m, allocator, entries, rows))
         return 0;
-    sbi_lattice_fill(m, rows);
-    sbi_lattice_sort(m, rows, entries);
-    rows->coarse_count = sbi_lattice_split(m);
+    sbi_cubes_fill(m, rows);
+    sbi_cubes_sort(m, rows, entries);
+    rows->coarse_count = sbi_cubes_split(m);
     rows->positions = (sb_vec3 *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(sb_vec3));
     if (m->nodes->labels)
         rows->labels = (int *)sbi_alloc(allocator, (size_t)rows->coarse_count, sizeof(int));
     made = rows->positions && (rows->labels || !m->nodes->labels);
     for (int e = 0; e < entries && made; e++) {
-        rows->positions[m->number[e]] = sbi_lattice_position(sbi_lattice_of(m, m->owner[e]), m->points[rows->nodes[e]]);
+        rows->positions[m->number[e]] = sbi_cubes_position(sbi_cubes_of(m, m->owner[e]), m->points[rows->nodes[e]]);
         rows->nodes[e] = m->number[e];
         if (rows->labels)
             rows->labels[m->number[e]] = m->nodes->labels[m->owner[e]];
@@ -33668,7 +33728,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *allocator, sbi_lattice_measure **measures)
+static int sbi_cubes_take_scratch(sbi_cubes_maker *m, const sb_allocator *allocator, sbi_cubes_measure **measures)
 {
     size_t places = 64, lattices;
     m->lattice_count = m->nodes->labels ? m->nodes->regions->count : 1;
@@ -33678,29 +33738,28 @@ static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *al
     m->table.mask = places - 1;
     m->table.points = (int64_t *)sbi_alloc(allocator, places, sizeof(int64_t));
     m->table.numbers = (int *)sbi_alloc(allocator, places, sizeof(int));
-    m->lattices = (sbi_lattice *)sbi_alloc_zeroed(allocator, lattices, sizeof(sbi_lattice));
-    *measures = (sbi_lattice_measure *)sbi_alloc(allocator, lattices, sizeof **measures);
+    m->lattices = (sbi_cubes *)sbi_alloc_zeroed(allocator, lattices, sizeof(sbi_cubes));
+    *measures = (sbi_cubes_measure *)sbi_alloc(allocator, lattices, sizeof **measures);
     return m->table.points && m->table.numbers && m->lattices && *measures;
 }
 
 SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_ratio, const sb_allocator *allocator,
                            sbi_mg_rows *rows)
 {
-    sbi_lattice_maker m;
-    sbi_lattice_measure *measures;
+    sbi_cubes_maker m;
+    sbi_cubes_measure *measures;
     double largest;
     int made, count = nodes->level->row_count;
     memset(&m, 0, sizeof m);
     memset(rows, 0, sizeof *rows);
     m.nodes = nodes;
     m.level = nodes->level;
-    made = sbi_lattice_take_scratch(&m, allocator, &measures);
+    made = sbi_cubes_take_scratch(&m, allocator, &measures);
     if (made) {
-        largest = sbi_lattice_bound(nodes, m.lattices, m.lattice_count);
-        sbi_lattice_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
-        sbi_lattice_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4,
-                           &m.table);
-        made = sbi_lattice_make_rows(&m, allocator, rows);
+        largest = sbi_cubes_bound(nodes, m.lattices, m.lattice_count);
+        sbi_cubes_set_edges(nodes, ratio, thin_ratio, measures, m.lattices, m.lattice_count);
+        sbi_cubes_choose(m.lattices, m.lattice_count, largest, nodes, nodes->labels ? count / 2 : count / 4, &m.table);
+        made = sbi_cubes_make_rows(&m, allocator, rows);
     }
     sbi_free(allocator, m.table.points);
     sbi_free(allocator, m.table.numbers);
@@ -40748,6 +40807,140 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
+/* ==== src/softbody/fem/piece.c ==== */
+/* piece: moments of a part of a tet, and what follows from them. */
+
+#include <string.h>
+
+
+/* Index of an entry of a symmetric matrix among xx, yy, zz, yz, zx, xy. */
+static int sbi_piece_entry(int i, int j) { return i == j ? i : 6 - i - j; }
+
+/* ---- moments ---- */
+
+SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
+{
+    const sb_real slack = (sb_real)1e-3; /* rounding of places far from the origin */
+    sb_real rest = 1;
+    for (int k = 0; k < 3; k++) {
+        sb_real variance = piece->covariance[k]; /* of numbers in [0, 1] it is a quarter at most */
+        if (!(piece->centroid[k] >= -slack) || !(variance >= -slack) || !(variance <= (sb_real)0.25 + slack) ||
+            !sb_is_finite(piece->covariance[3 + k]))
+            return 0;
+        rest -= piece->centroid[k];
+    }
+    return piece->is == 1 && rest >= -slack;
+}
+
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance)
+{
+    sbi_piece piece;
+    piece.is = 1;
+    piece.centroid[0] = centroid.x;
+    piece.centroid[1] = centroid.y;
+    piece.centroid[2] = centroid.z;
+    for (int i = 0; i < 3; i++)
+        for (int j = i; j < 3; j++)
+            piece.covariance[sbi_piece_entry(i, j)] = covariance->m[i][j];
+    return piece;
+}
+
+/* ---- points ---- */
+
+/* L L^T = S; where nothing but rounding is left of a pivot (a flat piece) its column is 0. */
+static void sbi_piece_factor(const sbi_piece *piece, sb_real l[3][3])
+{
+    memset(l, 0, 9 * sizeof(sb_real));
+    for (int j = 0; j < 3; j++) {
+        sb_real whole = piece->covariance[j], pivot = whole;
+        for (int k = 0; k < j; k++)
+            pivot -= l[j][k] * l[j][k];
+        if (!(pivot > 16 * SB_EPSILON * whole))
+            continue;
+        l[j][j] = sb_sqrt(pivot);
+        for (int i = j + 1; i < 3; i++) {
+            sb_real sum = piece->covariance[sbi_piece_entry(i, j)];
+            for (int k = 0; k < j; k++)
+                sum -= l[i][k] * l[j][k];
+            l[i][j] = sum / l[j][j];
+        }
+    }
+}
+
+SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3])
+{
+    static const signed char corners[4][3] = {{1, 1, 1}, {1, -1, -1}, {-1, 1, -1}, {-1, -1, 1}};
+    sb_real l[3][3];
+    sbi_piece_factor(piece, l);
+    for (int p = 0; p < 4; p++)
+        for (int i = 0; i < 3; i++) {
+            points[p][i] = piece->centroid[i];
+            for (int k = 0; k <= i; k++)
+                points[p][i] += l[i][k] * (sb_real)corners[p][k];
+        }
+}
+
+/* ---- masses ---- */
+
+/* The functions that lumped masses of tet10 are integrals of, at a point. */
+static void sbi_piece_weights(const sb_real bary[4], sb_real weights[10])
+{
+    const sb_real corner = (sb_real)5 / 18, end = (sb_real)13 / 54;
+    for (int a = 0; a < 4; a++)
+        weights[a] = corner * bary[a] * bary[a];
+    for (int e = 0; e < 6; e++) {
+        int ends[3];
+        sb_element_edge(SB_TET10, e, ends);
+        sb_real p = bary[ends[0]], q = bary[ends[1]];
+        weights[4 + e] = 2 * p * q + end * (p * p + q * q);
+    }
+}
+
+SBI_API void sbi_piece_lumps(const sbi_piece *piece, int nodes, sb_real volume, sb_real *masses, sb_real *load)
+{
+    const sb_real least = SB_EPSILON; /* what rounding may take of a node's part */
+    sb_real points[4][3], bary[4], shape[10], weights[10];
+    int count = nodes == 4 ? 1 : 4;
+    if (nodes == 4)
+        memcpy(points[0], piece->centroid, sizeof points[0]);
+    else
+        sbi_piece_points(piece, points);
+    for (int a = 0; a < nodes; a++) {
+        masses[a] = 0;
+        if (load)
+            load[a] = 0;
+    }
+    for (int p = 0; p < count; p++) {
+        sb_element_shape(SB_TET4, points[p], bary, NULL);
+        if (nodes == 4)
+            memcpy(weights, bary, sizeof bary);
+        else
+            sbi_piece_weights(bary, weights);
+        if (load)
+            sb_element_shape(nodes == 4 ? SB_TET4 : SB_TET10, points[p], shape, NULL);
+        for (int a = 0; a < nodes; a++) {
+            masses[a] += weights[a] / (sb_real)count;
+            if (load)
+                load[a] += volume * shape[a] / (sb_real)count;
+        }
+    }
+    for (int a = 0; a < nodes; a++)
+        masses[a] = volume * sb_max(masses[a], least);
+}
+
+SBI_API void sbi_piece_mass(const sbi_piece *piece, int nodes, sb_real volume, sb_real *mass)
+{
+    sb_real points[4][3], shape[10];
+    sbi_piece_points(piece, points); /* exact to degree 2 */
+    memset(mass, 0, (size_t)(nodes * nodes) * sizeof *mass);
+    for (int p = 0; p < 4; p++) {
+        sb_element_shape(nodes == 4 ? SB_TET4 : SB_TET10, points[p], shape, NULL);
+        for (int a = 0; a < nodes; a++)
+            for (int b = 0; b < nodes; b++)
+                mass[a * nodes + b] += volume / 4 * shape[a] * shape[b];
+    }
+}
+
 /* ==== src/softbody/fem/domain.c ==== */
 /* domain: integration points from elements. */
 
@@ -40862,35 +41055,71 @@ static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *erro
                             "element %d is too small: nothing is left of its volume at integration point %d", e, point);
 }
 
+SBI_API sb_real sbi_domain_tet_volume(const sb_vec3 x[4])
+{
+    sb_vec3 a = sb_v3_sub(x[1], x[0]), b = sb_v3_sub(x[2], x[0]), c = sb_v3_sub(x[3], x[0]);
+    return sb_v3_dot(a, sb_v3_cross(b, c)) / 6;
+}
+
+/* Gradients of the shape functions at the points of a piece, in the cell's coordinates. */
+static void sbi_domain_piece_slopes(sbi_element element, const sbi_piece *piece, int q,
+                                    sb_real (*local)[SB_MAX_ELEMENT_NODES][3])
+{
+    sb_real points[4][3];
+    sbi_piece_points(piece, points);
+    for (int p = 0; p < q; p++)
+        sbi_element_shape(element, points[p], NULL, local[p]);
+}
+
+/* Gradients and weights of one cell. */
+static sb_result sbi_domain_fill_cell(sb_domain *domain, int e, int q, const sb_vec3 *x,
+                                      const sb_real (*local)[SB_MAX_ELEMENT_NODES][3], const sb_real *weights,
+                                      sb_real share, int is_piece, sb_error *error)
+{
+    size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    for (int p = 0; p < q; p++) {
+        size_t at = first + (size_t)p;
+        sb_real det = sbi_domain_point(domain->nodes_per_cell, x, local[p], domain->gradients + at * values);
+        domain->weights[at] = det * weights[p];
+        domain->weights[at] *= share;
+        if (!(det > 0) || (!is_piece && !(domain->weights[at] > 0)))
+            return sbi_domain_refuse(e, p, det, error);
+    }
+    if (domain->mean_point)
+        sbi_domain_fill_mean(domain, e, q);
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
-                                  const sb_real *shares, sb_error *error)
+                                  const sb_real *shares, const sbi_piece *pieces, sb_error *error)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
+    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3], own[4][SB_MAX_ELEMENT_NODES][3];
     sbi_element element = sbi_domain_element(domain);
     int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
     for (int p = 0; p < q; p++)
         sbi_element_shape(element, points[p], NULL, local[p]);
     for (int e = 0; e < domain->cell_count; e++) {
         size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)n;
+        int is_piece = pieces && pieces[e].is != 0;
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
-        if (shares && !(shares[e] > 0)) {
+        sb_result result;
+        if (shares && sbi_domain_is_free(domain, e)) {
             memset(domain->gradients + first * values, 0, (size_t)domain->points_per_cell * values * sizeof(sb_real));
             memset(domain->weights + first, 0, (size_t)domain->points_per_cell * sizeof(sb_real));
             continue;
         }
         sbi_domain_gather(domain->cells, positions, e, n, x);
-        for (int p = 0; p < q; p++) {
-            size_t at = first + (size_t)p;
-            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
-            domain->weights[at] = det * weights[p];
-            if (shares)
-                domain->weights[at] *= shares[e];
-            if (!(det > 0) || !(domain->weights[at] > 0))
-                return sbi_domain_refuse(e, p, det, error);
-        }
-        if (domain->mean_point)
-            sbi_domain_fill_mean(domain, e, q);
+        if (is_piece && domain->element_type == SB_TET10 && sbi_domain_tet10_is_curved(x))
+            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
+                                    "cell %d has curved sides: it cannot be a piece of an element", e);
+        if (is_piece && q > 1)
+            sbi_domain_piece_slopes(element, pieces + e, q, own);
+        result = sbi_domain_fill_cell(domain, e, q, x,
+                                      (const sb_real(*)[SB_MAX_ELEMENT_NODES][3])(is_piece && q > 1 ? own : local),
+                                      weights, shares ? shares[e] : (sb_real)1, is_piece, error);
+        if (result != SB_OK)
+            return result;
     }
     return SB_OK;
 }
@@ -40961,7 +41190,7 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
-        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, error);
+        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, NULL, error);
     if (result != SB_OK) {
         sb_domain_free(&made);
         return result;
@@ -41170,15 +41399,16 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share, int is_piece)
 {
-    return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
+    sb_real volume = sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume;
+    return (is_piece ? volume : share * volume) > 0;
 }
 
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error)
 {
-    if (sbi_domain_is_upright(rule, x, share))
+    if (sbi_domain_is_upright(rule, x, share, is_piece))
         return SB_OK;
     return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), error);
 }
@@ -47057,6 +47287,9 @@ SBI_API void sbi_body_update_mass(sb_body *body);
 SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule);
 SBI_API void sbi_body_sum_node_mass(sb_body *body, int node);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
+/* As sbi_domain_element_mass, of a cell that may be a piece; to be multiplied by sbi_live_density. */
+SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                               sb_real *volume_load);
 SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
 /* out = M x for the body's mass matrix. */
 SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out);
@@ -47147,7 +47380,9 @@ typedef struct sbi_listener {
 
 typedef struct sbi_live {
     sbi_slots nodes, cells;
-    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free */
+    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
+    sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
+    int piece_count;         /* cells that are pieces */
     sb_quadrature_kind rule; /* of the domain's points */
     int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;            /* of the def */
@@ -47170,7 +47405,9 @@ typedef struct sbi_live_mesh {
     sb_vec3 *positions;  /* [nodes.end] */
     int *corners;        /* [cells.end][n]; 0 in free slots */
     int *material;       /* [cells.end] index of the region */
-    sb_real *shares;     /* [cells.end] 0: free */
+    sb_real *shares;     /* [cells.end] 0: free, or an empty piece */
+    int has_pieces;      /* 1: there is room for pieces */
+    sbi_piece *pieces;   /* [cells.end] or NULL */
     int *inherit;        /* [cells.end] cell of the body that it inherits from, or -1: none */
     unsigned char *kept; /* [cells.end] 1: it is that cell */
     sb_vec3 *fibres;     /* [cells.end] unit directions or 0; NULL: the body has none */
@@ -47190,12 +47427,12 @@ SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *erro
 /* Lists for the changes to come of a body that is made. */
 SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error);
 
-/* Room for a mesh with copies of these slots. */
+/* Room for a mesh with copies of these slots, and for pieces where has_pieces is 1. */
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                         sbi_live_mesh *mesh, sb_error *error);
+                                         int has_pieces, sbi_live_mesh *mesh, sb_error *error);
 /* Room for a mesh with so many slots (end, fresh, count), not filled; no less than the body has room for. */
 SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                     sbi_live_mesh *mesh, sb_error *error);
+                                     int has_pieces, sbi_live_mesh *mesh, sb_error *error);
 SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh);
 /* Lists what the body's mesh has in these slots. */
 SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
@@ -47252,13 +47489,25 @@ SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mes
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
+/* Whether cells of the body can be pieces; SB_ERROR_UNSUPPORTED says why not. */
+SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error);
+/* Room for pieces; 0: no memory. Dropped again where there are none. */
+SBI_API int sbi_live_take_pieces(sb_body *body);
+SBI_API void sbi_live_drop_pieces(sb_body *body);
+/* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
+SBI_API void sbi_live_park_node(sb_body *body, int node);
+
+SB_INLINE int sbi_live_is_piece(const sb_body *body, int cell)
+{
+    return body->live && body->live->pieces && body->live->pieces[cell].is != 0;
+}
 /* Density times share of material; 0 of a free cell. */
 SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
 {
     sb_real density = body->materials[body->cell_material[cell]].density;
     return body->live ? density * body->live->shares[cell] : density;
 }
-SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->cells.used[cell]; }
 SB_INLINE int sbi_live_follows(const sb_body *body) { return body->live && body->live->follows; }
 /* Cells and parts that arrays have room for. */
 SB_INLINE int sbi_live_cell_room(const sb_body *body)
@@ -47289,6 +47538,14 @@ SB_INLINE int sbi_live_cell_of(const sb_body *body, int at)
 {
     return body->assembly.live ? at / 4 : body->node_elements.items[at];
 }
+/* 1 when a node has material: a cell that is not an empty piece. */
+SB_INLINE int sbi_live_has_material(const sb_body *body, int node)
+{
+    int at = sbi_live_first_cell(body, node);
+    while (at >= 0 && body->live && !(body->live->shares[sbi_live_cell_of(body, at)] > 0))
+        at = sbi_live_next_cell(body, node, at);
+    return at >= 0;
+}
 
 #endif /* SB_LIVE_PRIVATE_H */
 
@@ -47314,6 +47571,7 @@ typedef struct sbi_changed_cell {
     int dropped, has_fibre;
     sb_real share;
     sb_vec3 fibre;
+    sbi_piece piece; /* zeros of a cell that is none */
 } sbi_changed_cell;
 
 typedef struct sbi_change_entry {
@@ -47370,6 +47628,13 @@ typedef struct sbi_change_lists {
  * happened; 1: *result says how it went. */
 SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
                             sb_result *result, sb_error *error);
+SB_INLINE int sbi_change_makes_pieces(const sb_body_change *change)
+{
+    int makes = 0;
+    for (int i = 0; i < change->made_cells.count; i++)
+        makes |= change->made_cells.items[i].piece.is != 0 && !change->made_cells.items[i].dropped;
+    return makes;
+}
 /* Asks all listeners; on failure those asked before give up. */
 SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error);
 /* Whether all that refers to nodes by themselves can go on: heirs and supports. */
@@ -47746,6 +48011,25 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 
 /* ---- mass ---- */
 
+SBI_API int sbi_body_cell_mass(const sb_body *body, int cell, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                               sb_real *volume_load)
+{
+    int n = body->domain.nodes_per_cell;
+    sb_real lumps[10], volume;
+    if (!sbi_live_is_piece(body, cell))
+        return sbi_domain_element_mass(&body->domain, cell, kind, x, mass, volume_load);
+    volume = sbi_domain_tet_volume(x);
+    sbi_piece_lumps(body->live->pieces + cell, n, volume, lumps, volume_load);
+    if (kind != SB_MASS_LUMPED) {
+        sbi_piece_mass(body->live->pieces + cell, n, volume, mass);
+        return 0;
+    }
+    memset(mass, 0, (size_t)(n * n) * sizeof *mass);
+    for (int a = 0; a < n; a++)
+        mass[a * (n + 1)] = lumps[a];
+    return 0;
+}
+
 static void sbi_body_gather_reference(const sb_body *body, int element, sb_vec3 *x)
 {
     int n = body->domain.nodes_per_cell;
@@ -47777,7 +48061,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
         if (!sbi_live_has_cell(body, e))
             continue;
         sbi_body_gather_reference(body, e, x);
-        sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
+        sbi_body_cell_mass(body, e, kind, x, mass, NULL);
         sbi_body_add_mass_blocks(body, e, mass, sbi_live_density(body, e), blocks);
     }
 }
@@ -47899,7 +48183,10 @@ SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *ru
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
-    sbi_domain_tet_masses(rule, x, out, out + 4);
+    if (sbi_live_is_piece(body, cell))
+        sbi_piece_lumps(body->live->pieces + cell, 4, sbi_domain_tet_volume(x), out, out + 4);
+    else
+        sbi_domain_tet_masses(rule, x, out, out + 4);
     for (int a = 0; a < 8; a++)
         out[a] = density * out[a];
 }
@@ -47947,7 +48234,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             continue;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
-            sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
+            sbi_body_cell_mass(body, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         if (sbi_live_follows(body)) {
@@ -47955,7 +48242,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             sbi_body_add_cell_mass(body, e);
             continue;
         }
-        lifted |= sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
+        lifted |= sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
@@ -49296,7 +49583,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
             continue;
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
-        report->duplicate_count += !body->own_points && sbi_body_is_duplicate(body, e);
+        report->duplicate_count += !body->own_points && !sbi_live_is_piece(body, e) && sbi_body_is_duplicate(body, e);
         if (report->worst_element < 0 || quality < report->worst_quality) {
             report->worst_quality = quality;
             report->worst_element = e;
@@ -50687,6 +50974,7 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_slots_free(&live->nodes, &body->allocator);
     sbi_slots_free(&live->cells, &body->allocator);
     sbi_free(&body->allocator, live->shares);
+    sbi_free(&body->allocator, live->pieces);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;
@@ -50704,6 +50992,47 @@ SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
     return live->node_marks && live->cell_marks && (live->masses || !live->follows)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells that may change", live->cells.capacity);
+}
+
+/* ---- pieces ---- */
+
+SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    int is_tet4 = domain->element_type == SB_TET4, is_tet10 = domain->element_type == SB_TET10;
+    if ((!is_tet4 && !is_tet10) || (is_tet10 && domain->points_per_cell != 4))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "pieces of elements are of tet4, or of tet10 with 4 points each, not of %s with %d",
+                        sb_element_name(domain->element_type), domain->points_per_cell);
+    if (is_tet10 && body->mass_kind == SB_MASS_CONSISTENT)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "consistent masses of pieces of tet10 take more than their moments: lumped ones do not");
+    return SB_OK;
+}
+
+SBI_API int sbi_live_take_pieces(sb_body *body)
+{
+    sbi_live *live = body->live;
+    if (!live->pieces)
+        live->pieces =
+            (sbi_piece *)sbi_alloc_zeroed(&body->allocator, (size_t)live->cells.capacity, sizeof *live->pieces);
+    return live->pieces != NULL;
+}
+
+SBI_API void sbi_live_drop_pieces(sb_body *body)
+{
+    if (body->live->piece_count)
+        return;
+    sbi_free(&body->allocator, body->live->pieces);
+    body->live->pieces = NULL;
+}
+
+SBI_API void sbi_live_park_node(sb_body *body, int node)
+{
+    if (body->node_component[node] >= 0 || sbi_live_first_cell(body, node) < 0)
+        return;
+    body->target[node] = body->displacement[node];
+    body->velocity[node] = body->acceleration[node] = sb_v3(0, 0, 0);
 }
 
 SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
@@ -50735,7 +51064,8 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
     body->component_count = matrix->part_count - (lonely >= 0);
     for (int i = 0; i < matrix->row_count; i++) {
         int part = matrix->live->part_of[i];
-        body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
+        int is_free = part == lonely || !sbi_live_has_material(body, i);
+        body->node_component[i] = is_free ? -1 : part - (lonely >= 0 && part > lonely);
     }
 }
 
@@ -51018,9 +51348,8 @@ static void sbi_body_label_by_elements(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
     for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
         body->node_component[i] =
-            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+            sbi_live_has_material(body, i) ? body->element_component.items[lists->items[lists->offsets[i]]] : -1;
     }
 }
 
@@ -51449,12 +51778,17 @@ static sb_vec3 sbi_live_place(const sbi_live_following *work, int node)
     return mark < 0 ? change->moved_nodes.items[-1 - mark].position : work->body->reference[node];
 }
 
-static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share)
+static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share, int is_piece)
 {
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->rule, x, share);
+    return sbi_domain_is_upright(&work->rule, x, share, is_piece);
+}
+
+static const sbi_changed_cell *sbi_live_made_cell(const sbi_live_following *work, int index)
+{
+    return work->change->made_cells.items + work->change->cell_at[work->out->made_cells[index]] - 1;
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -51467,11 +51801,12 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
         for (int a = 0; a < 4; a++)
             good &= sbi_slots_is_used(&work->change->nodes, n[a]);
         good &= n[0] != n[1] && n[0] != n[2] && n[0] != n[3] && n[1] != n[2] && n[1] != n[3] && n[2] != n[3];
-        good = good && sbi_live_cell_is_upright(work, n, out->made_shares[k]);
+        good =
+            good && sbi_live_cell_is_upright(work, n, out->made_shares[k], sbi_live_made_cell(work, k)->piece.is != 0);
     }
     for (int k = 0; k < out->reshaped_cell_count && good; k++)
         good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k],
-                                        out->reshaped_shares[k]);
+                                        out->reshaped_shares[k], sbi_live_is_piece(work->body, out->reshaped_cells[k]));
     return good;
 }
 
@@ -51510,6 +51845,8 @@ static int sbi_live_reserve(sbi_live_following *work, sb_result *result, sb_erro
     supports = body->support_used + body->matrix.live->key_count + work->out->made_node_count;
     if (*result == SB_OK && body->support_used && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
         *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d blocks of supports", supports);
+    if (*result == SB_OK && sbi_change_makes_pieces(work->change) && !sbi_live_take_pieces(body))
+        *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d pieces", body->live->cells.capacity);
     return 1;
 }
 
@@ -51615,14 +51952,24 @@ static void sbi_live_follow_nodes_of_body(sbi_live_following *work)
         }
 }
 
-/* Shares, regions and fibres by cell; slots. */
+static void sbi_live_put_piece(sbi_live *live, int cell, const sbi_piece *piece)
+{
+    if (!live->pieces)
+        return;
+    live->piece_count += (piece->is != 0) - (live->pieces[cell].is != 0);
+    live->pieces[cell] = *piece;
+}
+
+/* Shares, pieces, regions and fibres by cell; slots. */
 static void sbi_live_follow_cells_of_body(sbi_live_following *work)
 {
     const sb_mesh_change *out = work->out;
     sb_body_change *change = work->change;
     sb_body *body = work->body;
     sbi_live *live = body->live;
+    sbi_piece none;
     sbi_slots slots;
+    memset(&none, 0, sizeof none);
     for (int e = work->old_cells; e < out->cell_end; e++) {
         live->shares[e] = 0;
         body->cell_material[e] = 0;
@@ -51631,6 +51978,7 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
     }
     for (int i = 0; i < out->removed_cell_count; i++) {
         live->shares[out->removed_cells[i]] = 0;
+        sbi_live_put_piece(live, out->removed_cells[i], &none);
         body->cell_material[out->removed_cells[i]] = 0;
     }
     for (int i = 0; i < change->made_cells.count; i++) {
@@ -51638,6 +51986,7 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
         if (cell->dropped)
             continue;
         live->shares[cell->cell] = cell->share;
+        sbi_live_put_piece(live, cell->cell, &cell->piece);
         body->cell_material[cell->cell] = cell->material;
         if (body->fibres)
             body->fibres[cell->cell] = cell->fibre;
@@ -51707,7 +52056,9 @@ static int sbi_live_component(const sb_body *body, int node)
 {
     const sbi_matrix_live *live = body->matrix.live;
     int part = live->part_of[node];
-    return part == live->alone_part ? -1 : part - (live->alone_part >= 0 && part > live->alone_part);
+    if (part == live->alone_part || !sbi_live_has_material(body, node))
+        return -1;
+    return part - (live->alone_part >= 0 && part > live->alone_part);
 }
 
 /* Parts and boxes as sbi_body_label_nodes gives them, from the nodes that the change is about alone, unless parts got
@@ -51733,7 +52084,9 @@ static void sbi_live_label_changed(const sbi_live_following *work)
         body->node_component[i] = sbi_live_component(body, i);
         if (body->node_component[i] < 0)
             body->fixed[i] = SB_XYZ;
-        else if (old < 0)
+        if (body->node_component[i] < 0 && old >= 0)
+            sbi_body_leave_box(body, old, body->reference[i]);
+        if (body->node_component[i] >= 0 && old < 0)
             sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
     }
     for (int c = 0; c < body->component_count; c++)
@@ -51768,6 +52121,9 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
     sbi_live_wake_nodes(work);
     sbi_live_label_changed(work);
+    for (int k = 0; k < work->node_count; k++)
+        if (work->lists->nodes[k] < body->domain.node_count)
+            sbi_live_park_node(body, work->lists->nodes[k]);
     body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);
@@ -51801,8 +52157,10 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
         return 0;
     if (*result == SB_OK)
         *result = sbi_live_ask_listeners(work.body, out, error);
-    if (*result != SB_OK)
+    if (*result != SB_OK) {
+        sbi_live_drop_pieces(work.body);
         return 1;
+    }
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
@@ -51960,9 +52318,10 @@ static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error
     const sb_domain *domain = &body->domain;
     int n = domain->nodes_per_cell, q = domain->points_per_cell, used = body->live->cells.used[e] != 0;
     const int *cell = domain->cells + (size_t)e * (size_t)n;
-    if (used != (body->live->shares[e] > 0))
+    int is_piece = sbi_live_is_piece(body, e);
+    if (is_piece ? !used || body->live->shares[e] < 0 : used != (body->live->shares[e] > 0))
         return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the share %g", e, (double)body->live->shares[e]);
-    for (int p = 0; p < q; p++)
+    for (int p = 0; p < q && !is_piece; p++)
         if ((domain->weights[(size_t)e * (size_t)q + (size_t)p] > 0) != used)
             return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the weight %g at point %d", e,
                                     (double)domain->weights[(size_t)e * (size_t)q + (size_t)p], p);
@@ -52004,6 +52363,7 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
  * zeros. */
 static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_error *error)
 {
+    const int nothing[6] = {0, 0, 0, 0, 0, 0}; /* of a part of empty pieces */
     for (int i = 0; i < body->domain.node_count; i++) {
         int c = body->node_component[i];
         sb_vec3 x = body->reference[i], low, high;
@@ -52018,7 +52378,8 @@ static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_e
         sides[c][3] += x.x == high.x, sides[c][4] += x.y == high.y, sides[c][5] += x.z == high.z;
     }
     for (int c = 0; c < body->component_count; c++)
-        if (!sbi_body_box_is_right(body, c) || memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
+        if ((!sbi_body_box_is_right(body, c) && memcmp(sides[c], nothing, sizeof nothing) != 0) ||
+            memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
             return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts",
                             c);
     return SB_OK;
@@ -52046,6 +52407,7 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
     sb_result result = SB_OK;
     sb_real *mass;
     size_t used = 0, listed = 0;
+    int pieces = 0;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
     if (!body->live)
@@ -52069,12 +52431,15 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         used += (size_t)n;
         for (int a = 0; a < n; a++)
             x[a] = body->reference[cell[a]];
-        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, lumped, load);
+        sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, lumped, load);
+        pieces += sbi_live_is_piece(body, e);
         for (int a = 0; a < n; a++)
             mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
     }
     for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
         result = sbi_live_check_node(body, i, mass[i], &listed, error);
+    if (result == SB_OK && pieces != body->live->piece_count)
+        result = sbi_fail(error, SB_ERROR_STATE, "%d cells are pieces, not %d", pieces, body->live->piece_count);
     if (result == SB_OK && used != listed)
         result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
                           (unsigned long)listed, (unsigned long)used);
@@ -52103,8 +52468,12 @@ enum {
     SBI_CHANGE_ADD_CELL = 4,
     SBI_CHANGE_REPLACE_CELL = 5,
     SBI_CHANGE_REMOVE_CELL = 6,
-    SBI_CHANGE_SLIDE_NODE = 7 /* a move with sources */
+    SBI_CHANGE_SLIDE_NODE = 7, /* a move with sources */
+    SBI_CHANGE_ADD_PIECE = 8,  /* cells with moments */
+    SBI_CHANGE_REPLACE_PIECE = 9
 };
+/* Moments in the log: centroid, and covariance row by row. */
+enum { SBI_CHANGE_MOMENTS = 12 };
 
 SB_API sb_change_cell sb_default_change_cell(void)
 {
@@ -52158,7 +52527,7 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
         !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
         !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
         !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
-        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8))
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS))
         return sbi_change_no_memory(error);
     return SB_OK;
 }
@@ -52408,13 +52777,19 @@ static void sbi_change_log_list(sb_body_change *change, const int *nodes, const 
 
 /* ---- nodes ---- */
 
+static int sbi_change_knows_flags(int flags)
+{
+    int keep = SB_NODE_KEEP_X | SB_NODE_KEEP_Y | SB_NODE_KEEP_Z;
+    return flags == 0 || (flags & ~keep) == SB_NODE_COPY;
+}
+
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error)
 {
     sbi_changed_node *made;
     int slot, expanded;
     sb_result result;
-    if (!change || !node || count < 1 || (flags != 0 && flags != SB_NODE_COPY))
+    if (!change || !node || count < 1 || !sbi_change_knows_flags(flags))
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "sb_body_change_add_node needs a change, a place for the number, at "
                         "least one source and known flags");
@@ -52549,6 +52924,19 @@ static int sbi_change_region(const sb_body *body, int region)
     return -1;
 }
 
+static sb_result sbi_change_check_moments(const sb_body *body, const sb_cell_moments *moments, sb_error *error)
+{
+    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance);
+    int finite = sb_v3_is_finite(moments->centroid);
+    for (int i = 0; i < 3; i++)
+        finite &= sb_v3_is_finite(sb_m3_column(moments->covariance, i));
+    if (!finite)
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the moments of a cell are not finite");
+    if (!sbi_piece_is_sound(&piece))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the moments of a cell are not those of a piece of a tet");
+    return sbi_live_check_pieces(body, error);
+}
+
 /* Checks all of a cell but what its nodes will be; *parent is its number before the change. */
 static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_cell *cell, int *parent, sb_error *error)
 {
@@ -52561,13 +52949,13 @@ static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_c
         return sbi_fail_element(error, SB_ERROR_INDEX, *parent, "the parent %d of a cell was not in use", *parent);
     if (cell->region != SB_AUTO && sbi_change_region(body, cell->region) < 0)
         return sbi_fail(error, SB_ERROR_INDEX, "the mesh was made without a region %d", cell->region);
-    if (!(cell->share > 0) || !(cell->share <= 1))
+    if (!(cell->moments ? cell->share >= 0 : cell->share > 0) || !(cell->share <= 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the share %g of a cell is not in (0, 1]", (double)cell->share);
     if (cell->fibre && !sb_v3_is_finite(*cell->fibre))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
     if (cell->fibre && !body->fibres)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
-    return SB_OK;
+    return cell->moments ? sbi_change_check_moments(body, cell->moments, error) : SB_OK;
 }
 
 static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *cell)
@@ -52579,6 +52967,11 @@ static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *ce
         sbi_change_log_int(change, cell->nodes[a]);
     sbi_change_log_real(change, cell->share);
     sbi_change_log_vector(change, cell->fibre ? *cell->fibre : sb_v3(0, 0, 0));
+    if (cell->moments) {
+        sbi_change_log_vector(change, cell->moments->centroid);
+        for (int i = 0; i < 9; i++)
+            sbi_change_log_real(change, cell->moments->covariance.m[i / 3][i % 3]);
+    }
 }
 
 /* Puts a checked cell into a slot that was taken for it; there is room. */
@@ -52591,6 +52984,8 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     change->cell_at[slot] = change->made_cells.count;
     made->parent = parent;
     made->share = cell->share;
+    if (cell->moments)
+        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance);
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
                      : parent >= 0           ? body->cell_material[parent]
                                              : 0;
@@ -52629,7 +53024,7 @@ SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change
     if (result != SB_OK)
         return result;
     slot = sbi_slots_take(&change->cells);
-    sbi_change_log_int(change, SBI_CHANGE_ADD_CELL);
+    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_ADD_PIECE : SBI_CHANGE_ADD_CELL);
     sbi_change_log_cell(change, cell);
     sbi_change_put_cell(change, slot, cell, parent);
     if (number)
@@ -52651,7 +53046,7 @@ SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number,
         result = sbi_change_reserve(change, 0, error);
     if (result != SB_OK)
         return result;
-    sbi_change_log_int(change, SBI_CHANGE_REPLACE_CELL);
+    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_REPLACE_PIECE : SBI_CHANGE_REPLACE_CELL);
     sbi_change_log_int(change, number);
     sbi_change_log_cell(change, cell);
     sbi_change_drop_cell(change, number);
@@ -52721,10 +53116,39 @@ static int sbi_change_next_list(sbi_change_reader *reader, const int **nodes, co
     return count;
 }
 
+/* Makes a cell again. */
+static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reader *reader, int call, sb_error *error)
+{
+    int replaces = call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE;
+    int nodes[SB_MAX_ELEMENT_NODES], has_fibre, number = replaces ? sbi_change_next_int(reader) : -1;
+    sb_change_cell cell = sb_default_change_cell();
+    sb_cell_moments moments;
+    sb_vec3 fibre;
+    cell.parent = sbi_change_next_int(reader);
+    cell.region = sbi_change_next_int(reader);
+    has_fibre = sbi_change_next_int(reader);
+    for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
+        nodes[a] = sbi_change_next_int(reader);
+    cell.nodes = nodes;
+    cell.share = sbi_change_next_real(reader);
+    fibre = sbi_change_next_vector(reader);
+    cell.fibre = has_fibre ? &fibre : NULL;
+    if (call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
+        moments.centroid = sbi_change_next_vector(reader);
+        for (int i = 0; i < 9; i++)
+            moments.covariance.m[i / 3][i % 3] = sbi_change_next_real(reader);
+        cell.moments = &moments;
+    }
+    if (reader->bad)
+        return SB_OK;
+    return replaces ? sb_body_change_replace_cell(change, number, &cell, error)
+                    : sb_body_change_add_cell(change, &cell, NULL, error);
+}
+
 /* Makes one call again. */
 static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reader *reader, sb_error *error)
 {
-    int nodes[SB_MAX_ELEMENT_NODES], call = sbi_change_next_int(reader), count = 0, number, flag;
+    int call = sbi_change_next_int(reader), count = 0, number, flag;
     const int *list = NULL;
     const sb_real *weights = NULL;
     sb_vec3 v;
@@ -52738,27 +53162,14 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    ? sb_body_change_add_node(change, v, list, weights, count, flag, &number, error)
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
-    number = call != SBI_CHANGE_ADD_CELL ? sbi_change_next_int(reader) : -1;
+    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_CELL ||
+        call == SBI_CHANGE_REPLACE_PIECE)
+        return sbi_change_replay_cell(change, reader, call, error);
+    number = sbi_change_next_int(reader);
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
         count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
         return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, list, weights, count, error);
-    }
-    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL) {
-        sb_change_cell cell = sb_default_change_cell();
-        cell.parent = sbi_change_next_int(reader);
-        cell.region = sbi_change_next_int(reader);
-        flag = sbi_change_next_int(reader);
-        for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
-            nodes[a] = sbi_change_next_int(reader);
-        cell.nodes = nodes;
-        cell.share = sbi_change_next_real(reader);
-        v = sbi_change_next_vector(reader);
-        cell.fibre = flag ? &v : NULL;
-        if (reader->bad)
-            return SB_OK;
-        return call == SBI_CHANGE_ADD_CELL ? sb_body_change_add_cell(change, &cell, NULL, error)
-                                           : sb_body_change_replace_cell(change, number, &cell, error);
     }
     reader->bad |= call != SBI_CHANGE_REMOVE_CELL;
     return reader->bad ? SB_OK : sb_body_change_remove_cell(change, number, error);
@@ -52858,7 +53269,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
             continue;
         lists->made_nodes[out->made_node_count] = node->node;
         lists->made_positions[out->made_node_count] = node->position;
-        lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
+        lists->made_copies[out->made_node_count] = (unsigned char)node->flags;
         lists->source_start[out->made_node_count++] = entries;
         entries = sbi_change_list_entries(change, node, entries, lists->sources, lists->source_weights);
     }
@@ -52943,6 +53354,8 @@ static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
             continue;
         memset(mesh->corners + (size_t)e * (size_t)n, 0, (size_t)n * sizeof(int));
         mesh->shares[e] = 0;
+        if (mesh->pieces)
+            memset(mesh->pieces + e, 0, sizeof *mesh->pieces);
         mesh->inherit[e] = -1;
         mesh->kept[e] = 0;
     }
@@ -52959,6 +53372,8 @@ static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
                (size_t)n * sizeof(int));
         mesh->material[cell->cell] = cell->material;
         mesh->shares[cell->cell] = cell->share;
+        if (mesh->pieces)
+            mesh->pieces[cell->cell] = cell->piece;
         mesh->inherit[cell->cell] = cell->parent;
         mesh->kept[cell->cell] = 0;
         if (mesh->fibres)
@@ -52972,8 +53387,9 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
     int n = body->domain.nodes_per_cell, cells = 0;
     for (int e = 0; e < mesh->cells.end; e++) {
         const int *cell = mesh->corners + (size_t)e * (size_t)n;
-        cells += mesh->shares[e] > 0;
-        for (int a = 0; a < n && mesh->shares[e] > 0; a++) {
+        int used = mesh->cells.used[e];
+        cells += used && mesh->shares[e] > 0;
+        for (int a = 0; a < n && used; a++) {
             if (!sbi_slots_is_used(&mesh->nodes, cell[a])) {
                 sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change",
                                  e, cell[a]);
@@ -53050,7 +53466,8 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
                                       sb_error *error)
 {
     const sb_body *body = change->body;
-    sb_result result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
+    sb_result result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells,
+                                              body->live->piece_count || sbi_change_makes_pieces(change), mesh, error);
     if (result != SB_OK)
         return result;
     sbi_live_mesh_fill(body, mesh);
@@ -53068,13 +53485,13 @@ static sb_result sbi_change_check_lonely(const sb_body *body, const sb_mesh_chan
     int *marks = body->live->node_marks;
     sb_result result = SB_OK;
     for (int e = 0; e < mesh->cells.end; e++)
-        for (int a = 0; a < 4 && mesh->shares[e] > 0; a++)
+        for (int a = 0; a < 4 && mesh->cells.used[e]; a++)
             marks[mesh->corners[4 * (size_t)e + (size_t)a]] = 1;
     for (int i = 0; i < out->made_node_count && result == SB_OK; i++)
         if (!marks[out->made_nodes[i]])
             result = sbi_live_refuse_lonely(out->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, mesh->nodes.end) && result == SB_OK; i++)
-        if (mesh->nodes.used[i] && body->node_component[i] >= 0 && !marks[i])
+        if (mesh->nodes.used[i] && sbi_live_first_cell(body, i) >= 0 && !marks[i])
             result = sbi_live_refuse_lonely(i, 0, error);
     memset(marks, 0, (size_t)mesh->nodes.end * sizeof *marks);
     return result;
@@ -53093,8 +53510,8 @@ static sb_result sbi_change_check_mesh(const sb_body *body, const sb_mesh_change
         sb_vec3 x[4];
         for (int a = 0; a < 4; a++)
             x[a] = mesh->positions[mesh->corners[4 * (size_t)e + (size_t)a]];
-        if (mesh->shares[e] > 0)
-            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], error);
+        if (mesh->cells.used[e])
+            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], mesh->pieces && mesh->pieces[e].is != 0, error);
     }
     return result == SB_OK ? sbi_change_check_lonely(body, out, mesh, error) : result;
 }
@@ -53166,6 +53583,8 @@ static void sbi_live_mesh_layout(const sb_body *body, sbi_live_mesh *mesh, sbi_a
     if (body->fibres)
         mesh->fibres = (sb_vec3 *)sbi_arena_take(arena, cells, sizeof(sb_vec3));
     mesh->shares = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    if (mesh->has_pieces)
+        mesh->pieces = (sbi_piece *)sbi_arena_take(arena, cells, sizeof(sbi_piece));
     mesh->corners = (int *)sbi_arena_take(arena, cells, (size_t)body->domain.nodes_per_cell * sizeof(int));
     mesh->material = (int *)sbi_arena_take(arena, cells, sizeof(int));
     mesh->inherit = (int *)sbi_arena_take(arena, cells, sizeof(int));
@@ -53187,9 +53606,10 @@ static sb_result sbi_live_mesh_take(const sb_body *body, sbi_live_mesh *mesh, sb
 }
 
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                         sbi_live_mesh *mesh, sb_error *error)
+                                         int has_pieces, sbi_live_mesh *mesh, sb_error *error)
 {
     memset(mesh, 0, sizeof *mesh);
+    mesh->has_pieces = has_pieces;
     if (!sbi_slots_copy(&mesh->nodes, nodes, 0, &body->allocator) ||
         !sbi_slots_copy(&mesh->cells, cells, 0, &body->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
@@ -53210,9 +53630,10 @@ static int sbi_live_slots_like(sbi_slots *slots, const sbi_slots *counts, const 
 }
 
 SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                     sbi_live_mesh *mesh, sb_error *error)
+                                     int has_pieces, sbi_live_mesh *mesh, sb_error *error)
 {
     memset(mesh, 0, sizeof *mesh);
+    mesh->has_pieces = has_pieces;
     if (!sbi_live_slots_like(&mesh->nodes, nodes, &body->live->nodes, &body->allocator) ||
         !sbi_live_slots_like(&mesh->cells, cells, &body->live->cells, &body->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
@@ -53239,10 +53660,12 @@ SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh)
     memcpy(mesh->corners, body->domain.cells, (size_t)cells * n * sizeof(int));
     memcpy(mesh->material, body->cell_material, (size_t)cells * sizeof(int));
     memcpy(mesh->shares, body->live->shares, (size_t)cells * sizeof(sb_real));
+    if (mesh->pieces && body->live->pieces)
+        memcpy(mesh->pieces, body->live->pieces, (size_t)cells * sizeof(sbi_piece));
     if (mesh->fibres)
         memcpy(mesh->fibres, body->fibres, (size_t)cells * sizeof(sb_vec3));
     for (int e = 0; e < mesh->cells.end; e++) {
-        mesh->kept[e] = e < cells && mesh->shares[e] > 0;
+        mesh->kept[e] = e < cells && body->live->cells.used[e];
         mesh->inherit[e] = mesh->kept[e] ? e : -1;
         if (!mesh->kept[e])
             mesh->material[e] = 0;
@@ -53287,7 +53710,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
-    if (!live->shares)
+    if (!live->shares || (mesh->pieces && !sbi_live_take_pieces(next)))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->follows = body->live->follows;
     if (sbi_live_take_marks(next, error) != SB_OK)
@@ -53304,10 +53727,14 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     memcpy(next->made_young, body->made_young, materials * sizeof(sb_real));
     memcpy(next->cell_material, mesh->material, cells * sizeof(int));
     memcpy(live->shares, mesh->shares, cells * sizeof(sb_real));
+    for (size_t e = 0; mesh->pieces && e < cells; e++) {
+        live->pieces[e] = mesh->pieces[e];
+        live->piece_count += mesh->pieces[e].is != 0;
+    }
     memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
     if (mesh->fibres)
         memcpy(next->fibres, mesh->fibres, cells * sizeof(sb_vec3));
-    return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, error);
+    return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, mesh->pieces, error);
 }
 
 /* Part of each cell in its slot, -1 where it is free, from those of the cells in use. */
@@ -53339,7 +53766,7 @@ static sb_result sbi_live_make_lists(const sbi_live_mesh *mesh, sb_body *next, s
     view.nodes = mesh->positions;
     view.elements = used + next->domain.cell_count;
     for (int e = 0; e < next->domain.cell_count; e++)
-        if (next->live->shares[e] > 0) {
+        if (sbi_live_has_cell(next, e)) {
             memcpy(view.elements + (size_t)count * (size_t)n, next->domain.cells + (size_t)e * (size_t)n,
                    (size_t)n * sizeof(int));
             used[count++] = e;
@@ -53478,14 +53905,23 @@ static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources
     return axes;
 }
 
-/* A node made: motion of its sources, and their supports unless it is a copy. */
+/* The axes along which a node with these options may have the supports of its sources. */
+static unsigned sbi_live_kept_axes(unsigned options)
+{
+    unsigned axes = (options & SB_NODE_KEEP_X ? SB_X : 0u) | (options & SB_NODE_KEEP_Y ? SB_Y : 0u) |
+                    (options & SB_NODE_KEEP_Z ? SB_Z : 0u);
+    return options & SB_NODE_COPY ? axes : (unsigned)SB_XYZ;
+}
+
+/* A node made: motion of its sources, and their supports as far as its options say. */
 SBI_API sbi_live_motion sbi_live_made_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
         sbi_live_get_sources(change->source_start, index, change->sources, change->source_weights);
     sbi_live_motion motion;
     motion.node = change->made_nodes[index];
-    motion.fixed = (unsigned char)(change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources));
+    motion.fixed =
+        (unsigned char)(sbi_live_kept_axes(change->made_copies[index]) & sbi_live_common_axes(body, &sources));
     motion.displacement = sbi_live_interpolate(&sources, body->displacement);
     motion.velocity = sbi_live_interpolate(&sources, body->velocity);
     motion.acceleration = sbi_live_interpolate(&sources, body->acceleration);
@@ -53568,6 +54004,8 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
             if (force.x != 0 || force.y != 0 || force.z != 0)
                 *load = sb_v3_madd(*load, change->heir_weights[k], force);
         }
+    for (int i = 0; i < next->domain.node_count; i++)
+        sbi_live_park_node(next, i);
     sbi_body_update_positions(next);
 }
 
@@ -53577,7 +54015,7 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
     for (int e = 0; e < mesh->cells.end; e++)
         if (mesh->inherit[e] >= 0)
             sbi_assembly_copy_cell(&next->assembly, e, &body->assembly, mesh->inherit[e]);
-        else if (mesh->shares[e] > 0)
+        else if (mesh->cells.used[e])
             sbi_assembly_forget_cell(&next->assembly, e, next->displacement);
     sbi_assembly_begin_step(&next->assembly, 0);
 }
@@ -53620,7 +54058,7 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
     for (int a = 0; a < n; a++)
         x[a] = body->reference[cell[a]];
-    sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
+    sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
         sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]],
                           about, v[cell[a]]);
@@ -53833,10 +54271,10 @@ static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_chang
                                        sb_error *error)
 {
     for (int i = 0; i < change->made_node_count; i++)
-        if (next->node_component[change->made_nodes[i]] < 0)
+        if (sbi_live_first_cell(next, change->made_nodes[i]) < 0)
             return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
-        if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
+        if (next->live->nodes.used[i] && sbi_live_first_cell(body, i) >= 0 && sbi_live_first_cell(next, i) < 0)
             return sbi_live_refuse_lonely(i, 0, error);
     return SB_OK;
 }
@@ -65039,7 +65477,8 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 
 /* ---- a mesh that may change ---- */
 
-enum { SBI_STATE_LIVE = 15 }; /* number of its part, which comes first */
+/* Numbers of its part, which comes first; the second of a mesh with pieces. */
+enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 16 };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -65052,7 +65491,37 @@ static sbi_live_mesh sbi_state_live_view(const sb_body *body)
     mesh.corners = body->domain.cells;
     mesh.material = body->cell_material;
     mesh.shares = body->live->shares;
+    mesh.has_pieces = body->live->piece_count > 0;
+    mesh.pieces = mesh.has_pieces ? body->live->pieces : NULL;
     return mesh;
+}
+
+/* The number of the body's part of the mesh. */
+static int sbi_state_live_number(const sb_body *body)
+{
+    return body->live->piece_count ? SBI_STATE_PIECES : SBI_STATE_LIVE;
+}
+
+/* How many pieces there are, and each with its cell. */
+static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
+{
+    int count = 0, cell = 0;
+    for (int e = 0; e < mesh->cells.end; e++)
+        count += mesh->pieces[e].is != 0;
+    count = sbi_state_int(walk, count, 1, mesh->cells.end, "number of pieces");
+    for (int k = 0; k < count && walk->result == SB_OK; k++, cell++) {
+        sbi_piece *piece;
+        while (!walk->store && cell < mesh->cells.end - 1 && mesh->pieces[cell].is == 0)
+            cell++;
+        cell = sbi_state_int(walk, cell, cell, mesh->cells.end - 1, "cell of a piece");
+        piece = mesh->pieces + cell;
+        if (walk->store)
+            piece->is = 1;
+        for (int i = 0; i < 3; i++)
+            sbi_state_put_real(walk, piece->centroid + i);
+        for (int i = 0; i < 6; i++)
+            sbi_state_put_real(walk, piece->covariance + i);
+    }
 }
 
 /* Counts of one kind of slots, and the free ones in the order in which they will be used. */
@@ -65092,6 +65561,8 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
 {
     sbi_state_slot_stack(walk, &mesh->nodes);
     sbi_state_slot_stack(walk, &mesh->cells);
+    if (mesh->pieces && walk->result == SB_OK)
+        sbi_state_pieces(walk, mesh);
     if (sbi_state_put_mesh(walk, mesh, n))
         return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
@@ -65139,7 +65610,9 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
     for (int e = 0; e < mesh->cells.end; e++) {
         const int *cell = mesh->corners + (size_t)e * (size_t)n;
         sb_real share = mesh->shares[e];
-        int used = mesh->cells.used[e], bad = used ? !(share > 0) || !(share <= 1) : share != 0;
+        int used = mesh->cells.used[e], is_piece = mesh->pieces && mesh->pieces[e].is != 0;
+        int bad = used ? !(is_piece ? share >= 0 : share > 0) || !(share <= 1) : share != 0 || is_piece;
+        bad |= is_piece && !sbi_piece_is_sound(mesh->pieces + e);
         for (int a = 0; a < n; a++) {
             bad |= used ? !mesh->nodes.used[cell[a]] : cell[a] != 0;
             for (int b = 0; b < a && used; b++)
@@ -65158,8 +65631,11 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     sbi_state_walk walk = *from;
     sbi_slots nodes, cells;
     int n = body->domain.nodes_per_cell;
+    int has_pieces = sbi_get_bytes(from->in + SBI_IMAGE_HEAD, 4) == SBI_STATE_PIECES;
     uint64_t needed;
-    sb_result result;
+    sb_result result = has_pieces ? sbi_live_check_pieces(body, error) : SB_OK;
+    if (result != SB_OK)
+        return result;
     memset(&nodes, 0, sizeof nodes);
     memset(&cells, 0, sizeof cells);
     walk.pass = SBI_STATE_CHECK;
@@ -65174,7 +65650,7 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
         nodes.end > nodes.fresh || cells.end > cells.fresh)
         return sbi_fail(error, SB_ERROR_FORMAT, "the slots of the saved mesh do not fit together");
-    result = sbi_live_mesh_room(body, &nodes, &cells, mesh, error);
+    result = sbi_live_mesh_room(body, &nodes, &cells, has_pieces, mesh, error);
     if (result != SB_OK)
         return result;
     walk.store = 1;
@@ -65197,7 +65673,12 @@ static int sbi_state_same_slots(const sbi_slots *a, const sbi_slots *b)
 static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 {
     size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end, n = (size_t)body->domain.nodes_per_cell;
-    return sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
+    int pieces = 0;
+    for (size_t e = 0; mesh->pieces && e < cells; e++)
+        pieces += mesh->pieces[e].is != 0;
+    return pieces == body->live->piece_count &&
+           (!pieces || memcmp(body->live->pieces, mesh->pieces, cells * sizeof(sbi_piece)) == 0) &&
+           sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
            sbi_state_same_slots(&body->live->cells, &mesh->cells) &&
            memcmp(body->reference, mesh->positions, nodes * sizeof(sb_vec3)) == 0 &&
            memcmp(body->domain.cells, mesh->corners, cells * n * sizeof(int)) == 0 &&
@@ -65239,9 +65720,12 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
     for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
         const sbi_state_own *part = sbi_state_owns + i;
+        int number = part->number;
         if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
-        sbi_state_int(walk, part->number, part->number, part->number, "part");
+        if (part->walk == sbi_state_live)
+            number = sbi_state_live_number(body);
+        sbi_state_int(walk, number, number, number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
@@ -65411,6 +65895,7 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    uint64_t first;
     int is_live;
     if (!body || (size > 0 && !buffer))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
@@ -65420,7 +65905,8 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     if (walk.result != SB_OK)
         return walk.result;
     walk.size = size - SBI_IMAGE_TAIL;
-    is_live = walk.size >= SBI_IMAGE_HEAD + 4 && sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) == SBI_STATE_LIVE;
+    first = walk.size >= SBI_IMAGE_HEAD + 4 ? sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) : 0;
+    is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES;
     if (is_live != (body->live != NULL))
         return sbi_fail(error, SB_ERROR_STATE,
                         is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
@@ -66564,6 +67050,1171 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
     sbi_free(&recording->allocator, scratch.ints);
     sbi_free(&recording->allocator, scratch.vectors);
     return result;
+}
+
+/* ==== src/softbody/cut/lattice.h ==== */
+/* lattice: the regular lattice of a tet, by which cuts part it. Internal. Floor 4, calls base and mesh only.
+ *
+ * What a cut parts is decided by booleans on the links of a lattice, never by geometry: each tet carries the lattice of
+ * m = 1, 2 or 4 intervals, whose micro-tets are made by red refinement (Bey 1995), and a link is whole or cut. A piece
+ * is a connected component of a tet's points over whole links: a 64-bit mask.
+ *
+ *     m    points    links    micro-tets
+ *     1         4        6             1       the corners: a piece needs one
+ *     2        10       25             8       as the nodes of a tet10
+ *     4        35      130            64       the points of m = 2 come first
+ *
+ * Points and links on a face or an edge belong to all tets around it. They agree because everything that is said of
+ * them goes by the tets' corners in ascending order of their nodes: names, which end is first, sums of coordinates.
+ * The lattice is that of the mesh before any cut; corners are nodes of that mesh. */
+#ifndef SB_LATTICE_H
+#define SB_LATTICE_H
+
+
+enum { SBI_LATTICE_POINTS = 35, SBI_LATTICE_LINKS = 130, SBI_LATTICE_MICROS = 64, SBI_LATTICE_FACE_POINTS = 15 };
+
+/* Corners of a tet in ascending order of their nodes. */
+typedef struct sbi_corner_order {
+    int nodes[4];             /* of the corners */
+    unsigned char corners[4]; /* in ascending order */
+} sbi_corner_order;
+
+typedef struct sbi_lattice {
+    int intervals; /* m */
+    int point_count, link_count, micro_count;
+    signed char points[SBI_LATTICE_POINTS][4];        /* barycentrics in m-ths; the corners first */
+    unsigned char links[SBI_LATTICE_LINKS][2];        /* ends, the lower point first; in ascending order */
+    unsigned char micros[SBI_LATTICE_MICROS][4];      /* corners, oriented as the tet */
+    unsigned char micro_links[SBI_LATTICE_MICROS][6]; /* in the order of a tet's edges (sb_element_edge) */
+    uint64_t face_points[4];                          /* those on each face (sb_element_face) */
+    signed char lookup[5][5][5];                      /* point with these barycentrics 1, 2, 3; -1: none */
+} sbi_lattice;
+
+/* A link's name, the same from all tets around it. */
+typedef struct sbi_link_key {
+    int at[4];
+} sbi_link_key;
+
+/* intervals: 1, 2 or 4. */
+SBI_API void sbi_lattice_make(int intervals, sbi_lattice *lattice);
+SBI_API sbi_corner_order sbi_corner_order_make(const int nodes[4]);
+
+/* Name of a link of the tet with this number: the nodes of the edge or face that it lies in, ascending, and where in
+ * it; within the tet its number and the link. */
+SBI_API sbi_link_key sbi_lattice_key(const sbi_lattice *lattice, const sbi_corner_order *order, int tet, int link);
+/* Ends of a link: ends[0] is the first, which its crossing counts from. */
+SBI_API void sbi_lattice_ends(const sbi_lattice *lattice, const sbi_corner_order *order, int link, int ends[2]);
+/* Where a point with these barycentrics is, of a tet with corners at x: the same bits from all tets around. */
+SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real barycentrics[4], const sb_vec3 x[4]);
+SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4]);
+
+/* Pieces of a tet, in the order of their lowest points; returns how many (0: no point).
+ * cut     [link_count] not 0: cut
+ * points  mask of the points that are there */
+SBI_API int sbi_lattice_pieces(const sbi_lattice *lattice, const unsigned char *cut, uint64_t points,
+                               uint64_t pieces[SBI_LATTICE_POINTS]);
+/* All points of the lattice. */
+SB_INLINE uint64_t sbi_lattice_all(const sbi_lattice *lattice) { return ((uint64_t)1 << lattice->point_count) - 1; }
+/* Points of a piece on a face of the tet, named by their places in the face: pieces of the two tets of a face touch
+ * when their marks have one in common. */
+SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
+                                        uint64_t piece);
+/* 1 when every micro-triangle of this tet around a link has exactly one cut link: of a whole link that is so in all
+ * tets around it nothing holds but itself. */
+SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned char *cut, int link);
+
+#endif /* SB_LATTICE_H */
+
+/* ==== src/softbody/cut/lattice.c ==== */
+/* lattice: points, links and micro-tets of a tet's lattice, their names, and the pieces that cut links leave. */
+
+#include <string.h>
+
+
+/* ---- tables ---- */
+
+typedef struct sbi_lattice_corner {
+    signed char at[4]; /* barycentrics in m-ths */
+} sbi_lattice_corner;
+
+static sbi_lattice_corner sbi_lattice_middle(sbi_lattice_corner a, sbi_lattice_corner b)
+{
+    for (int i = 0; i < 4; i++)
+        a.at[i] = (signed char)((a.at[i] + b.at[i]) / 2);
+    return a;
+}
+
+/* The 8 parts of a micro-tet, in the order of corners that keeps their shapes few when they are refined again (Bey
+ * 1995); 0 to 3 are corners, 4 to 9 middles of edges as the nodes of a tet10. */
+static void sbi_lattice_refine(const sbi_lattice_corner tet[4], sbi_lattice_corner parts[8][4])
+{
+    static const signed char corners[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3},
+                                              {4, 6, 7, 8}, {4, 6, 5, 8}, {6, 7, 8, 9}, {6, 5, 8, 9}};
+    sbi_lattice_corner points[10];
+    int ends[3];
+    memcpy(points, tet, 4 * sizeof *points);
+    for (int e = 0; e < 6; e++) {
+        sb_element_edge(SB_TET4, e, ends);
+        points[4 + e] = sbi_lattice_middle(tet[ends[0]], tet[ends[1]]);
+    }
+    for (int k = 0; k < 8; k++)
+        for (int a = 0; a < 4; a++)
+            parts[k][a] = points[(int)corners[k][a]];
+}
+
+static int sbi_lattice_find(const sbi_lattice *lattice, const signed char at[4])
+{
+    return lattice->lookup[at[1]][at[2]][at[3]];
+}
+
+static void sbi_lattice_add_point(sbi_lattice *lattice, sbi_lattice_corner point)
+{
+    signed char *place = &lattice->lookup[point.at[1]][point.at[2]][point.at[3]];
+    if (*place >= 0)
+        return;
+    *place = (signed char)lattice->point_count;
+    memcpy(lattice->points[lattice->point_count++], point.at, 4);
+}
+
+/* Corners, then middles of edges, then the others. */
+static void sbi_lattice_add_points(sbi_lattice *lattice, const sbi_lattice_corner tet[4])
+{
+    int m = lattice->intervals, ends[3];
+    sbi_lattice_corner point;
+    memset(lattice->lookup, -1, sizeof lattice->lookup);
+    for (int a = 0; a < 4; a++)
+        sbi_lattice_add_point(lattice, tet[a]);
+    for (int e = 0; e < 6 && m > 1; e++) {
+        sb_element_edge(SB_TET4, e, ends);
+        sbi_lattice_add_point(lattice, sbi_lattice_middle(tet[ends[0]], tet[ends[1]]));
+    }
+    for (int i = 0; i <= m; i++)
+        for (int j = 0; i + j <= m; j++)
+            for (int k = 0; i + j + k <= m; k++) {
+                point.at[0] = (signed char)(m - i - j - k);
+                point.at[1] = (signed char)i;
+                point.at[2] = (signed char)j;
+                point.at[3] = (signed char)k;
+                sbi_lattice_add_point(lattice, point);
+            }
+    for (int p = 0; p < lattice->point_count; p++)
+        for (int face = 0; face < 4; face++) {
+            int corners[SB_MAX_FACE_NODES], on = 0;
+            sb_element_face(SB_TET4, face, corners, NULL);
+            for (int a = 0; a < 3; a++)
+                on += lattice->points[p][corners[a]];
+            if (on == m)
+                lattice->face_points[face] |= (uint64_t)1 << p;
+        }
+}
+
+static int sbi_lattice_is_inverted(const signed char (*points)[4], const unsigned char corners[4])
+{
+    const signed char *o = points[corners[0]], *a = points[corners[1]], *b = points[corners[2]],
+                      *c = points[corners[3]];
+    int e[3], f[3], g[3];
+    for (int i = 0; i < 3; i++) {
+        e[i] = a[i + 1] - o[i + 1];
+        f[i] = b[i + 1] - o[i + 1];
+        g[i] = c[i + 1] - o[i + 1];
+    }
+    return e[0] * (f[1] * g[2] - f[2] * g[1]) + e[1] * (f[2] * g[0] - f[0] * g[2]) +
+               e[2] * (f[0] * g[1] - f[1] * g[0]) <
+           0;
+}
+
+static void sbi_lattice_add_micro(sbi_lattice *lattice, const sbi_lattice_corner tet[4])
+{
+    unsigned char *corners = lattice->micros[lattice->micro_count++];
+    for (int a = 0; a < 4; a++)
+        corners[a] = (unsigned char)sbi_lattice_find(lattice, tet[a].at);
+    if (sbi_lattice_is_inverted((const signed char(*)[4])lattice->points, corners)) {
+        unsigned char swap = corners[2];
+        corners[2] = corners[3];
+        corners[3] = swap;
+    }
+}
+
+static void sbi_lattice_add_micros(sbi_lattice *lattice, const sbi_lattice_corner tet[4], int intervals)
+{
+    sbi_lattice_corner parts[8][4];
+    if (intervals == 1) {
+        sbi_lattice_add_micro(lattice, tet);
+        return;
+    }
+    sbi_lattice_refine(tet, parts);
+    for (int k = 0; k < 8; k++)
+        sbi_lattice_add_micros(lattice, (const sbi_lattice_corner *)parts[k], intervals / 2);
+}
+
+static void sbi_lattice_add_links(sbi_lattice *lattice)
+{
+    unsigned char number[SBI_LATTICE_POINTS][SBI_LATTICE_POINTS]; /* 1: a link; then its number */
+    int ends[3];
+    memset(number, 0, sizeof number);
+    for (int pass = 0; pass < 2; pass++) {
+        for (int k = 0; k < lattice->micro_count; k++)
+            for (int e = 0; e < 6; e++) {
+                int a, b;
+                sb_element_edge(SB_TET4, e, ends);
+                a = lattice->micros[k][ends[0]];
+                b = lattice->micros[k][ends[1]];
+                if (pass == 0)
+                    number[sbi_min_int(a, b)][sbi_max_int(a, b)] = 1;
+                else
+                    lattice->micro_links[k][e] = number[sbi_min_int(a, b)][sbi_max_int(a, b)];
+            }
+        for (int a = 0; a < lattice->point_count && pass == 0; a++)
+            for (int b = a + 1; b < lattice->point_count; b++)
+                if (number[a][b]) {
+                    lattice->links[lattice->link_count][0] = (unsigned char)a;
+                    lattice->links[lattice->link_count][1] = (unsigned char)b;
+                    number[a][b] = (unsigned char)lattice->link_count++;
+                }
+    }
+}
+
+SBI_API void sbi_lattice_make(int intervals, sbi_lattice *lattice)
+{
+    sbi_lattice_corner tet[4];
+    memset(lattice, 0, sizeof *lattice);
+    memset(tet, 0, sizeof tet);
+    lattice->intervals = intervals;
+    for (int a = 0; a < 4; a++)
+        tet[a].at[a] = (signed char)intervals;
+    sbi_lattice_add_points(lattice, tet);
+    sbi_lattice_add_micros(lattice, tet, intervals);
+    sbi_lattice_add_links(lattice);
+}
+
+/* ---- what tets around agree on ---- */
+
+SBI_API sbi_corner_order sbi_corner_order_make(const int nodes[4])
+{
+    sbi_corner_order order;
+    for (int a = 0; a < 4; a++) {
+        int at = a;
+        order.nodes[a] = nodes[a];
+        for (; at > 0 && nodes[order.corners[at - 1]] > nodes[a]; at--)
+            order.corners[at] = order.corners[at - 1];
+        order.corners[at] = (unsigned char)a;
+    }
+    return order;
+}
+
+SBI_API sbi_link_key sbi_lattice_key(const sbi_lattice *lattice, const sbi_corner_order *order, int tet, int link)
+{
+    const signed char *a = lattice->points[lattice->links[link][0]], *b = lattice->points[lattice->links[link][1]];
+    sbi_link_key key = {{-1, -1, -1, 0}};
+    int count = 0;
+    for (int i = 0; i < 4; i++) {
+        int corner = order->corners[i], twice = a[corner] + b[corner]; /* of the link's middle, of 2 m */
+        if (twice == 0)
+            continue;
+        if (count < 3)
+            key.at[count] = order->nodes[corner];
+        if (count < 2) /* the last one follows from the others */
+            key.at[3] = 9 * key.at[3] + twice;
+        count++;
+    }
+    if (count == 4) {
+        key.at[0] = tet;
+        key.at[1] = key.at[2] = -1;
+        key.at[3] = link;
+    }
+    return key;
+}
+
+SBI_API void sbi_lattice_ends(const sbi_lattice *lattice, const sbi_corner_order *order, int link, int ends[2])
+{
+    int a = lattice->links[link][0], b = lattice->links[link][1], swapped = 0;
+    for (int i = 0; i < 4; i++) {
+        int corner = order->corners[i], more = lattice->points[a][corner] - lattice->points[b][corner];
+        if (more != 0) {
+            swapped = more < 0;
+            break;
+        }
+    }
+    ends[0] = swapped ? b : a;
+    ends[1] = swapped ? a : b;
+}
+
+SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real barycentrics[4], const sb_vec3 x[4])
+{
+    sb_vec3 place = {0, 0, 0};
+    for (int i = 0; i < 4; i++) {
+        int corner = order->corners[i];
+        if (barycentrics[corner] != 0)
+            place = sb_v3_madd(place, barycentrics[corner], x[corner]);
+    }
+    return place;
+}
+
+SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4])
+{
+    for (int a = 0; a < 4; a++)
+        barycentrics[a] = (sb_real)lattice->points[point][a] / (sb_real)lattice->intervals; /* exact */
+}
+
+/* ---- pieces ---- */
+
+SBI_API int sbi_lattice_pieces(const sbi_lattice *lattice, const unsigned char *cut, uint64_t points,
+                               uint64_t pieces[SBI_LATTICE_POINTS])
+{
+    uint64_t joined[SBI_LATTICE_POINTS];
+    int count = 0;
+    memset(joined, 0, sizeof joined);
+    for (int l = 0; l < lattice->link_count; l++)
+        if (!cut[l]) {
+            joined[lattice->links[l][0]] |= (uint64_t)1 << lattice->links[l][1];
+            joined[lattice->links[l][1]] |= (uint64_t)1 << lattice->links[l][0];
+        }
+    for (int first = 0; first < lattice->point_count; first++) {
+        uint64_t piece = (uint64_t)1 << first, before = 0;
+        if (!(points & piece))
+            continue;
+        while (piece != before) {
+            before = piece;
+            for (int p = first; p < lattice->point_count; p++)
+                if (piece >> p & 1)
+                    piece |= joined[p] & points;
+        }
+        points &= ~piece;
+        pieces[count++] = piece;
+    }
+    return count;
+}
+
+SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
+                                        uint64_t piece)
+{
+    uint64_t on = piece & lattice->face_points[face];
+    int corners[SB_MAX_FACE_NODES], sorted[3], count = 0, m = lattice->intervals;
+    unsigned marks = 0;
+    sb_element_face(SB_TET4, face, corners, NULL);
+    for (int i = 0; i < 4; i++)
+        for (int a = 0; a < 3; a++)
+            if (corners[a] == order->corners[i])
+                sorted[count++] = corners[a];
+    for (int p = 0; on; p++, on >>= 1)
+        if (on & 1) { /* rows of the face: i of the second corner, j of the third */
+            int i = lattice->points[p][sorted[1]], j = lattice->points[p][sorted[2]];
+            marks |= 1u << (i * (2 * m + 3 - i) / 2 + j);
+        }
+    return marks;
+}
+
+SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned char *cut, int link)
+{
+    static const signed char triangles[4][3] = {{0, 1, 2}, {0, 4, 3}, {1, 5, 4}, {2, 5, 3}}; /* their edges */
+    for (int k = 0; k < lattice->micro_count; k++)
+        for (int f = 0; f < 4; f++) {
+            const unsigned char *links = lattice->micro_links[k];
+            int around = 0, count = 0;
+            for (int e = 0; e < 3; e++) {
+                int side = links[(int)triangles[f][e]];
+                around |= side == link;
+                count += cut[side] != 0;
+            }
+            if (around && count != 1)
+                return 0;
+        }
+    return 1;
+}
+
+/* ==== src/softbody/cut/crossing.h ==== */
+/* crossing: whether a triangle of a blade crosses a link, exactly. Internal. Floor 4, calls base only.
+ *
+ * Signs worked out in floating point hang bodies by threads. Here places are integers, all determinants fit 64 bits,
+ * and ties are decided as if the whole blade were moved by (e, e^2, e^3) for an e > 0 however small: with
+ * n = (b - a) x (c - a) of a triangle and lex(v) the sign of the first component of v that is not 0
+ *
+ *     side of p                    sign n.(p - a),                  if 0: -lex(n)
+ *     link p + s e passes ab on    sign e.((a - p) x (b - p)),      if 0: lex((b - a) x e)
+ *
+ * and the link from p to r is crossed when p and r lie on different sides and all three edges are passed on the same
+ * one. So a link that meets an edge or a corner of a blade crosses exactly one of the triangles there or misses all,
+ * and each node that a plane goes through falls to the same side for all links. */
+#ifndef SB_CROSSING_H
+#define SB_CROSSING_H
+
+
+enum {
+    SBI_CROSSING_TISSUE = 1 << 17, /* places in the box of the tissue are at most this far from its centre, per axis */
+    SBI_CROSSING_BLADE = 1 << 19,  /* corners of blades: what lies farther is cut off */
+    SBI_CROSSING_PARTS = 7         /* triangles that one of a blade can leave within that */
+};
+
+typedef struct sbi_int3 {
+    int x, y, z;
+} sbi_int3;
+
+/* From space (m) to integers: x is at scale (x - centre), rounded; scale is a power of two. */
+typedef struct sbi_crossing_frame {
+    double centre[3], scale;
+} sbi_crossing_frame;
+
+/* A triangle of a blade, ready to be tested against. */
+typedef struct sbi_blade {
+    sbi_int3 corners[3];
+    sbi_int3 low, high;
+    int64_t normal[3];
+    int tie; /* side of a point in the triangle's plane */
+} sbi_blade;
+
+/* A frame for tissue in the box [low, high] (m). */
+SBI_API void sbi_crossing_frame_make(sb_vec3 low, sb_vec3 high, sbi_crossing_frame *frame);
+/* Where a point of the tissue is, in the frame. */
+SBI_API sbi_int3 sbi_crossing_round(const sbi_crossing_frame *frame, sb_vec3 x);
+/* A triangle of a blade (m, finite) in the frame: what lies within reach of it, in at most SBI_CROSSING_PARTS triangles
+ * that have an area; returns how many. Triangles that share an edge still share it. */
+SBI_API int sbi_crossing_blades(const sbi_crossing_frame *frame, const sb_vec3 triangle[3],
+                                sbi_blade blades[SBI_CROSSING_PARTS]);
+/* Returns 0 when the triangle has no area. */
+SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade);
+/* n.(p - a): > 0 above; 0: sbi_blade_side decides. */
+SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p);
+SB_INLINE int sbi_blade_side(const sbi_blade *blade, int64_t height)
+{
+    return height > 0 ? 1 : height < 0 ? -1 : blade->tie;
+}
+/* Whether the link from p to r, which differ in their sides, passes through the triangle. */
+SBI_API int sbi_blade_is_passed(const sbi_blade *blade, sbi_int3 p, sbi_int3 r);
+/* Whether the link from p to r is crossed; *t is where then, from 0 at p to 1 at r. */
+SBI_API int sbi_blade_crosses(const sbi_blade *blade, sbi_int3 p, sbi_int3 r, sb_real *t);
+
+#endif /* SB_CROSSING_H */
+
+/* ==== src/softbody/cut/crossing.c ==== */
+/* crossing: integers of places, signs of determinants, and blades that reach far beyond the tissue. */
+
+#include <math.h>
+#include <string.h>
+
+/* ---- places ---- */
+
+SBI_API void sbi_crossing_frame_make(sb_vec3 low, sb_vec3 high, sbi_crossing_frame *frame)
+{
+    double sides[3], half = 0;
+    int exponent;
+    sides[0] = (double)high.x / 2 - (double)low.x / 2;
+    sides[1] = (double)high.y / 2 - (double)low.y / 2;
+    sides[2] = (double)high.z / 2 - (double)low.z / 2;
+    frame->centre[0] = (double)low.x / 2 + (double)high.x / 2;
+    frame->centre[1] = (double)low.y / 2 + (double)high.y / 2;
+    frame->centre[2] = (double)low.z / 2 + (double)high.z / 2;
+    for (int i = 0; i < 3; i++)
+        half = sides[i] > half ? sides[i] : half;
+    exponent = half > 0 ? 16 - sbi_dense_exponent(half) : 0; /* half the box becomes 2^16 to 2^17 */
+    frame->scale = sbi_dense_pow2(sbi_min_int(exponent, 1000));
+}
+
+/* Coordinates in the frame, not rounded, and finite however far x is. */
+static void sbi_crossing_scale(const sbi_crossing_frame *frame, sb_vec3 x, double y[3])
+{
+    const double far = 1e290; /* differences and products with what is at most 1 stay finite */
+    y[0] = frame->scale * ((double)x.x - frame->centre[0]);
+    y[1] = frame->scale * ((double)x.y - frame->centre[1]);
+    y[2] = frame->scale * ((double)x.z - frame->centre[2]);
+    for (int i = 0; i < 3; i++)
+        y[i] = y[i] > far ? far : y[i] < -far ? -far : y[i];
+}
+
+static int sbi_crossing_round_one(double y, int limit)
+{
+    int whole = (int)floor((y > limit ? limit : y < -limit ? -limit : y) + 0.5);
+    return whole;
+}
+
+static sbi_int3 sbi_crossing_round_all(const double y[3], int limit)
+{
+    sbi_int3 p;
+    p.x = sbi_crossing_round_one(y[0], limit);
+    p.y = sbi_crossing_round_one(y[1], limit);
+    p.z = sbi_crossing_round_one(y[2], limit);
+    return p;
+}
+
+SBI_API sbi_int3 sbi_crossing_round(const sbi_crossing_frame *frame, sb_vec3 x)
+{
+    double y[3];
+    sbi_crossing_scale(frame, x, y);
+    return sbi_crossing_round_all(y, SBI_CROSSING_TISSUE);
+}
+
+/* ---- signs ---- */
+
+static int sbi_crossing_lex(const int64_t v[3])
+{
+    for (int i = 0; i < 3; i++)
+        if (v[i] != 0)
+            return v[i] > 0 ? 1 : -1;
+    return 0;
+}
+
+static void sbi_crossing_difference(sbi_int3 a, sbi_int3 b, int64_t v[3])
+{
+    v[0] = (int64_t)a.x - b.x;
+    v[1] = (int64_t)a.y - b.y;
+    v[2] = (int64_t)a.z - b.z;
+}
+
+static void sbi_crossing_cross(const int64_t a[3], const int64_t b[3], int64_t v[3])
+{
+    v[0] = a[1] * b[2] - a[2] * b[1];
+    v[1] = a[2] * b[0] - a[0] * b[2];
+    v[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static int64_t sbi_crossing_product(const int64_t a[3], const int64_t b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade)
+{
+    int64_t e[3], f[3];
+    memcpy(blade->corners, corners, sizeof blade->corners);
+    blade->low = blade->high = corners[0];
+    for (int a = 1; a < 3; a++) {
+        blade->low.x = sbi_min_int(blade->low.x, corners[a].x);
+        blade->low.y = sbi_min_int(blade->low.y, corners[a].y);
+        blade->low.z = sbi_min_int(blade->low.z, corners[a].z);
+        blade->high.x = sbi_max_int(blade->high.x, corners[a].x);
+        blade->high.y = sbi_max_int(blade->high.y, corners[a].y);
+        blade->high.z = sbi_max_int(blade->high.z, corners[a].z);
+    }
+    sbi_crossing_difference(corners[1], corners[0], e);
+    sbi_crossing_difference(corners[2], corners[0], f);
+    sbi_crossing_cross(e, f, blade->normal);
+    blade->tie = -sbi_crossing_lex(blade->normal);
+    return blade->tie != 0;
+}
+
+SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
+{
+    int64_t v[3];
+    sbi_crossing_difference(p, blade->corners[0], v);
+    return sbi_crossing_product(blade->normal, v);
+}
+
+/* On which side the line through p along e passes the edge from a to b; 0: e is parallel to it. */
+static int sbi_crossing_edge(sbi_int3 a, sbi_int3 b, sbi_int3 p, const int64_t e[3])
+{
+    int64_t from[3], to[3], v[3], turn;
+    sbi_crossing_difference(a, p, from);
+    sbi_crossing_difference(b, p, to);
+    sbi_crossing_cross(from, to, v);
+    turn = sbi_crossing_product(e, v);
+    if (turn != 0)
+        return turn > 0 ? 1 : -1;
+    sbi_crossing_difference(b, a, from);
+    sbi_crossing_cross(from, e, v);
+    return sbi_crossing_lex(v);
+}
+
+SBI_API int sbi_blade_is_passed(const sbi_blade *blade, sbi_int3 p, sbi_int3 r)
+{
+    const sbi_int3 *at = blade->corners;
+    int64_t e[3];
+    int side;
+    sbi_crossing_difference(r, p, e);
+    side = sbi_crossing_edge(at[0], at[1], p, e);
+    return side != 0 && sbi_crossing_edge(at[1], at[2], p, e) == side && sbi_crossing_edge(at[2], at[0], p, e) == side;
+}
+
+SBI_API int sbi_blade_crosses(const sbi_blade *blade, sbi_int3 p, sbi_int3 r, sb_real *t)
+{
+    int64_t from = sbi_blade_height(blade, p), to = sbi_blade_height(blade, r);
+    if (sbi_blade_side(blade, from) == sbi_blade_side(blade, to) || !sbi_blade_is_passed(blade, p, r))
+        return 0;
+    *t = (sb_real)((double)from / ((double)from - (double)to)); /* one of them is not 0, and they have other signs */
+    return 1;
+}
+
+/* ---- blades that reach far ---- */
+
+enum { SBI_CROSSING_CORNERS = 9 }; /* of a triangle cut off by six planes */
+
+static int sbi_crossing_is_before(const double a[3], const double b[3])
+{
+    for (int i = 0; i < 3; i++)
+        if (a[i] != b[i])
+            return a[i] < b[i];
+    return 0;
+}
+
+/* Where the edge between two corners meets coordinate `axis` = limit: the same bits from either end. */
+static void sbi_crossing_meet(const double *a, const double *b, int axis, double limit, double at[3])
+{
+    const double *first = sbi_crossing_is_before(a, b) ? a : b, *last = first == a ? b : a;
+    double s = (limit - first[axis]) / (last[axis] - first[axis]);
+    for (int i = 0; i < 3; i++)
+        at[i] = first[i] + s * (last[i] - first[i]);
+    at[axis] = limit;
+}
+
+/* Keeps of a polygon what lies at sign * coordinate <= limit; returns how many corners that has (Sutherland and Hodgman
+ * 1974). */
+static int sbi_crossing_clip(double (*corners)[3], int count, int axis, int sign)
+{
+    const double limit = (double)SBI_CROSSING_BLADE;
+    double kept[SBI_CROSSING_CORNERS][3];
+    int kept_count = 0;
+    for (int k = 0; k < count; k++) {
+        const double *a = corners[k], *b = corners[k + 1 < count ? k + 1 : 0];
+        int a_in = sign * a[axis] <= limit, b_in = sign * b[axis] <= limit;
+        if (a_in)
+            memcpy(kept[kept_count++], a, sizeof *kept);
+        if (a_in != b_in)
+            sbi_crossing_meet(a, b, axis, sign * limit, kept[kept_count++]);
+    }
+    memcpy(corners, kept, (size_t)kept_count * sizeof *kept);
+    return kept_count;
+}
+
+SBI_API int sbi_crossing_blades(const sbi_crossing_frame *frame, const sb_vec3 triangle[3],
+                                sbi_blade blades[SBI_CROSSING_PARTS])
+{
+    double corners[SBI_CROSSING_CORNERS][3];
+    int count = 3, made = 0;
+    for (int a = 0; a < 3; a++)
+        sbi_crossing_scale(frame, triangle[a], corners[a]);
+    for (int axis = 0; axis < 3; axis++)
+        for (int sign = -1; sign <= 1; sign += 2)
+            count = sbi_crossing_clip(corners, count, axis, sign);
+    for (int k = 2; k < count; k++) {
+        sbi_int3 parts[3];
+        parts[0] = sbi_crossing_round_all(corners[0], SBI_CROSSING_BLADE);
+        parts[1] = sbi_crossing_round_all(corners[k - 1], SBI_CROSSING_BLADE);
+        parts[2] = sbi_crossing_round_all(corners[k], SBI_CROSSING_BLADE);
+        made += sbi_blade_make(parts, blades + made);
+    }
+    return made;
+}
+
+/* ==== src/softbody/cut/cut_links.h ==== */
+/* cut_links: the links that have been cut, by their names. Internal. Floor 4, calls base and mesh only.
+ *
+ * Only cut links are kept, in the order in which they were cut, and found by a table of open addresses: an uncut mesh
+ * costs nothing, whatever its lattice. The caller owns the arrays. */
+#ifndef SB_CUT_LINKS_H
+#define SB_CUT_LINKS_H
+
+
+typedef struct sbi_cut_link {
+    sbi_link_key key;
+    sb_real t; /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
+    int state; /* SBI_LINK_... , not 0 */
+} sbi_cut_link;
+
+enum { SBI_LINK_WHOLE = 0, SBI_LINK_CUT = 1, SBI_LINK_PREDICTED = 2 };
+
+typedef struct sbi_cut_links {
+    int count, capacity;
+    sbi_cut_link *items; /* [capacity] in the order they were cut */
+    int *table;          /* [sbi_cut_links_table(capacity)] 1 + item, or 0 */
+} sbi_cut_links;
+
+/* Entries of the table for so many links: a power of two. */
+SBI_API int sbi_cut_links_table(int capacity);
+/* Takes new arrays with room for `capacity` links, at least as many as there are; the old ones are the caller's to
+ * free. */
+SBI_API void sbi_cut_links_move(sbi_cut_links *links, sbi_cut_link *items, int *table, int capacity);
+/* Item of a link, or -1: it is whole. */
+SBI_API int sbi_cut_links_find(const sbi_cut_links *links, const sbi_link_key *key);
+/* Adds a link that is not there yet, within capacity. */
+SBI_API void sbi_cut_links_add(sbi_cut_links *links, const sbi_link_key *key, sb_real t, int state);
+/* Takes back all but the first `count` that were added. */
+SBI_API void sbi_cut_links_truncate(sbi_cut_links *links, int count);
+
+#endif /* SB_CUT_LINKS_H */
+
+/* ==== src/softbody/cut/cut_links.c ==== */
+/* cut_links: a table of the links that have been cut. */
+
+#include <string.h>
+
+SBI_API int sbi_cut_links_table(int capacity)
+{
+    int size = 16;
+    while (size / 2 < capacity && size < INT32_MAX / 2)
+        size *= 2;
+    return size;
+}
+
+/* Place of a key in the table, or the free one where it belongs. */
+static int sbi_cut_links_slot(const sbi_cut_links *links, const sbi_link_key *key)
+{
+    unsigned mask = (unsigned)sbi_cut_links_table(links->capacity) - 1;
+    uint64_t mixed = 0;
+    for (int i = 0; i < 4; i++) {
+        mixed = (mixed ^ (unsigned)key->at[i]) * UINT64_C(0x9e3779b97f4a7c15);
+        mixed ^= mixed >> 32;
+    }
+    for (unsigned slot = (unsigned)mixed & mask;; slot = (slot + 1) & mask) {
+        int item = links->table[slot] - 1;
+        if (item < 0 || memcmp(&links->items[item].key, key, sizeof *key) == 0)
+            return (int)slot;
+    }
+}
+
+SBI_API void sbi_cut_links_move(sbi_cut_links *links, sbi_cut_link *items, int *table, int capacity)
+{
+    if (links->count)
+        memcpy(items, links->items, (size_t)links->count * sizeof *items);
+    memset(table, 0, (size_t)sbi_cut_links_table(capacity) * sizeof *table);
+    links->items = items;
+    links->table = table;
+    links->capacity = capacity;
+    for (int i = 0; i < links->count; i++)
+        table[sbi_cut_links_slot(links, &items[i].key)] = i + 1;
+}
+
+SBI_API int sbi_cut_links_find(const sbi_cut_links *links, const sbi_link_key *key)
+{
+    return links->count ? links->table[sbi_cut_links_slot(links, key)] - 1 : -1;
+}
+
+SBI_API void sbi_cut_links_add(sbi_cut_links *links, const sbi_link_key *key, sb_real t, int state)
+{
+    sbi_cut_link *item = links->items + links->count;
+    SB_ASSERT(links->count < links->capacity && sbi_cut_links_find(links, key) < 0);
+    links->table[sbi_cut_links_slot(links, key)] = ++links->count;
+    item->key = *key;
+    item->t = t;
+    item->state = state;
+}
+
+SBI_API void sbi_cut_links_truncate(sbi_cut_links *links, int count)
+{
+    while (links->count > count) { /* the last one added is in nobody's way */
+        links->table[sbi_cut_links_slot(links, &links->items[links->count - 1].key)] = 0;
+        links->count--;
+    }
+}
+
+/* ==== src/softbody/cut/parted.h ==== */
+/* parted: the pieces that cut links leave of a tet, and their shapes. Internal. Floor 4, calls base and mesh only.
+ *
+ * Each micro-tet with corners in several pieces is divided into its 24 flags: corner v, a point of the link vw, one of
+ * the face vwu, and the centre. The link's point is its crossing, or its middle where it is whole; the face's is the
+ * mean of the crossings where two or three of its links are cut, else the centroid; the centre is the mean of the
+ * crossings of links between pieces. A flag belongs to the piece of its corner. Its volume is that of the micro-tet
+ * times the weights of w at the link's point, of u at the face's and of the fourth corner at the centre: never
+ * negative, and all 24 sum to the micro-tet, whatever was cut. A plane through a micro-tet is represented exactly.
+ *
+ * The face of a cut (its lips, one for each side) are the triangles (link, face, centre) of links between pieces. What
+ * lies on a face of the tet goes by links alone and not by pieces, which may hang together in one of its tets only.
+ *
+ * Points are barycentrics of the tet; those on a face have the same bits from both tets. */
+#ifndef SB_PARTED_H
+#define SB_PARTED_H
+
+
+typedef struct sbi_parted {
+    const sbi_lattice *lattice;
+    sbi_corner_order order;
+    unsigned char cut[SBI_LATTICE_LINKS]; /* state of each link */
+    sb_real t[SBI_LATTICE_LINKS];         /* crossings of cut ones, 0 at the first end (sbi_lattice_ends) */
+    int piece_count;
+    uint64_t pieces[SBI_LATTICE_POINTS];
+    unsigned char piece_of[SBI_LATTICE_POINTS];
+} sbi_parted;
+
+/* Points of a micro-tet that has parted corners. */
+enum { SBI_MICRO_LINKS = 0, SBI_MICRO_FACES = 6, SBI_MICRO_CENTRE = 10, SBI_MICRO_POINTS = 11 };
+
+typedef struct sbi_micro_points {
+    sb_real micro[SBI_MICRO_POINTS][4]; /* barycentrics in the micro-tet: of the links, of the faces, of the centre */
+    sb_real tet[SBI_MICRO_POINTS][4];   /* and in the tet */
+} sbi_micro_points;
+
+/* A part of a micro-tet. Places are barycentrics 1, 2, 3 of the tet. */
+typedef struct sbi_flag {
+    int piece;
+    sb_real volume; /* of the tet's */
+    sb_vec3 corners[4];
+} sbi_flag;
+
+/* A triangle between two pieces, seen from `above`, to where its normal points; the same for both. */
+typedef struct sbi_lip {
+    int below, above; /* pieces */
+    int link;
+    sb_real corners[3][4]; /* barycentrics */
+} sbi_lip;
+
+/* A piece's moments, in barycentrics 1, 2, 3 of its tet. */
+typedef struct sbi_part_moments {
+    sb_real share;  /* of the tet's volume, >= 0; those of a tet's pieces sum to 1 */
+    sb_vec3 centre; /* centroid */
+    sb_mat3 spread; /* covariance: mean of (xi - centre)(xi - centre)^T */
+} sbi_part_moments;
+
+/* What a piece has of a face. */
+typedef struct sbi_face_moments {
+    sb_real share;    /* of the face's area; those of a tet's pieces sum to 1 */
+    sb_real loads[4]; /* means over the whole face of the barycentrics where the piece is, else 0: they sum to share */
+} sbi_face_moments;
+
+enum { SBI_FLAGS = 24, SBI_LIPS = 12 };
+
+/* The pieces of a tet of the uncut mesh with these corners, as its cut links leave them. */
+SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *links, const int nodes[4], int tet,
+                             sbi_parted *parted);
+/* Finds the pieces anew after `cut` has been changed. */
+SBI_API void sbi_parted_find(sbi_parted *parted);
+/* 1 when the corners of a micro-tet are in several pieces. */
+SBI_API int sbi_parted_is_split(const sbi_parted *parted, int micro);
+/* least: crossings nearer than this to an end count as that far from it, [0, 1/2). */
+SBI_API void sbi_parted_points(const sbi_parted *parted, int micro, sb_real least, sbi_micro_points *points);
+/* Parts of a micro-tet: itself, or its flags; returns how many. */
+SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least, sbi_flag flags[SBI_FLAGS]);
+/* Triangles of a micro-tet between pieces; returns how many. */
+SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS]);
+/* Moments of all pieces: moments [piece_count]. A piece without volume has its lowest point for a centre. */
+SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments);
+/* What each piece has of a face (sb_element_face): moments [piece_count]. */
+SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moments *moments);
+/* Moments of a piece in the reference shape of its tet with corners at x (m): centroid (m) and covariance (m^2). */
+SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid,
+                            sb_mat3 *covariance);
+
+#endif /* SB_PARTED_H */
+
+/* ==== src/softbody/cut/parted.c ==== */
+/* parted: flags, lips and moments of the pieces of a tet. */
+
+#include <string.h>
+
+
+/* The edge between two corners of a micro-tet, and the face opposite to a corner; faces 0 to 3 here are those without
+ * corner 3, 2, 0 and 1. */
+static const signed char sbi_parted_edge[4][4] = {{-1, 0, 2, 3}, {0, -1, 1, 4}, {2, 1, -1, 5}, {3, 4, 5, -1}};
+static const signed char sbi_parted_opposite[4] = {2, 3, 1, 0};
+static const signed char sbi_parted_missing[4] = {3, 2, 0, 1};
+
+/* ---- pieces ---- */
+
+SBI_API void sbi_parted_find(sbi_parted *parted)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    parted->piece_count = sbi_lattice_pieces(lattice, parted->cut, sbi_lattice_all(lattice), parted->pieces);
+    for (int k = 0; k < parted->piece_count; k++)
+        for (int p = 0; p < lattice->point_count; p++)
+            if (parted->pieces[k] >> p & 1)
+                parted->piece_of[p] = (unsigned char)k;
+}
+
+SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *links, const int nodes[4], int tet,
+                             sbi_parted *parted)
+{
+    parted->lattice = lattice;
+    parted->order = sbi_corner_order_make(nodes);
+    for (int l = 0; l < lattice->link_count; l++) {
+        sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
+        int item = sbi_cut_links_find(links, &key);
+        parted->cut[l] = (unsigned char)(item < 0 ? SBI_LINK_WHOLE : links->items[item].state);
+        parted->t[l] = item < 0 ? (sb_real)0.5 : links->items[item].t;
+    }
+    sbi_parted_find(parted);
+}
+
+/* ---- points ---- */
+
+static int sbi_parted_is_parting(const sbi_parted *parted, int link)
+{
+    const unsigned char *ends = parted->lattice->links[link];
+    return parted->piece_of[ends[0]] != parted->piece_of[ends[1]];
+}
+
+SBI_API int sbi_parted_is_split(const sbi_parted *parted, int micro)
+{
+    const unsigned char *corners = parted->lattice->micros[micro];
+    int piece = parted->piece_of[corners[0]];
+    return parted->piece_of[corners[1]] != piece || parted->piece_of[corners[2]] != piece ||
+           parted->piece_of[corners[3]] != piece;
+}
+
+/* The point of the link between corners v and w of a micro-tet. */
+static void sbi_parted_link_point(const sbi_parted *parted, int micro, int v, int w, sb_real least,
+                                  sbi_micro_points *points)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    int edge = sbi_parted_edge[v][w], link = lattice->micro_links[micro][edge], ends[2];
+    sb_real t = parted->cut[link] ? parted->t[link] : (sb_real)0.5, first[4], last[4];
+    t = sb_min(sb_max(t, least), 1 - least);
+    sbi_lattice_ends(lattice, &parted->order, link, ends);
+    sbi_lattice_point(lattice, ends[0], first);
+    sbi_lattice_point(lattice, ends[1], last);
+    for (int a = 0; a < 4; a++) {
+        points->tet[edge][a] = (1 - t) * first[a] + t * last[a];
+        points->micro[edge][a] = 0;
+    }
+    points->micro[edge][w] = lattice->micros[micro][w] == ends[1] ? t : 1 - t;
+    points->micro[edge][v] = lattice->micros[micro][w] == ends[1] ? 1 - t : t;
+}
+
+/* Sum of two or three numbers that does not depend on their order. */
+static sb_real sbi_parted_sum(const sb_real values[3], int count)
+{
+    sb_real low, high, middle;
+    if (count == 2)
+        return values[0] + values[1];
+    low = sb_min(values[0], sb_min(values[1], values[2]));
+    high = sb_max(values[0], sb_max(values[1], values[2]));
+    middle = sb_max(sb_min(values[0], values[1]), sb_min(sb_max(values[0], values[1]), values[2]));
+    return low + middle + high;
+}
+
+/* The point of a face: the mean of its crossings where it may part, or its centroid. */
+static void sbi_parted_face_point(const sbi_parted *parted, int micro, int face, sbi_micro_points *points)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    int at = SBI_MICRO_FACES + face, edges[3], count = 0, missing = sbi_parted_missing[face];
+    sb_real values[3];
+    for (int v = 0; v < 4; v++)
+        for (int w = v + 1; w < 4; w++)
+            if (v != missing && w != missing && parted->cut[lattice->micro_links[micro][(int)sbi_parted_edge[v][w]]])
+                edges[count++] = sbi_parted_edge[v][w];
+    for (int a = 0; a < 4; a++) {
+        int sum = 0; /* of the corners, exact */
+        for (int v = 0; v < 4; v++)
+            sum += v == missing ? 0 : lattice->points[corners[v]][a];
+        points->micro[at][a] = a == missing ? 0 : (sb_real)1 / 3;
+        points->tet[at][a] = (sb_real)sum / (sb_real)(3 * lattice->intervals);
+        if (count < 2)
+            continue;
+        for (int k = 0; k < count; k++)
+            values[k] = points->tet[edges[k]][a];
+        points->tet[at][a] = sbi_parted_sum(values, count) / (sb_real)count;
+        for (int k = 0; k < count; k++)
+            values[k] = points->micro[edges[k]][a];
+        points->micro[at][a] = sbi_parted_sum(values, count) / (sb_real)count;
+    }
+}
+
+/* The centre: the mean of the crossings between pieces. */
+static void sbi_parted_centre(const sbi_parted *parted, int micro, sbi_micro_points *points)
+{
+    int count = 0;
+    for (int a = 0; a < 4; a++)
+        points->micro[SBI_MICRO_CENTRE][a] = points->tet[SBI_MICRO_CENTRE][a] = 0;
+    for (int edge = 0; edge < 6; edge++) {
+        if (!sbi_parted_is_parting(parted, parted->lattice->micro_links[micro][edge]))
+            continue;
+        count++;
+        for (int a = 0; a < 4; a++) {
+            points->micro[SBI_MICRO_CENTRE][a] += points->micro[edge][a];
+            points->tet[SBI_MICRO_CENTRE][a] += points->tet[edge][a];
+        }
+    }
+    for (int a = 0; a < 4; a++) {
+        points->micro[SBI_MICRO_CENTRE][a] /= (sb_real)count;
+        points->tet[SBI_MICRO_CENTRE][a] /= (sb_real)count;
+    }
+}
+
+SBI_API void sbi_parted_points(const sbi_parted *parted, int micro, sb_real least, sbi_micro_points *points)
+{
+    for (int v = 0; v < 4; v++)
+        for (int w = v + 1; w < 4; w++)
+            sbi_parted_link_point(parted, micro, v, w, least, points);
+    for (int face = 0; face < 4; face++)
+        sbi_parted_face_point(parted, micro, face, points);
+    sbi_parted_centre(parted, micro, points);
+}
+
+/* ---- parts ---- */
+
+static sb_vec3 sbi_parted_xi(const sb_real barycentrics[4])
+{
+    return sb_v3(barycentrics[1], barycentrics[2], barycentrics[3]);
+}
+
+static sb_vec3 sbi_parted_corner(const sbi_lattice *lattice, int point)
+{
+    sb_real barycentrics[4];
+    sbi_lattice_point(lattice, point, barycentrics);
+    return sbi_parted_xi(barycentrics);
+}
+
+SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least, sbi_flag flags[SBI_FLAGS])
+{
+    const sbi_lattice *lattice = parted->lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    sb_real volume = (sb_real)1 / (sb_real)lattice->micro_count;
+    sbi_micro_points points;
+    int count = 0;
+    if (!sbi_parted_is_split(parted, micro)) {
+        flags[0].piece = parted->piece_of[corners[0]];
+        flags[0].volume = volume;
+        for (int v = 0; v < 4; v++)
+            flags[0].corners[v] = sbi_parted_corner(lattice, corners[v]);
+        return 1;
+    }
+    sbi_parted_points(parted, micro, least, &points);
+    for (int v = 0; v < 4; v++)
+        for (int w = 0; w < 4; w++)
+            for (int u = 0; u < 4; u++) {
+                sbi_flag *flag = flags + count;
+                int x = 6 - v - w - u, edge = sbi_parted_edge[v][w], face;
+                if (v == w || v == u || w == u)
+                    continue;
+                face = SBI_MICRO_FACES + sbi_parted_opposite[x];
+                flag->piece = parted->piece_of[corners[v]];
+                flag->volume =
+                    volume * points.micro[edge][w] * points.micro[face][u] * points.micro[SBI_MICRO_CENTRE][x];
+                flag->corners[0] = sbi_parted_corner(lattice, corners[v]);
+                flag->corners[1] = sbi_parted_xi(points.tet[edge]);
+                flag->corners[2] = sbi_parted_xi(points.tet[face]);
+                flag->corners[3] = sbi_parted_xi(points.tet[SBI_MICRO_CENTRE]);
+                count++;
+            }
+    return count;
+}
+
+SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS])
+{
+    static const signed char turn[4][4] = {
+        {0, 2, 3, 1}, {3, 0, 0, 2}, {1, 3, 0, 0}, {2, 0, 1, 0}}; /* v, w, u, x even */
+    const unsigned char *corners = parted->lattice->micros[micro];
+    sbi_micro_points points;
+    int count = 0;
+    if (!sbi_parted_is_split(parted, micro))
+        return 0;
+    sbi_parted_points(parted, micro, 0, &points);
+    for (int v = 0; v < 4; v++)
+        for (int w = v + 1; w < 4; w++) {
+            int edge = sbi_parted_edge[v][w], link = parted->lattice->micro_links[micro][edge];
+            int u = turn[v][w], x = 6 - v - w - u;
+            for (int side = 0; side < 2 && sbi_parted_is_parting(parted, link); side++) {
+                sbi_lip *lip = lips + count++;
+                int face = SBI_MICRO_FACES + sbi_parted_opposite[side ? u : x];
+                lip->below = parted->piece_of[corners[v]];
+                lip->above = parted->piece_of[corners[w]];
+                lip->link = link;
+                memcpy(lip->corners[0], points.tet[edge], sizeof lip->corners[0]);
+                memcpy(lip->corners[side ? 2 : 1], points.tet[face], sizeof lip->corners[0]);
+                memcpy(lip->corners[side ? 1 : 2], points.tet[SBI_MICRO_CENTRE], sizeof lip->corners[0]);
+            }
+        }
+    return count;
+}
+
+/* ---- moments ---- */
+
+/* Adds volume and first moments of all parts; centres are sums then. */
+static void sbi_parted_first_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments)
+{
+    sbi_flag flags[SBI_FLAGS];
+    for (int micro = 0; micro < parted->lattice->micro_count; micro++) {
+        int count = sbi_parted_flags(parted, micro, least, flags);
+        for (int k = 0; k < count; k++) {
+            sbi_part_moments *sum = moments + flags[k].piece;
+            sum->share += flags[k].volume;
+            for (int a = 0; a < 4; a++)
+                sum->centre = sb_v3_madd(sum->centre, flags[k].volume / 4, flags[k].corners[a]);
+        }
+    }
+}
+
+/* Adds int (xi - centre)(xi - centre)^T of all parts: of a tet with corners y_i about the centre and volume v it is
+ * v/20 (sum y_i y_i^T + s s^T), s the sum of the y_i. */
+static void sbi_parted_second_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments)
+{
+    sbi_flag flags[SBI_FLAGS];
+    for (int micro = 0; micro < parted->lattice->micro_count; micro++) {
+        int count = sbi_parted_flags(parted, micro, least, flags);
+        for (int k = 0; k < count; k++) {
+            sbi_part_moments *sum = moments + flags[k].piece;
+            sb_mat3 about = sb_m3_zero();
+            sb_vec3 all = sb_v3(0, 0, 0);
+            for (int a = 0; a < 4; a++) {
+                sb_vec3 y = sb_v3_sub(flags[k].corners[a], sum->centre);
+                all = sb_v3_add(all, y);
+                about = sb_m3_add(about, sb_m3_outer(y, y));
+            }
+            about = sb_m3_add(about, sb_m3_outer(all, all));
+            sum->spread = sb_m3_add(sum->spread, sb_m3_scale(flags[k].volume / 20, about));
+        }
+    }
+}
+
+SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments)
+{
+    memset(moments, 0, (size_t)parted->piece_count * sizeof *moments);
+    sbi_parted_first_moments(parted, least, moments);
+    for (int k = 0; k < parted->piece_count; k++) {
+        int lowest = 0;
+        while (!(parted->pieces[k] >> lowest & 1))
+            lowest++;
+        moments[k].centre = moments[k].share > 0 ? sb_v3_scale(1 / moments[k].share, moments[k].centre)
+                                                 : sbi_parted_corner(parted->lattice, lowest);
+    }
+    sbi_parted_second_moments(parted, least, moments);
+    for (int k = 0; k < parted->piece_count; k++)
+        if (moments[k].share > 0)
+            moments[k].spread = sb_m3_scale(1 / moments[k].share, moments[k].spread);
+}
+
+/* Adds a triangle of the face, `area` of the face's, with barycentrics of its corners. */
+static void sbi_parted_add_face(sbi_face_moments *moments, sb_real area, const sb_real *a, const sb_real *b,
+                                const sb_real *c)
+{
+    moments->share += area;
+    for (int i = 0; i < 4; i++)
+        moments->loads[i] += area * (a[i] + b[i] + c[i]) / 3;
+}
+
+/* Adds the face of a micro-tet opposite to corner x. */
+static void sbi_parted_add_micro_face(const sbi_parted *parted, int micro, int x, sbi_face_moments *moments)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    sb_real area = (sb_real)1 / (sb_real)(lattice->intervals * lattice->intervals), at[4][4];
+    int a = x == 0 ? 1 : 0, face = SBI_MICRO_FACES + sbi_parted_opposite[x], whole = 1;
+    sbi_micro_points points;
+    for (int v = 0; v < 4; v++) {
+        sbi_lattice_point(lattice, corners[v], at[v]);
+        whole &= v == x || parted->piece_of[corners[v]] == parted->piece_of[corners[a]];
+    }
+    if (whole) {
+        int b = x == 0 || x == 1 ? 2 : 1, c = x == 3 ? 2 : 3;
+        sbi_parted_add_face(moments + parted->piece_of[corners[a]], area, at[a], at[b], at[c]);
+        return;
+    }
+    sbi_parted_points(parted, micro, 0, &points);
+    for (int v = 0; v < 4; v++)
+        for (int w = 0; w < 4; w++)
+            if (v != w && v != x && w != x) {
+                int edge = sbi_parted_edge[v][w], u = 6 - v - w - x;
+                sbi_parted_add_face(moments + parted->piece_of[corners[v]],
+                                    area * points.micro[edge][w] * points.micro[face][u], at[v], points.tet[edge],
+                                    points.tet[face]);
+            }
+}
+
+SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moments *moments)
+{
+    const sbi_lattice *lattice = parted->lattice;
+    memset(moments, 0, (size_t)parted->piece_count * sizeof *moments);
+    for (int micro = 0; micro < lattice->micro_count; micro++)
+        for (int x = 0; x < 4; x++) {
+            int on = 0;
+            for (int v = 0; v < 4; v++)
+                on += v != x && (lattice->face_points[face] >> lattice->micros[micro][v] & 1);
+            if (on == 3)
+                sbi_parted_add_micro_face(parted, micro, x, moments);
+        }
+}
+
+SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid, sb_mat3 *covariance)
+{
+    sb_mat3 edges = sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0]));
+    *centroid = sb_v3_add(x[0], sb_m3_apply(edges, moments->centre));
+    *covariance = sb_m3_mult(sb_m3_mul(edges, moments->spread), edges);
 }
 
 /* ==== src/softbody/contact/tool_mesh.h ==== */
