@@ -4276,8 +4276,8 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
  *   - several needles, rods beside the tissue (no nodes), pivoting over all of them: several guests, or one of all
  *   - factors of the step, what the nodes move by without the increment, to commit and to undo: `sbi_guest_step`,
  *     `commit`, `undo`
- * Contact has no unknowns and changes with the increment: it will add members at the end for the step (forces and
- * blocks at a trial, slope and acceptance) and use `residual` and `multiply` for cross terms between nodes. */
+ * Contact has no unknowns and changes with the increment: see body/step_touch.h. Its cross terms between nodes of two
+ * faces are a guest. */
 #ifndef SB_GUEST_H
 #define SB_GUEST_H
 
@@ -4809,13 +4809,13 @@ SB_API const char *sb_check_string(unsigned warning);
  *   made anew.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed (tests/bench/RESULTS.md) but for a
- * copy of the lists of slots, a sum over chunks of cells, and a pass over the nodes where parts come apart, meet or get
- * another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells in one
- * change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and cuts the
- * coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the body was
- * made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything is made
- * anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4,
- * there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
+ * copy of the lists of slots, a sum over groups of eight cells, and a pass over the nodes where parts come apart, meet
+ * or get another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells
+ * in one change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and
+ * cuts the coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the
+ * body was made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything
+ * is made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
+ * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
  * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
  * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
  *
@@ -29056,14 +29056,14 @@ typedef struct sbi_live_pair {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
-    unsigned version;      /* how many changes there were, from 1 */
-    int *room;             /* [row_capacity] places of the row's piece */
-    int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
-    int *heads; /* [block_capacity] for whoever lists what adds to a coupling: it goes with the coupling; -1 of new ones,
-                 * and of places in no row */
-    int *places;           /* [block_capacity] scratch */
-    unsigned char *in_use; /* [row_capacity] */
-    unsigned char *marks;  /* [row_capacity] zeros between calls */
+    unsigned version; /* how many changes there were, from 1 */
+    int *room;        /* [row_capacity] places of the row's piece */
+    int *uses;        /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    int *heads;  /* [block_capacity] for whoever lists what adds to a coupling: it goes with the coupling; -1 of new
+                  * ones,  and of places in no row */
+    int *places; /* [block_capacity] scratch */
+    unsigned char *in_use;                 /* [row_capacity] */
+    unsigned char *marks;                  /* [row_capacity] zeros between calls */
     int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
                                             * place has the next */
     /* what the last change did */
@@ -43249,12 +43249,12 @@ enum { SBI_LIVE_UNIT = SB_POLAR_LANES };
 typedef struct sbi_assembly_live {
     sb_allocator allocator;
     int node_capacity, cell_capacity;
-    int cell_end;         /* slots before the change at hand */
-    int *corner_first;    /* [node_capacity] or -1 */
-    int *corner_next;     /* [4 cell_capacity] or -1 */
-    int *pair_next;       /* [6 cell_capacity] by cell and pair of nodes, or -1; the first of a block above the diagonal
-                           * is the matrix's live->heads, an sbi_batch_pair */
-    int *place;           /* [node_capacity] scratch */
+    int cell_end;      /* slots before the change at hand */
+    int *corner_first; /* [node_capacity] or -1 */
+    int *corner_next;  /* [4 cell_capacity] or -1 */
+    int *pair_next;    /* [6 cell_capacity] by cell and pair of nodes, or -1; the first of a block above the diagonal
+                        * is the matrix's live->heads, an sbi_batch_pair */
+    int *place;        /* [node_capacity] scratch */
     unsigned char *unmapped; /* [node_capacity] 1: the row's part of the scatter maps is old */
     int maps_are_old;        /* 1: some row's is */
     unsigned char *marks;    /* [node_capacity] zeros between calls */
@@ -47483,7 +47483,7 @@ typedef struct sbi_live {
     double slack;            /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
                            */
-    int *node_marks; /* [nodes.capacity] zeros between calls */
+    int *node_marks;      /* [nodes.capacity] zeros between calls */
     unsigned char *cell_marks; /* [cells.capacity] zeros between calls */
     sb_body_change *spare;     /* a change with its lists, for the next one; NULL while it is open */
     void *lists;               /* behind the lists of a change while it is made */
@@ -70778,17 +70778,18 @@ static void sbi_contact_match(sbi_contact_faces *faces)
 SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_body *body, int *changed, sb_error *error)
 {
     sbi_contact_live *live = &faces->live;
+    sbi_contact_news news = live->news; /* faces that are loaded anew have none */
     if (changed)
-        *changed = live->news != SBI_CONTACT_CURRENT;
-    if (live->news == SBI_CONTACT_STALE) {
+        *changed = news != SBI_CONTACT_CURRENT;
+    if (news == SBI_CONTACT_STALE) {
         sb_result result = sbi_contact_reload(faces, body, error);
         if (result != SB_OK)
             return result;
-    } else if (live->news == SBI_CONTACT_CHANGED) {
+    } else if (news == SBI_CONTACT_CHANGED) {
         sbi_contact_put_faces(faces, body, live->outer);
         sbi_contact_build_tree(faces, body, &live->order);
     }
-    if (live->news != SBI_CONTACT_CURRENT)
+    if (news != SBI_CONTACT_CURRENT)
         sbi_contact_match(faces);
     live->news = SBI_CONTACT_CURRENT;
     return SB_OK;

@@ -42,13 +42,13 @@
  *   made anew.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed (tests/bench/RESULTS.md) but for a
- * copy of the lists of slots, a sum over chunks of cells, and a pass over the nodes where parts come apart, meet or get
- * another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells in one
- * change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and cuts the
- * coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the body was
- * made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything is made
- * anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4,
- * there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
+ * copy of the lists of slots, a sum over groups of eight cells, and a pass over the nodes where parts come apart, meet
+ * or get another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells
+ * in one change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and
+ * cuts the coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the
+ * body was made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything
+ * is made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
+ * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
  * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
  * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
  *

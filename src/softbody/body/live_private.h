@@ -44,7 +44,7 @@ typedef struct sbi_live {
     double slack;            /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
                            */
-    int *node_marks; /* [nodes.capacity] zeros between calls */
+    int *node_marks;      /* [nodes.capacity] zeros between calls */
     unsigned char *cell_marks; /* [cells.capacity] zeros between calls */
     sb_body_change *spare;     /* a change with its lists, for the next one; NULL while it is open */
     void *lists;               /* behind the lists of a change while it is made */

@@ -16,12 +16,12 @@ enum { SBI_LIVE_UNIT = SB_POLAR_LANES };
 typedef struct sbi_assembly_live {
     sb_allocator allocator;
     int node_capacity, cell_capacity;
-    int cell_end;         /* slots before the change at hand */
-    int *corner_first;    /* [node_capacity] or -1 */
-    int *corner_next;     /* [4 cell_capacity] or -1 */
-    int *pair_next;       /* [6 cell_capacity] by cell and pair of nodes, or -1; the first of a block above the diagonal
-                           * is the matrix's live->heads, an sbi_batch_pair */
-    int *place;           /* [node_capacity] scratch */
+    int cell_end;      /* slots before the change at hand */
+    int *corner_first; /* [node_capacity] or -1 */
+    int *corner_next;  /* [4 cell_capacity] or -1 */
+    int *pair_next;    /* [6 cell_capacity] by cell and pair of nodes, or -1; the first of a block above the diagonal
+                        * is the matrix's live->heads, an sbi_batch_pair */
+    int *place;        /* [node_capacity] scratch */
     unsigned char *unmapped; /* [node_capacity] 1: the row's part of the scatter maps is old */
     int maps_are_old;        /* 1: some row's is */
     unsigned char *marks;    /* [node_capacity] zeros between calls */

@@ -45,14 +45,14 @@ typedef struct sbi_live_pair {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
-    unsigned version;      /* how many changes there were, from 1 */
-    int *room;             /* [row_capacity] places of the row's piece */
-    int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
-    int *heads; /* [block_capacity] for whoever lists what adds to a coupling: it goes with the coupling; -1 of new ones,
-                 * and of places in no row */
-    int *places;           /* [block_capacity] scratch */
-    unsigned char *in_use; /* [row_capacity] */
-    unsigned char *marks;  /* [row_capacity] zeros between calls */
+    unsigned version; /* how many changes there were, from 1 */
+    int *room;        /* [row_capacity] places of the row's piece */
+    int *uses;        /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    int *heads;  /* [block_capacity] for whoever lists what adds to a coupling: it goes with the coupling; -1 of new
+                  * ones,  and of places in no row */
+    int *places; /* [block_capacity] scratch */
+    unsigned char *in_use;                 /* [row_capacity] */
+    unsigned char *marks;                  /* [row_capacity] zeros between calls */
     int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
                                             * place has the next */
     /* what the last change did */
