@@ -4790,8 +4790,9 @@ SB_API const char *sb_check_string(unsigned warning);
  * - Pieces: where a cut parts a cell, each piece of it becomes a cell with the parent's shape functions and its own
  *   volume and moments (sb_cell_moments), on copies of the nodes that it is parted from. Stiffness, loads and lumped
  *   masses are integrals over the piece and sum to those of the whole cell, so that at the instant of the cut nothing
- *   jumps: not mass, momentum or energy (of tet10 with other than linear material energy by 1e-7, for its points are
- *   others). A piece may have a share of 0; nodes with no other cells are held where they are, and feel nothing.
+ *   jumps: not mass, momentum or energy (of tet10 energy by some 1e-4: the mid nodes of small pieces are held to the
+ *   middle of their edges, or solvers would need many more iterations, and points are others where the material is not
+ *   linear). A piece may have a share of 0; nodes with no other cells are held where they are, and feel nothing.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
  *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
  *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
@@ -42990,6 +42991,16 @@ SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tracti
 #define SB_ASSEMBLY_H
 
 
+/* Springs of stiffness k (N/m) between sums of displacements s = sum w u that are 0 at rest, with weights that sum to
+ * 0: energy k/2 s.s, besides that of the cells. All nodes of a row are coupled in the matrix. */
+typedef struct sbi_inner_rows {
+    int count;
+    int *start, *nodes; /* [count + 1], [start[count]] */
+    sb_real *weights;   /* [start[count]] */
+    sb_real *stiffness; /* [count] */
+    void *memory;       /* the one block behind the arrays */
+} sbi_inner_rows;
+
 typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials; /* [material_count] */
@@ -43001,15 +43012,16 @@ typedef struct sbi_assembly {
     const sb_vec3 *fibres;    /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
                                * fibres */
     const sb_jobs *jobs;
-    const sb_vec3 *reference; /* [node_count] (m) */
-    int unknots;              /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
-                               * energy watches: the rule makes it jump */
-    sb_real energy_unit;      /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
-                               * size of the moduli, so this times epsilon is their rounding error */
-    int batched;              /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
-    sb_quat *rotations;       /* [cell_count][points_per_cell] warm starts of the polar rotations */
-    sb_quat *saved_rotations; /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
-    int *scatter;             /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
+    const sb_vec3 *reference;   /* [node_count] (m) */
+    const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */
+    int unknots;                /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
+                                 * energy watches: the rule makes it jump */
+    sb_real energy_unit;        /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
+                                 * size of the moduli, so this times epsilon is their rounding error */
+    int batched;                /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
+    sb_quat *rotations;         /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    sb_quat *saved_rotations;   /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
+    int *scatter;               /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
     int chunk_size, chunk_count;
     int colour_count;
     int *colour_start;     /* [colour_count + 1] into colour_chunks */
@@ -43098,6 +43110,12 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
 SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 /* Gives up what is not of the layout. */
 SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator);
+
+/* ---- assembly_rows ---- */
+
+SBI_API void sbi_rows_add_force(const sbi_inner_rows *rows, const sb_vec3 *u, sb_vec3 *force);
+SBI_API sb_real sbi_rows_energy(const sbi_inner_rows *rows, const sb_vec3 *u);
+SBI_API void sbi_rows_add_tangent(const sbi_inner_rows *rows, sb_real factor, sb_matrix *matrix);
 
 /* ---- assembly_memory: materials with Prony terms ----
  * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
@@ -43405,6 +43423,50 @@ SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_ve
     for (int p = 0; p < q; p++)
         rotation[p] = shared;
     return 1;
+}
+
+/* ==== src/softbody/fem/assembly_rows.c ==== */
+/* assembly_rows: springs between sums of nodes, as part of what the cells hold. */
+
+/* sum_k w_k u_k of a row. */
+static sb_vec3 sbi_rows_sum(const sbi_inner_rows *rows, int row, const sb_vec3 *u)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int k = rows->start[row]; k < rows->start[row + 1]; k++)
+        sum = sb_v3_madd(sum, rows->weights[k], u[rows->nodes[k]]);
+    return sum;
+}
+
+SBI_API void sbi_rows_add_force(const sbi_inner_rows *rows, const sb_vec3 *u, sb_vec3 *force)
+{
+    for (int row = 0; row < rows->count; row++) {
+        sb_vec3 pull = sb_v3_scale(rows->stiffness[row], sbi_rows_sum(rows, row, u));
+        for (int k = rows->start[row]; k < rows->start[row + 1]; k++)
+            force[rows->nodes[k]] = sb_v3_madd(force[rows->nodes[k]], rows->weights[k], pull);
+    }
+}
+
+SBI_API sb_real sbi_rows_energy(const sbi_inner_rows *rows, const sb_vec3 *u)
+{
+    sb_real energy = 0;
+    for (int row = 0; row < rows->count; row++) {
+        sb_vec3 sum = sbi_rows_sum(rows, row, u);
+        energy += rows->stiffness[row] / 2 * sb_v3_dot(sum, sum);
+    }
+    return energy;
+}
+
+SBI_API void sbi_rows_add_tangent(const sbi_inner_rows *rows, sb_real factor, sb_matrix *matrix)
+{
+    for (int row = 0; row < rows->count; row++)
+        for (int k = rows->start[row]; k < rows->start[row + 1]; k++)
+            for (int j = rows->start[row]; j < rows->start[row + 1]; j++) {
+                sb_real *block = matrix->blocks[sb_matrix_find(matrix, rows->nodes[k], rows->nodes[j])];
+                sb_real stiffness = factor * rows->stiffness[row] * rows->weights[k] * rows->weights[j];
+                block[0] += stiffness;
+                block[4] += stiffness;
+                block[8] += stiffness;
+            }
 }
 
 /* ==== src/softbody/fem/assembly_batch.c ==== */
@@ -45763,9 +45825,13 @@ static sbi_assembly_job sbi_assembly_make_job(sbi_assembly *assembly, sbi_assemb
 SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_FORCE, u);
+    int bad;
     job.force = force;
     memset(force, 0, (size_t)assembly->domain->node_count * sizeof *force);
-    return sbi_assembly_run(&job);
+    bad = sbi_assembly_run(&job);
+    if (assembly->rows)
+        sbi_rows_add_force(assembly->rows, u, force);
+    return bad;
 }
 
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
@@ -45778,11 +45844,14 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     job.matrix = matrix;
     if (assembly->batched && kind == SB_TANGENT_QUASI) {
         sbi_batch_tangent(assembly, factor, matrix);
-        return -1;
+        bad = -1;
+    } else {
+        memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
+        bad = sbi_assembly_run(&job);
+        sbi_matrix_set_free_rows(matrix);
     }
-    memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
-    bad = sbi_assembly_run(&job);
-    sbi_matrix_set_free_rows(matrix);
+    if (assembly->rows)
+        sbi_rows_add_tangent(assembly->rows, factor, matrix);
     return bad;
 }
 
@@ -45794,6 +45863,8 @@ SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_v
     job.force = y;
     memset(y, 0, (size_t)assembly->domain->node_count * sizeof *y);
     sbi_assembly_run(&job);
+    if (assembly->rows)
+        sbi_rows_add_force(assembly->rows, x, y);
     return 1;
 }
 
@@ -45804,6 +45875,8 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
     sb_real sum = 0;
     for (int c = 0; c < assembly->chunk_count; c++)
         sum += assembly->chunk_energy[c];
+    if (assembly->rows)
+        sum += sbi_rows_energy(assembly->rows, u);
     *energy = sum;
     return bad;
 }
@@ -47383,6 +47456,7 @@ typedef struct sbi_live {
     sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
     sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
     int piece_count;         /* cells that are pieces */
+    sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sb_quadrature_kind rule; /* of the domain's points */
     int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;            /* of the def */
@@ -47494,6 +47568,10 @@ SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error);
 /* Room for pieces; 0: no memory. Dropped again where there are none. */
 SBI_API int sbi_live_take_pieces(sb_body *body);
 SBI_API void sbi_live_drop_pieces(sb_body *body);
+/* Makes the rows that hold mid nodes of small pieces of tet10, of a body that has its cells and matrix; their stiffness
+ * follows with the materials. */
+SBI_API sb_result sbi_live_make_slivers(sb_body *body, sb_error *error);
+SBI_API void sbi_live_stiffen_slivers(sb_body *body);
 /* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
 SBI_API void sbi_live_park_node(sb_body *body, int node);
 
@@ -47888,6 +47966,8 @@ static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_
 SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
+    if (body->live)
+        sbi_live_stiffen_slivers(body);
     body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
     sbi_body_update_mass(body);
     body->force_current = 0;
@@ -50975,6 +51055,7 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_slots_free(&live->cells, &body->allocator);
     sbi_free(&body->allocator, live->shares);
     sbi_free(&body->allocator, live->pieces);
+    sbi_free(&body->allocator, live->slivers.memory);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;
@@ -51101,6 +51182,132 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
                                  "node %d is supported and has no heir: release it before it is removed", node);
     }
     return SB_OK;
+}
+
+/* ==== src/softbody/body/live_sliver.c ==== */
+/* live_sliver: rows that hold the mid nodes of small pieces of tet10.
+ *
+ * A quadratic on a small piece is nearly linear: what its mid nodes do beside the middle of their edges costs next to
+ * nothing, and solvers need many iterations to find it. A mid node m of the edge p q whose cells have a share phi < 0.3
+ * of material gets the energy k/2 |u_m - (u_p + u_q)/2|^2, k = 0.4 (1 - phi/0.3) (lambda + 2 mu) h phi with the edge
+ * length h = (6 V)^(1/3) of its cells' mean volume V: nothing where the motion is affine. The factor phi matters: with
+ * the others alone smaller pieces are held more firmly than they resist. Measured on a beam of 20 x 4 x 6 cubes, cut
+ * half or all through at 0.03 to 0.7 of a cube: at most 3.0 times the uncut beam's iterations without the rows, 1.5
+ * with 0.15 and 0.1 in place of 0.3 and 0.4, 1.25 with these; its tip moves by 0.14 % at most. */
+
+#include <string.h>
+
+static const sb_real sbi_sliver_share = (sb_real)0.3; /* of material below which a node is held */
+static const sb_real sbi_sliver_firmness = (sb_real)0.4;
+
+/* What the cells of a node are, summed. */
+typedef struct sbi_sliver_sums {
+    int cells, pieces;
+    sb_real volume, material, modulus; /* m^3, m^3, and int (lambda + 2 mu) over the whole cells (J) */
+} sbi_sliver_sums;
+
+static sbi_sliver_sums sbi_sliver_sum(const sb_body *body, int node)
+{
+    const sb_domain *domain = &body->domain;
+    sbi_sliver_sums sums = {0, 0, 0, 0, 0};
+    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+        int e = sbi_live_cell_of(body, at);
+        const int *cell = domain->cells + (size_t)e * (size_t)domain->nodes_per_cell;
+        const sb_material *material = body->materials + body->cell_material[e];
+        sb_vec3 x[4];
+        sb_real volume;
+        for (int a = 0; a < 4; a++)
+            x[a] = body->reference[cell[a]];
+        volume = sbi_domain_tet_volume(x);
+        sums.cells++;
+        sums.pieces += sbi_live_is_piece(body, e);
+        sums.volume += volume;
+        sums.material += body->live->shares[e] * volume;
+        sums.modulus += volume * (material->lambda + 2 * material->mu);
+    }
+    return sums;
+}
+
+/* Ends of the edge that a node is the middle of; 0: of none. */
+static int sbi_sliver_ends(const sb_body *body, int node, int ends[2])
+{
+    int at = sbi_live_first_cell(body, node);
+    const int *cell = body->domain.cells + 10 * (size_t)(at < 0 ? 0 : sbi_live_cell_of(body, at));
+    for (int e = 0; e < 6 && at >= 0; e++) {
+        int edge[3];
+        sb_element_edge(SB_TET10, e, edge);
+        if (cell[edge[2]] != node)
+            continue;
+        ends[0] = cell[edge[0]];
+        ends[1] = cell[edge[1]];
+        return 1;
+    }
+    return 0;
+}
+
+static int sbi_sliver_is_held(const sb_body *body, int node)
+{
+    int ends[2];
+    sbi_sliver_sums sums = sbi_sliver_sum(body, node);
+    return sums.pieces > 0 && sums.material > 0 && sums.material < sbi_sliver_share * sums.volume &&
+           sbi_sliver_ends(body, node, ends);
+}
+
+static void sbi_sliver_layout(sbi_inner_rows *rows, sbi_arena *arena)
+{
+    size_t count = (size_t)rows->count;
+    rows->weights = (sb_real *)sbi_arena_take(arena, 3 * count, sizeof(sb_real));
+    rows->stiffness = (sb_real *)sbi_arena_take(arena, count, sizeof(sb_real));
+    rows->start = (int *)sbi_arena_take(arena, count + 1, sizeof(int));
+    rows->nodes = (int *)sbi_arena_take(arena, 3 * count, sizeof(int));
+}
+
+static void sbi_sliver_put(sbi_inner_rows *rows, int row, int node, const int ends[2])
+{
+    rows->start[row] = 3 * row;
+    rows->nodes[3 * row] = node;
+    rows->nodes[3 * row + 1] = ends[0];
+    rows->nodes[3 * row + 2] = ends[1];
+    rows->weights[3 * row] = 1;
+    rows->weights[3 * row + 1] = rows->weights[3 * row + 2] = (sb_real)-0.5;
+    rows->stiffness[row] = 0;
+}
+
+SBI_API sb_result sbi_live_make_slivers(sb_body *body, sb_error *error)
+{
+    sbi_inner_rows *rows = &body->live->slivers;
+    sbi_arena arena = {NULL, 0, 0};
+    int ends[2];
+    if (!body->live->piece_count || body->domain.element_type != SB_TET10)
+        return SB_OK;
+    for (int i = 0; i < body->domain.node_count; i++)
+        rows->count += sbi_sliver_is_held(body, i);
+    if (!rows->count)
+        return SB_OK;
+    sbi_sliver_layout(rows, &arena);
+    rows->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
+    if (!rows->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d rows that hold small pieces", rows->count);
+    arena.base = (unsigned char *)rows->memory;
+    arena.used = 0;
+    sbi_sliver_layout(rows, &arena);
+    for (int i = 0, row = 0; i < body->domain.node_count; i++)
+        if (sbi_sliver_is_held(body, i) && sbi_sliver_ends(body, i, ends))
+            sbi_sliver_put(rows, row++, i, ends);
+    rows->start[rows->count] = 3 * rows->count;
+    body->assembly.rows = rows;
+    return SB_OK;
+}
+
+SBI_API void sbi_live_stiffen_slivers(sb_body *body)
+{
+    sbi_inner_rows *rows = &body->live->slivers;
+    for (int row = 0; row < rows->count; row++) {
+        sbi_sliver_sums sums = sbi_sliver_sum(body, rows->nodes[3 * row]);
+        sb_real phi = sums.material / sums.volume, h = sb_cbrt(6 * sums.volume / (sb_real)sums.cells);
+        rows->stiffness[row] =
+            sbi_sliver_firmness * (1 - phi / sbi_sliver_share) * (sums.modulus / sums.volume) * h * phi;
+    }
 }
 
 /* ==== src/softbody/body/body_arrays.c ==== */
@@ -53821,6 +54028,9 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     if (result == SB_OK && body->live->follows)
         result = sbi_assembly_reserve_parents(&next->assembly,
                                               sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_live_make_slivers(next, error);
     if (result != SB_OK)
         return result;
     next->assembly.fibres = next->fibres;

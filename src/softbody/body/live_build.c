@@ -254,6 +254,9 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
                                               sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
     if (result != SB_OK)
         return result;
+    result = sbi_live_make_slivers(next, error);
+    if (result != SB_OK)
+        return result;
     next->assembly.fibres = next->fibres;
     next->assembly.unknots = body->assembly.unknots;
     sbi_body_materials_changed(next);
