@@ -1,22 +1,23 @@
-/* one_body: one organ from the scan to the needle and back: registered, pierced, drawn, saved, recorded and played
- * again.
+/* one_body: one organ from the scan to the needle and back: registered, held by a probe, pierced, drawn, saved,
+ * recorded and played again.
  *
  *     one_body [OPTIONS]              one_body --help lists the options
  *
  * An organ (a volume mesh of tet4, or one made here) is registered to a scan of its skin (a point cloud in the organ's
  * frame, or one made here: the organ is pressed from below, and a camera above it sees a part of it with noise). Loads
- * on its skin are found that give it that shape, and stay. A needle goes in to a target that has moved with the organ,
- * waits and is drawn out. Half way in, the state is saved and loaded into a second scene, which must come to the same
- * bits at the target. All that is done to the body is recorded, and must come to the same bits when it is played on a
- * third. The organ's fine skin is embedded and drawn where the needle is deepest. Writes PREFIX.png (a look into the
- * organ), PREFIX.state, PREFIX.record and PREFIX.csv (what the hand feels, tip and target after each step). The last
- * line is
+ * on its skin are found that give it that shape, and stay. A round probe comes down beside the needle's way and presses
+ * on the organ. A needle goes in to a target that has moved with the organ, waits and is drawn out. Half way in, the
+ * state is saved and loaded into a second scene, which must come to the same bits at the target. All that is done to
+ * the body is recorded, and must come to the same bits when it is played on a third. The organ's fine skin is embedded
+ * and drawn where the needle is deepest. Writes PREFIX.png (a look into the organ), PREFIX.state, PREFIX.record and
+ * PREFIX.csv (what the hand and the probe feel, tip and target after each step). The last line is
  *
- *     registered_mm=... truth_mm=... target_mm=... continued=same|differs replayed=same|differs
+ *     registered_mm=... truth_mm=... target_mm=... probe_N=... continued=same|differs replayed=same|differs
  *     topology=restored|changed seconds=...
  *
  * (one line; truth_mm, the mean error of all nodes, only of a scan made here). registered_mm: mean distance of the scan
- * from the organ's fine skin; target_mm: how far from its target the tip came to rest. Exit status: 0, 1 something
+ * from the organ's fine skin; target_mm: how far from its target the tip came to rest; probe_N: what the probe presses
+ * with there. Exit status: 0, 1 something
  * differs or the mesh is not the first one again, 2 wrong usage or a file that cannot be read or written, 3 no memory,
  * no registration, or a step failed. */
 #include "system.h"
@@ -42,17 +43,21 @@ enum { EXIT_DIFFERS = 1, EXIT_USAGE = 2, EXIT_SOLVE = 3, PATH_SIZE = 1024 };
 static const double STEP = 0.02, SPEED = 0.02;        /* s, m/s of the tip */
 static const double SLEEVE = 0.080, STANDOFF = 0.035; /* m before the skin at rest: the sleeve, and the tip */
 static const double APPROACH = 1, REST = 0.5;         /* s: the sleeve goes to its place; the needle waits */
+static const double PROBE = 0.008, ASIDE = 0.025;     /* m: the probe's radius; from the needle's way */
+static const double DESCENT = 0.05, CREEP = 0.005;    /* m/s of the probe: through the air; while it presses */
 
 typedef struct settings {
     const char *mesh, *skin, *scan, *prefix;
-    double scale, young, poisson, friction, cutting, noise, push, azimuth, elevation;
+    double scale, young, poisson, friction, cutting, noise, push, press, azimuth, elevation;
     int cells, steps, help;
 } settings;
 
-/* A body with a needle before it, and where in it the target is. */
+/* A body with a needle before it and a probe above it, and where in it the target is. */
 typedef struct scene {
     sb_body *body;
     ndl_needle *needle;
+    sb_contact *contact;
+    int probe;            /* its tool */
     sb_embedding *target; /* one point, that keeps its material while the mesh follows the needle */
 } scene;
 
@@ -73,6 +78,7 @@ typedef struct work {
     uint64_t reached;                                                       /* hash of the body at the target */
     sb_vec3 reached_tip;
     double registered, wrong, missed; /* m */
+    double pressed;                   /* N, by the probe at the target */
     int continued, replayed, restored;
 } work;
 
@@ -291,7 +297,23 @@ static sb_result make_needle(const work *w, scene *s, sb_error *error)
     return ndl_needle_create(&def, &s->needle, error);
 }
 
-/* The same organ, needle and target each time. */
+/* The probe waits above the organ, beside the needle's way. */
+static sb_result make_probe(const work *w, scene *s, sb_error *error)
+{
+    sb_contact_def def = sb_default_contact_def();
+    sb_tool_def probe = sb_default_tool_def();
+    sb_vec3 low, high;
+    sb_result result;
+    sb_mesh_bounds(&w->organ, &low, &high);
+    def.body = s->body;
+    probe.radius = REAL(PROBE);
+    probe.friction = REAL(0.2);
+    probe.pose.position = sb_v3(w->entry.x, w->entry.y - REAL(ASIDE), high.z + REAL(STANDOFF));
+    result = sb_contact_create(&def, &s->contact, error);
+    return result == SB_OK ? sb_contact_add_tool(s->contact, &probe, &s->probe, error) : result;
+}
+
+/* The same organ, needle, probe and target each time. */
 static int make_scene(const work *w, scene *s)
 {
     sb_error error;
@@ -302,12 +324,15 @@ static int make_scene(const work *w, scene *s)
         return complain(EXIT_USAGE, w->set->mesh, "there is no organ where the target should be");
     if (result == SB_OK)
         result = make_needle(w, s, &error);
-    return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, "the organ with its needle", &error);
+    if (result == SB_OK)
+        result = make_probe(w, s, &error);
+    return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, "the organ with needle and probe", &error);
 }
 
 static void free_scene(scene *s)
 {
     sb_embedding_destroy(s->target);
+    sb_contact_destroy(s->contact);
     ndl_needle_destroy(s->needle);
     sb_body_destroy(s->body);
 }
@@ -579,16 +604,37 @@ static ndl_command command_at(const work *w, const scene *s, sb_vec3 target, int
     return command;
 }
 
+/* What the probe is pushed up with (N). */
+static double feel_probe(const scene *s)
+{
+    sb_wrench wrench = {{0, 0, 0}, {0, 0, 0}};
+    (void)sb_contact_wrench(s->contact, s->probe, &wrench);
+    return (double)wrench.force.z + 0.0; /* not -0 */
+}
+
+/* The probe comes down until it presses as hard as it is to, stays there, and rises when the needle is drawn out. */
+static void move_probe(const work *w, const scene *s, int step)
+{
+    int rises = step >= w->approach_steps + w->insert_steps + w->rest_steps;
+    double felt = feel_probe(s), speed = felt > 0 ? CREEP : DESCENT;
+    sb_pose pose;
+    (void)sb_contact_reached(s->contact, s->probe, &pose, NULL);
+    if (!rises && felt >= w->set->press)
+        speed = 0;
+    pose.position.z += REAL((rises ? DESCENT : -speed) * STEP);
+    (void)sb_contact_move_tool(s->contact, s->probe, &pose);
+}
+
 static int note_step(work *w, int step)
 {
     sb_vec3 force, tip = ndl_needle_tip(w->main.needle).position, target;
     if (find_target(&w->main, &target))
         return EXIT_SOLVE;
     ndl_needle_base_wrench(w->main.needle, &force, NULL);
-    fprintf(w->csv.file, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (step + 1) * STEP,
-            -(double)sb_v3_dot(force, w->direction), 1e3 * (double)ndl_needle_depth(w->main.needle),
-            1e3 * (double)tip.x, 1e3 * (double)tip.y, 1e3 * (double)tip.z, 1e3 * (double)target.x,
-            1e3 * (double)target.y, 1e3 * (double)target.z);
+    fprintf(w->csv.file, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (step + 1) * STEP,
+            -(double)sb_v3_dot(force, w->direction), feel_probe(&w->main),
+            1e3 * (double)ndl_needle_depth(w->main.needle), 1e3 * (double)tip.x, 1e3 * (double)tip.y,
+            1e3 * (double)tip.z, 1e3 * (double)target.x, 1e3 * (double)target.y, 1e3 * (double)target.z);
     return 0;
 }
 
@@ -601,6 +647,7 @@ static int make_step(const work *w, scene *s, int step)
     if (find_target(s, &target))
         return EXIT_SOLVE;
     command = command_at(w, s, target, step);
+    move_probe(w, s, step);
     if (ndl_step(s->body, &s->needle, 1, REAL(STEP), &command, NULL, &error) == SB_OK)
         return 0;
     snprintf(place, sizeof place, "step %d of the needle", step + 1);
@@ -676,8 +723,10 @@ static int draw_picture(const work *w)
     char path[PATH_SIZE], text[160];
     double most;
     sb_vec3 target;
+    sb_pose probe;
     picture p;
     int result = PICTURE_NO_MEMORY;
+    (void)sb_contact_reached(w->main.contact, w->main.probe, &probe, NULL);
     picture_begin(&p, width, height);
     if (draw_skin(w, &p, &most) && !find_target(&w->main, &target)) {
         for (int i = 0; i < w->scan.count; i += 7)
@@ -685,11 +734,12 @@ static int draw_picture(const work *w)
         for (int i = 0; i + 1 < ndl_rod_node_count(rod); i++)
             picture_add_capsule(&p, x[i], x[i + 1], 0.0012, picture_web(i == 0 ? 0x3d4854 : 0x9aa5b1));
         picture_add_capsule(&p, target, target, 0.003, picture_web(0xd62728));
+        picture_add_capsule(&p, probe.position, probe.position, PROBE, picture_web(0x9aa5b1));
         picture_render(&p, w->set->azimuth, w->set->elevation);
         picture_colour_bar(&p, "displacement", "mm", 0, most, most);
         picture_length_bar(&p);
         picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(),
-                     "One body: registered, then pierced");
+                     "One body: registered, pressed, pierced");
         snprintf(text, sizeof text, "%.1f mm deep, %.2f mm from the target; dots: the scan",
                  1e3 * (double)ndl_needle_depth(w->main.needle), 1e3 * w->missed);
         picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), text);
@@ -718,7 +768,7 @@ static int begin_all(work *w)
     name_file(w, ".csv", path);
     if (sb_output_open(&w->csv, path, &error) != SB_OK)
         return complain(EXIT_USAGE, path, "cannot be written");
-    fprintf(w->csv.file, "t,push_N,depth_mm,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm\n");
+    fprintf(w->csv.file, "t,push_N,probe_N,depth_mm,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm\n");
     printf("organ          %d nodes, %d tets; skin of %d triangles; scan of %d points; held at %d nodes\n",
            w->organ.node_count, w->organ.element_count, w->skin.element_count, w->scan.count, w->held_count);
     fflush(stdout); /* before what may go wrong is said */
@@ -753,6 +803,7 @@ static int insert_all(work *w)
     if (find_target(&w->main, &target))
         return EXIT_SOLVE;
     w->missed = (double)sb_v3_norm(sb_v3_sub(target, w->reached_tip));
+    w->pressed = feel_probe(&w->main);
     return draw_picture(w);
 }
 
@@ -829,9 +880,9 @@ static int print_results(const work *w, double seconds)
     printf("registered_mm=%.3f ", 1e3 * w->registered);
     if (w->truth)
         printf("truth_mm=%.3f ", 1e3 * w->wrong);
-    printf("target_mm=%.3f continued=%s replayed=%s topology=%s seconds=%.1f\n", 1e3 * w->missed,
-           w->continued ? "same" : "differs", w->replayed ? "same" : "differs", w->restored ? "restored" : "changed",
-           seconds);
+    printf("target_mm=%.3f probe_N=%.3f continued=%s replayed=%s topology=%s seconds=%.1f\n", 1e3 * w->missed,
+           w->pressed, w->continued ? "same" : "differs", w->replayed ? "same" : "differs",
+           w->restored ? "restored" : "changed", seconds);
     return w->continued && w->replayed && w->restored ? 0 : (int)EXIT_DIFFERS;
 }
 
@@ -877,7 +928,7 @@ static int check_settings(const settings *s)
 
 static int program(int argc, char **argv)
 {
-    static settings s = {NULL, NULL, NULL, "one_body", 1, 5e3, 0.45, 10, 0.1, 0.2, 1, -60, 20, 14, 120, 0};
+    static settings s = {NULL, NULL, NULL, "one_body", 1, 5e3, 0.45, 10, 0.1, 0.2, 1, 0.3, -60, 20, 14, 120, 0};
     const option options[] = {
         {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0,
          "organ of tet4; default one made here, like a liver"},
@@ -889,6 +940,7 @@ static int program(int argc, char **argv)
         {"--scale", "S", OPTION_NUMBER, NULL, &s.scale, NULL, 1e-9, 1e9, "of the files' lengths, to metres"},
         {"--noise", "MM", OPTION_NUMBER, NULL, &s.noise, NULL, 0, 10, "of a scan made here"},
         {"--push", "N", OPTION_NUMBER, NULL, &s.push, NULL, 0, 100, "force that deforms the organ of a scan made here"},
+        {"--press", "N", OPTION_NUMBER, NULL, &s.press, NULL, 0, 100, "force that the probe comes down to"},
         {"--young", "PA", OPTION_NUMBER, NULL, &s.young, NULL, 100, 1e9, "of the organ"},
         {"--poisson", "NU", OPTION_NUMBER, NULL, &s.poisson, NULL, 0, 0.49, "of the organ"},
         {"--friction", "N/M", OPTION_NUMBER, NULL, &s.friction, NULL, 0, 1000, "along the needle's shaft"},
@@ -904,10 +956,11 @@ static int program(int argc, char **argv)
     if (!options_parse("one_body", options, count, NULL, 0, argc, argv))
         return EXIT_USAGE;
     if (s.help) {
-        printf("usage: one_body [OPTIONS]\n\n"
-               "Registers an organ to a scan and takes a needle in and out of it: one body, saved on the way, recorded "
-               "and\n"
-               "played again.\n\n");
+        printf(
+            "usage: one_body [OPTIONS]\n\n"
+            "Registers an organ to a scan, presses a probe on it and takes a needle in and out of it: one body, saved "
+            "on\n"
+            "the way, recorded and played again.\n\n");
         options_print(options, count);
         return 0;
     }

@@ -360,6 +360,8 @@ expect 0 '^registered_mm=0\.[0-2].* continued=same replayed=same topology=restor
 check "the organ and its target are found" awk '/^registered_mm/ { split($2, t, "="); split($3, m, "=")
     exit !(t[2] < 3 && m[2] < 5) }' output.txt
 check "a picture" is_png one/a.png
+check "the probe presses, and is lifted" awk -F, 'NR > 1 && $3 > high { high = $3 } { last = $3 }
+    END { exit !(high > 0.29 && high < 0.6 && last == 0) }' one/a.csv
 check "the hand pushes, and pulls" awk -F, 'NR > 1 && $2 > high { high = $2 } NR > 1 && $2 < low { low = $2 }
     END { exit !(high > 0.1 && low < -0.1) }' one/a.csv
 expect_data 2 'nan_coordinate.vtk:9: ' one_body bad/nan_coordinate.vtk --mesh

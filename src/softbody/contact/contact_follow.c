@@ -207,17 +207,18 @@ static void sbi_contact_match(sbi_contact_faces *faces)
 SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_body *body, int *changed, sb_error *error)
 {
     sbi_contact_live *live = &faces->live;
+    sbi_contact_news news = live->news; /* faces that are loaded anew have none */
     if (changed)
-        *changed = live->news != SBI_CONTACT_CURRENT;
-    if (live->news == SBI_CONTACT_STALE) {
+        *changed = news != SBI_CONTACT_CURRENT;
+    if (news == SBI_CONTACT_STALE) {
         sb_result result = sbi_contact_reload(faces, body, error);
         if (result != SB_OK)
             return result;
-    } else if (live->news == SBI_CONTACT_CHANGED) {
+    } else if (news == SBI_CONTACT_CHANGED) {
         sbi_contact_put_faces(faces, body, live->outer);
         sbi_contact_build_tree(faces, body, &live->order);
     }
-    if (live->news != SBI_CONTACT_CURRENT)
+    if (news != SBI_CONTACT_CURRENT)
         sbi_contact_match(faces);
     live->news = SBI_CONTACT_CURRENT;
     return SB_OK;

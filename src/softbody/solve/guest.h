@@ -23,8 +23,8 @@
  *   - several needles, rods beside the tissue (no nodes), pivoting over all of them: several guests, or one of all
  *   - factors of the step, what the nodes move by without the increment, to commit and to undo: `sbi_guest_step`,
  *     `commit`, `undo`
- * Contact has no unknowns and changes with the increment: it will add members at the end for the step (forces and
- * blocks at a trial, slope and acceptance) and use `residual` and `multiply` for cross terms between nodes. */
+ * Contact has no unknowns and changes with the increment: see body/step_touch.h. Its cross terms between nodes of two
+ * faces are a guest. */
 #ifndef SB_GUEST_H
 #define SB_GUEST_H
 
