@@ -4276,8 +4276,8 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
  *   - several needles, rods beside the tissue (no nodes), pivoting over all of them: several guests, or one of all
  *   - factors of the step, what the nodes move by without the increment, to commit and to undo: `sbi_guest_step`,
  *     `commit`, `undo`
- * Contact has no unknowns and changes with the increment: it will add members at the end for the step (forces and
- * blocks at a trial, slope and acceptance) and use `residual` and `multiply` for cross terms between nodes. */
+ * Contact has no unknowns and changes with the increment: see body/step_touch.h. Its cross terms between nodes of two
+ * faces are a guest. */
 #ifndef SB_GUEST_H
 #define SB_GUEST_H
 
@@ -70842,17 +70842,18 @@ static void sbi_contact_match(sbi_contact_faces *faces)
 SBI_API sb_result sbi_contact_faces_update(sbi_contact_faces *faces, const sb_body *body, int *changed, sb_error *error)
 {
     sbi_contact_live *live = &faces->live;
+    sbi_contact_news news = live->news; /* faces that are loaded anew have none */
     if (changed)
-        *changed = live->news != SBI_CONTACT_CURRENT;
-    if (live->news == SBI_CONTACT_STALE) {
+        *changed = news != SBI_CONTACT_CURRENT;
+    if (news == SBI_CONTACT_STALE) {
         sb_result result = sbi_contact_reload(faces, body, error);
         if (result != SB_OK)
             return result;
-    } else if (live->news == SBI_CONTACT_CHANGED) {
+    } else if (news == SBI_CONTACT_CHANGED) {
         sbi_contact_put_faces(faces, body, live->outer);
         sbi_contact_build_tree(faces, body, &live->order);
     }
-    if (live->news != SBI_CONTACT_CURRENT)
+    if (news != SBI_CONTACT_CURRENT)
         sbi_contact_match(faces);
     live->news = SBI_CONTACT_CURRENT;
     return SB_OK;
