@@ -826,6 +826,117 @@ static void test_recorded(void)
     check_recorded(SB_TET10);
 }
 
+/* ---- taken back, other materials, explicit steps ---- */
+
+/* Takes a cut back by a change: the cells as they were, and no copies. */
+static void join(sb_body *body, const knife_cut *cut)
+{
+    int n = cut->mesh->element_type == SB_TET4 ? 4 : 10;
+    sb_body_change *change;
+    sb_real one = 1;
+    sb_error error;
+    CHECK_OK(sb_body_change_begin(body, &change, &error));
+    for (int k = cut->count; k-- > 0;) {
+        const knife_piece *piece = cut->pieces + k;
+        sb_change_cell cell = sb_default_change_cell();
+        cell.nodes = cut->mesh->elements + piece->tet * n;
+        cell.parent = piece->cell;
+        if (piece->cell != piece->tet)
+            CHECK_OK(sb_body_change_remove_cell(change, piece->cell, &error));
+        else
+            CHECK_OK(sb_body_change_replace_cell(change, piece->cell, &cell, &error));
+    }
+    for (int i = cut->copies; i-- > 0;) {
+        int copy = cut->mesh->node_count + i;
+        CHECK_OK(sb_body_change_remove_node(change, copy, cut->copy_of + i, &one, 1, &error));
+    }
+    if (CHECK_OK(sb_body_change_commit(change, &error)))
+        return;
+    printf("%s\n", error.message);
+    sb_body_change_cancel(change);
+}
+
+static void check_joined(sb_element_type type)
+{
+    sb_mesh mesh = scene_box(type, 4, 2, 2, bar_size(1), 0.1);
+    sb_body *body = cutting_body(&mesh, rubber(SB_COROTATED), SB_EULER, SB_MASS_LUMPED);
+    uint64_t hash = sb_body_state_hash(body);
+    knife_cut cut;
+    if (knife_cuts(body, &mesh, slanted(bar_size(1)), &cut)) {
+        CHECK(sb_body_state_hash(body) != hash);
+        join(body, &cut);
+        CHECK_OK(sb_body_live_check(body, NULL));
+        CHECK(sb_body_state_hash(body) == hash);
+        knife_free(&cut);
+    }
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+static void test_joined(void)
+{
+    check_joined(SB_TET4);
+    check_joined(SB_TET10);
+}
+
+/* A material set after the cut is as one set before it. */
+static void test_materials(void)
+{
+    sb_mesh mesh = scene_box(SB_TET10, 4, 2, 2, bar_size(1), 0.1);
+    sb_material stiff = sb_material_corotated(3 * young, REAL(0.4), 900);
+    sb_body *body[2];
+    for (int k = 0; k < 2; k++) {
+        knife_cut cut;
+        body[k] = cutting_body(&mesh, rubber(SB_COROTATED), SB_EULER, SB_MASS_LUMPED);
+        CHECK_OK(sb_body_set_gravity(body[k], sb_v3(0, 0, REAL(-9.81))));
+        scene_fix_plane(body[k], &mesh, 0, 0, SB_XYZ);
+        if (k == 0)
+            CHECK_OK(sb_body_set_material(body[k], &stiff, NULL));
+        if (knife_cuts(body[k], &mesh, slanted(bar_size(1)), &cut))
+            knife_free(&cut);
+        if (k == 1)
+            CHECK_OK(sb_body_set_material(body[k], &stiff, NULL));
+        for (int s = 0; s < 3; s++)
+            CHECK_OK(sb_body_step(body[k], REAL(0.01), NULL));
+    }
+    CHECK(sb_body_state_hash(body[0]) == sb_body_state_hash(body[1]));
+    sb_body_destroy(body[0]);
+    sb_body_destroy(body[1]);
+    sb_mesh_free(&mesh);
+}
+
+/* Explicit steps of a body cut in two: bounded, and momentum is kept. */
+static void check_explicit(sb_element_type type)
+{
+    sb_mesh mesh = scene_box(type, 4, 2, 2, bar_size(1), 0);
+    sb_body *body = cutting_body(&mesh, rubber(SB_COROTATED), SB_CENTRAL_DIFFERENCE, SB_MASS_LUMPED);
+    sb_real whole, cut_step;
+    sb_vec3 before, after;
+    knife_cut cut;
+    CHECK_OK(sb_body_stable_step(body, &whole, NULL));
+    set_in_motion(body, 1);
+    before = sb_body_momentum(body);
+    if (knife_cuts(body, &mesh, knife_plane(sb_v3(1, 0, 0), 0.4 * 2.4 / 4), &cut)) {
+        CHECK_OK(sb_body_stable_step(body, &cut_step, NULL));
+        printf("   explicit %s: stable step %.3f of the uncut one\n", type == SB_TET4 ? "tet4" : "tet10",
+               (double)(cut_step / whole));
+        CHECK(cut_step > REAL(0.3) * whole);
+        for (int s = 0; s < 50; s++)
+            CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+        after = sb_body_momentum(body);
+        CHECK_NEAR(sb_v3_norm(sb_v3_sub(after, before)) / sb_v3_norm(before), 0, scene_tolerance(1e-9, 1e4));
+        knife_free(&cut);
+    }
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+static void test_explicit(void)
+{
+    check_explicit(SB_TET4);
+    check_explicit(SB_TET10);
+}
+
 /* ---- memory ---- */
 
 static void check_memory(sb_element_type type)
@@ -950,5 +1061,6 @@ static void test_refused(void)
 CHECK_SUITE(live_pieces, {"extended finite elements", test_xfem}, {"instant of the cut", test_instant},
             {"stretched in two", test_stretched}, {"half a bar", test_half}, {"falling", test_falling},
             {"turned", test_turned}, {"slivers", test_slivers}, {"empty pieces", test_empty},
-            {"supports", test_supports}, {"states", test_state}, {"recordings", test_recorded}, {"memory", test_memory},
-            {"refusals", test_refused});
+            {"supports", test_supports}, {"states", test_state}, {"recordings", test_recorded},
+            {"taken back", test_joined}, {"other materials", test_materials}, {"explicit steps", test_explicit},
+            {"memory", test_memory}, {"refusals", test_refused});
