@@ -42,7 +42,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No collision detection, cutting or rendering in this version.
+ * No rendering; cuts (sb_cut) of tet4 only, and without a surface to draw.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -122,6 +122,7 @@
  *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create
  *              lays them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
+ * sb_cut       triangles that cut a body while it runs.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
@@ -718,6 +719,12 @@
 #define sb_haptic_force sb_haptic_force_f32
 #define sb_haptic_get_info sb_haptic_get_info_f32
 #define sb_haptic_from_hd sb_haptic_from_hd_f32
+#define sb_default_cut_def sb_default_cut_def_f32
+#define sb_cut_create sb_cut_create_f32
+#define sb_cut_destroy sb_cut_destroy_f32
+#define sb_cut_triangles sb_cut_triangles_f32
+#define sb_cut_node_origin sb_cut_node_origin_f32
+#define sb_cut_cell_element sb_cut_cell_element_f32
 #endif
 #endif
 
@@ -4790,8 +4797,11 @@ SB_API const char *sb_check_string(unsigned warning);
  * - Pieces: where a cut parts a cell, each piece of it becomes a cell with the parent's shape functions and its own
  *   volume and moments (sb_cell_moments), on copies of the nodes that it is parted from. Stiffness, loads and lumped
  *   masses are integrals over the piece and sum to those of the whole cell, so that at the instant of the cut nothing
- *   jumps: not mass, momentum or energy (of tet10 with other than linear material energy by 1e-7, for its points are
- *   others). A piece may have a share of 0; nodes with no other cells are held where they are, and feel nothing.
+ *   jumps: not mass, momentum or energy (of tet10 energy by some 1e-4: the mid nodes of small pieces are held to the
+ *   middle of their edges, or solvers would need many more iterations, and points are others where the material is not
+ *   linear). A piece may have a share of 0; nodes with no other cells are held where they are, and feel nothing. Steps
+ *   of a cut beam take at most 1.3 times the iterations of the uncut one, slivers included; with SB_PRECOND_MULTIGRID
+ *   and tet10 1.5 times.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
  *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
  *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
@@ -5907,6 +5917,79 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
 
 #endif /* SB_HAPTIC_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/cut/cut.h ==== */
+/* cut: cutting a body while it runs. Floor 4.
+ *
+ *     def.slack = 0.5;                                   of the body: room for copies of nodes and for cells
+ *     sb_cut_def cut_def = sb_default_cut_def();
+ *     cut_def.body = body;
+ *     sb_cut_create(&cut_def, &cut, &error);
+ *     ... steps ...
+ *     sb_cut_triangles(cut, triangles, count, &info, &error);
+ *     ... steps ...
+ *
+ * How it works (virtual nodes: Molino, Bao and Fedkiw 2004). Each element carries a lattice of links, which triangles
+ * cut where the body is now; an element that its cut links part becomes one cell for each piece, with the shape
+ * functions of the whole element and the mass and stiffness of the piece, and nodes are copied where pieces of the
+ * elements around them do not touch. Whether a link is cut is decided in exact integers, the same for all elements
+ * around it, so that no thread of tissue is left over, also where a triangle goes through a node, along an edge or a
+ * face. Nothing is remeshed: the matrix stays as large as the mesh and its copies, however fine the cut, and steps take
+ * about as long as before.
+ *
+ * - What an element is not cut through yet holds: a cut opens up to the last element that it parts.
+ * - A node keeps its number and stands for the material at its place; copies get new numbers
+ *   (sb_cut_node_origin). Cells likewise (sb_cut_cell_element).
+ * - A link that is cut stays cut. What is cut twice, or along the same way again, is cut once.
+ * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
+ * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
+ * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
+ *   it. All else that refers to nodes and cells follows as live_mesh.h says; a copy has no load of its own.
+ * - Recordings and states of the body contain its cuts (they are changes of its mesh). The sb_cut itself is not in
+ *   them: after another mesh was loaded, or after others changed the mesh, its calls say SB_ERROR_STATE; make a new one
+ *   then, of an uncut body.
+ *
+ * Limits: tet4. Slices much thinner than a link crumble. Slivers of mass make explicit steps short: bodies that step
+ * explicitly have crossings kept off the points of the lattice by a sixteenth of an edge, in masses and stiffness. */
+#ifndef SB_CUT_H
+#define SB_CUT_H
+
+
+typedef struct sb_cut sb_cut;
+
+typedef struct sb_cut_def {
+    sb_body *body; /* borrowed, made with slack > 0, of tet4; its mesh now is the uncut one */
+    int lattice;   /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
+                    * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
+    sb_allocator allocator;
+    unsigned cookie; /* of sb_default_cut_def */
+} sb_cut_def;
+SB_API sb_cut_def sb_default_cut_def(void);
+
+/* What a call has done. */
+typedef struct sb_cut_info {
+    int links;        /* cut by it */
+    int cells, nodes; /* made by it */
+    int parts;        /* that the body is in now */
+} sb_cut_info;
+
+/* Makes what cuts a body; one at a time for each body, to be destroyed before or after it. SB_ERROR_ARGUMENT,
+ * SB_ERROR_UNSUPPORTED (slack 0, other elements), SB_ERROR_STATE (a body that is cut already), SB_ERROR_MEMORY. */
+SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *error);
+/* The body stays cut. NULL is fine. */
+SB_API void sb_cut_destroy(sb_cut *cut);
+/* Cuts along triangles: a blade's way, a plane, a closed surface around what is to be taken out.
+ * triangles  [count][3] corners where the body is now (m); triangles without area are skipped
+ * info       may be NULL
+ * On failure body and cut are as they were: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above), and
+ * what sb_body_change_commit says. Between steps only. Allocates nothing while slack and room last; costs a pass over
+ * the cells and, where cells are parted, a change of the mesh. */
+SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
+/* Node of the uncut mesh that a node is a copy of, or itself; -1: none. Of elements: the one that a cell is of. */
+SB_API int sb_cut_node_origin(const sb_cut *cut, int node);
+SB_API int sb_cut_cell_element(const sb_cut *cut, int cell);
+
+#endif /* SB_CUT_H */
 
 #endif /* SOFTBODY_H */
 
@@ -43020,6 +43103,16 @@ SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tracti
 #define SB_ASSEMBLY_H
 
 
+/* Springs of stiffness k (N/m) between sums of displacements s = sum w u that are 0 at rest, with weights that sum to
+ * 0: energy k/2 s.s, besides that of the cells. All nodes of a row are coupled in the matrix. */
+typedef struct sbi_inner_rows {
+    int count;
+    int *start, *nodes; /* [count + 1], [start[count]] */
+    sb_real *weights;   /* [start[count]] */
+    sb_real *stiffness; /* [count] */
+    void *memory;       /* the one block behind the arrays */
+} sbi_inner_rows;
+
 typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials; /* [material_count] */
@@ -43031,15 +43124,16 @@ typedef struct sbi_assembly {
     const sb_vec3 *fibres;    /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
                                * fibres */
     const sb_jobs *jobs;
-    const sb_vec3 *reference; /* [node_count] (m) */
-    int unknots;              /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
-                               * energy watches: the rule makes it jump */
-    sb_real energy_unit;      /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
-                               * size of the moduli, so this times epsilon is their rounding error */
-    int batched;              /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
-    sb_quat *rotations;       /* [cell_count][points_per_cell] warm starts of the polar rotations */
-    sb_quat *saved_rotations; /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
-    int *scatter;             /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
+    const sb_vec3 *reference;   /* [node_count] (m) */
+    const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */
+    int unknots;                /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
+                                 * energy watches: the rule makes it jump */
+    sb_real energy_unit;        /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
+                                 * size of the moduli, so this times epsilon is their rounding error */
+    int batched;                /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
+    sb_quat *rotations;         /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    sb_quat *saved_rotations;   /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
+    int *scatter;               /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
     int chunk_size, chunk_count;
     int colour_count;
     int *colour_start;     /* [colour_count + 1] into colour_chunks */
@@ -43128,6 +43222,12 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
 SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 /* Gives up what is not of the layout. */
 SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator);
+
+/* ---- assembly_rows ---- */
+
+SBI_API void sbi_rows_add_force(const sbi_inner_rows *rows, const sb_vec3 *u, sb_vec3 *force);
+SBI_API sb_real sbi_rows_energy(const sbi_inner_rows *rows, const sb_vec3 *u);
+SBI_API void sbi_rows_add_tangent(const sbi_inner_rows *rows, sb_real factor, sb_matrix *matrix);
 
 /* ---- assembly_memory: materials with Prony terms ----
  * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
@@ -43441,6 +43541,50 @@ SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_ve
     for (int p = 0; p < q; p++)
         rotation[p] = shared;
     return 1;
+}
+
+/* ==== src/softbody/fem/assembly_rows.c ==== */
+/* assembly_rows: springs between sums of nodes, as part of what the cells hold. */
+
+/* sum_k w_k u_k of a row. */
+static sb_vec3 sbi_rows_sum(const sbi_inner_rows *rows, int row, const sb_vec3 *u)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int k = rows->start[row]; k < rows->start[row + 1]; k++)
+        sum = sb_v3_madd(sum, rows->weights[k], u[rows->nodes[k]]);
+    return sum;
+}
+
+SBI_API void sbi_rows_add_force(const sbi_inner_rows *rows, const sb_vec3 *u, sb_vec3 *force)
+{
+    for (int row = 0; row < rows->count; row++) {
+        sb_vec3 pull = sb_v3_scale(rows->stiffness[row], sbi_rows_sum(rows, row, u));
+        for (int k = rows->start[row]; k < rows->start[row + 1]; k++)
+            force[rows->nodes[k]] = sb_v3_madd(force[rows->nodes[k]], rows->weights[k], pull);
+    }
+}
+
+SBI_API sb_real sbi_rows_energy(const sbi_inner_rows *rows, const sb_vec3 *u)
+{
+    sb_real energy = 0;
+    for (int row = 0; row < rows->count; row++) {
+        sb_vec3 sum = sbi_rows_sum(rows, row, u);
+        energy += rows->stiffness[row] / 2 * sb_v3_dot(sum, sum);
+    }
+    return energy;
+}
+
+SBI_API void sbi_rows_add_tangent(const sbi_inner_rows *rows, sb_real factor, sb_matrix *matrix)
+{
+    for (int row = 0; row < rows->count; row++)
+        for (int k = rows->start[row]; k < rows->start[row + 1]; k++)
+            for (int j = rows->start[row]; j < rows->start[row + 1]; j++) {
+                sb_real *block = matrix->blocks[sb_matrix_find(matrix, rows->nodes[k], rows->nodes[j])];
+                sb_real stiffness = factor * rows->stiffness[row] * rows->weights[k] * rows->weights[j];
+                block[0] += stiffness;
+                block[4] += stiffness;
+                block[8] += stiffness;
+            }
 }
 
 /* ==== src/softbody/fem/assembly_batch.c ==== */
@@ -45857,9 +46001,13 @@ static sbi_assembly_job sbi_assembly_make_job(sbi_assembly *assembly, sbi_assemb
 SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_FORCE, u);
+    int bad;
     job.force = force;
     memset(force, 0, (size_t)assembly->domain->node_count * sizeof *force);
-    return sbi_assembly_run(&job);
+    bad = sbi_assembly_run(&job);
+    if (assembly->rows)
+        sbi_rows_add_force(assembly->rows, u, force);
+    return bad;
 }
 
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
@@ -45872,12 +46020,15 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     job.matrix = matrix;
     if (assembly->batched && kind == SB_TANGENT_QUASI) {
         sbi_batch_tangent(assembly, factor, matrix);
-        return -1;
+        bad = -1;
+    } else {
+        memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
+        sbi_assembly_settle_maps(assembly, matrix);
+        bad = sbi_assembly_run(&job);
+        sbi_matrix_set_free_rows(matrix);
     }
-    memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
-    sbi_assembly_settle_maps(assembly, matrix);
-    bad = sbi_assembly_run(&job);
-    sbi_matrix_set_free_rows(matrix);
+    if (assembly->rows)
+        sbi_rows_add_tangent(assembly->rows, factor, matrix);
     return bad;
 }
 
@@ -45889,6 +46040,8 @@ SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_v
     job.force = y;
     memset(y, 0, (size_t)assembly->domain->node_count * sizeof *y);
     sbi_assembly_run(&job);
+    if (assembly->rows)
+        sbi_rows_add_force(assembly->rows, x, y);
     return 1;
 }
 
@@ -45899,6 +46052,8 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
     sb_real sum = 0;
     for (int c = 0; c < assembly->chunk_count; c++)
         sum += assembly->chunk_energy[c];
+    if (assembly->rows)
+        sum += sbi_rows_energy(assembly->rows, u);
     *energy = sum;
     return bad;
 }
@@ -47478,6 +47633,7 @@ typedef struct sbi_live {
     sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
     sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
     int piece_count;         /* cells that are pieces */
+    sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sb_quadrature_kind rule; /* of the domain's points */
     int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;            /* of the def */
@@ -47595,6 +47751,10 @@ SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error);
 /* Room for pieces; 0: no memory. Dropped again where there are none. */
 SBI_API int sbi_live_take_pieces(sb_body *body);
 SBI_API void sbi_live_drop_pieces(sb_body *body);
+/* Makes the rows that hold mid nodes of small pieces of tet10, of a body that has its cells and matrix; their stiffness
+ * follows with the materials. */
+SBI_API sb_result sbi_live_make_slivers(sb_body *body, sb_error *error);
+SBI_API void sbi_live_stiffen_slivers(sb_body *body);
 /* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
 SBI_API void sbi_live_park_node(sb_body *body, int node);
 
@@ -47989,6 +48149,8 @@ static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_
 SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
+    if (body->live)
+        sbi_live_stiffen_slivers(body);
     body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
     sbi_body_update_mass(body);
     body->force_current = 0;
@@ -51081,6 +51243,7 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_slots_free(&live->cells, &body->allocator);
     sbi_free(&body->allocator, live->shares);
     sbi_free(&body->allocator, live->pieces);
+    sbi_free(&body->allocator, live->slivers.memory);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;
@@ -51207,6 +51370,132 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
                                  "node %d is supported and has no heir: release it before it is removed", node);
     }
     return SB_OK;
+}
+
+/* ==== src/softbody/body/live_sliver.c ==== */
+/* live_sliver: rows that hold the mid nodes of small pieces of tet10.
+ *
+ * A quadratic on a small piece is nearly linear: what its mid nodes do beside the middle of their edges costs next to
+ * nothing, and solvers need many iterations to find it. A mid node m of the edge p q whose cells have a share phi < 0.3
+ * of material gets the energy k/2 |u_m - (u_p + u_q)/2|^2, k = 0.4 (1 - phi/0.3) (lambda + 2 mu) h phi with the edge
+ * length h = (6 V)^(1/3) of its cells' mean volume V: nothing where the motion is affine. The factor phi matters: with
+ * the others alone smaller pieces are held more firmly than they resist. Measured on a beam of 20 x 4 x 6 cubes, cut
+ * half or all through at 0.03 to 0.7 of a cube: at most 3.0 times the uncut beam's iterations without the rows, 1.5
+ * with 0.15 and 0.1 in place of 0.3 and 0.4, 1.25 with these; its tip moves by 0.14 % at most. */
+
+#include <string.h>
+
+static const sb_real sbi_sliver_share = (sb_real)0.3; /* of material below which a node is held */
+static const sb_real sbi_sliver_firmness = (sb_real)0.4;
+
+/* What the cells of a node are, summed. */
+typedef struct sbi_sliver_sums {
+    int cells, pieces;
+    sb_real volume, material, modulus; /* m^3, m^3, and int (lambda + 2 mu) over the whole cells (J) */
+} sbi_sliver_sums;
+
+static sbi_sliver_sums sbi_sliver_sum(const sb_body *body, int node)
+{
+    const sb_domain *domain = &body->domain;
+    sbi_sliver_sums sums = {0, 0, 0, 0, 0};
+    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+        int e = sbi_live_cell_of(body, at);
+        const int *cell = domain->cells + (size_t)e * (size_t)domain->nodes_per_cell;
+        const sb_material *material = body->materials + body->cell_material[e];
+        sb_vec3 x[4];
+        sb_real volume;
+        for (int a = 0; a < 4; a++)
+            x[a] = body->reference[cell[a]];
+        volume = sbi_domain_tet_volume(x);
+        sums.cells++;
+        sums.pieces += sbi_live_is_piece(body, e);
+        sums.volume += volume;
+        sums.material += body->live->shares[e] * volume;
+        sums.modulus += volume * (material->lambda + 2 * material->mu);
+    }
+    return sums;
+}
+
+/* Ends of the edge that a node is the middle of; 0: of none. */
+static int sbi_sliver_ends(const sb_body *body, int node, int ends[2])
+{
+    int at = sbi_live_first_cell(body, node);
+    const int *cell = body->domain.cells + 10 * (size_t)(at < 0 ? 0 : sbi_live_cell_of(body, at));
+    for (int e = 0; e < 6 && at >= 0; e++) {
+        int edge[3];
+        sb_element_edge(SB_TET10, e, edge);
+        if (cell[edge[2]] != node)
+            continue;
+        ends[0] = cell[edge[0]];
+        ends[1] = cell[edge[1]];
+        return 1;
+    }
+    return 0;
+}
+
+static int sbi_sliver_is_held(const sb_body *body, int node)
+{
+    int ends[2];
+    sbi_sliver_sums sums = sbi_sliver_sum(body, node);
+    return sums.pieces > 0 && sums.material > 0 && sums.material < sbi_sliver_share * sums.volume &&
+           sbi_sliver_ends(body, node, ends);
+}
+
+static void sbi_sliver_layout(sbi_inner_rows *rows, sbi_arena *arena)
+{
+    size_t count = (size_t)rows->count;
+    rows->weights = (sb_real *)sbi_arena_take(arena, 3 * count, sizeof(sb_real));
+    rows->stiffness = (sb_real *)sbi_arena_take(arena, count, sizeof(sb_real));
+    rows->start = (int *)sbi_arena_take(arena, count + 1, sizeof(int));
+    rows->nodes = (int *)sbi_arena_take(arena, 3 * count, sizeof(int));
+}
+
+static void sbi_sliver_put(sbi_inner_rows *rows, int row, int node, const int ends[2])
+{
+    rows->start[row] = 3 * row;
+    rows->nodes[3 * row] = node;
+    rows->nodes[3 * row + 1] = ends[0];
+    rows->nodes[3 * row + 2] = ends[1];
+    rows->weights[3 * row] = 1;
+    rows->weights[3 * row + 1] = rows->weights[3 * row + 2] = (sb_real)-0.5;
+    rows->stiffness[row] = 0;
+}
+
+SBI_API sb_result sbi_live_make_slivers(sb_body *body, sb_error *error)
+{
+    sbi_inner_rows *rows = &body->live->slivers;
+    sbi_arena arena = {NULL, 0, 0};
+    int ends[2];
+    if (!body->live->piece_count || body->domain.element_type != SB_TET10)
+        return SB_OK;
+    for (int i = 0; i < body->domain.node_count; i++)
+        rows->count += sbi_sliver_is_held(body, i);
+    if (!rows->count)
+        return SB_OK;
+    sbi_sliver_layout(rows, &arena);
+    rows->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
+    if (!rows->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d rows that hold small pieces", rows->count);
+    arena.base = (unsigned char *)rows->memory;
+    arena.used = 0;
+    sbi_sliver_layout(rows, &arena);
+    for (int i = 0, row = 0; i < body->domain.node_count; i++)
+        if (sbi_sliver_is_held(body, i) && sbi_sliver_ends(body, i, ends))
+            sbi_sliver_put(rows, row++, i, ends);
+    rows->start[rows->count] = 3 * rows->count;
+    body->assembly.rows = rows;
+    return SB_OK;
+}
+
+SBI_API void sbi_live_stiffen_slivers(sb_body *body)
+{
+    sbi_inner_rows *rows = &body->live->slivers;
+    for (int row = 0; row < rows->count; row++) {
+        sbi_sliver_sums sums = sbi_sliver_sum(body, rows->nodes[3 * row]);
+        sb_real phi = sums.material / sums.volume, h = sb_cbrt(6 * sums.volume / (sb_real)sums.cells);
+        rows->stiffness[row] =
+            sbi_sliver_firmness * (1 - phi / sbi_sliver_share) * (sums.modulus / sums.volume) * h * phi;
+    }
 }
 
 /* ==== src/softbody/body/body_arrays.c ==== */
@@ -54206,6 +54495,9 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
                                               sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
     if (result != SB_OK)
         return result;
+    result = sbi_live_make_slivers(next, error);
+    if (result != SB_OK)
+        return result;
     next->assembly.fibres = next->fibres;
     next->assembly.unknots = body->assembly.unknots;
     sbi_body_materials_changed(next);
@@ -54291,8 +54583,8 @@ static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources
 /* The axes along which a node with these options may have the supports of its sources. */
 static unsigned sbi_live_kept_axes(unsigned options)
 {
-    unsigned axes = (options & SB_NODE_KEEP_X ? SB_X : 0u) | (options & SB_NODE_KEEP_Y ? SB_Y : 0u) |
-                    (options & SB_NODE_KEEP_Z ? SB_Z : 0u);
+    unsigned axes = (options & SB_NODE_KEEP_X ? (unsigned)SB_X : 0u) |
+                    (options & SB_NODE_KEEP_Y ? (unsigned)SB_Y : 0u) | (options & SB_NODE_KEEP_Z ? (unsigned)SB_Z : 0u);
     return options & SB_NODE_COPY ? axes : (unsigned)SB_XYZ;
 }
 
@@ -67945,10 +68237,12 @@ SBI_API void sbi_cut_links_truncate(sbi_cut_links *links, int count)
  *
  * Each micro-tet with corners in several pieces is divided into its 24 flags: corner v, a point of the link vw, one of
  * the face vwu, and the centre. The link's point is its crossing, or its middle where it is whole; the face's is the
- * mean of the crossings where two or three of its links are cut, else the centroid; the centre is the mean of the
- * crossings of links between pieces. A flag belongs to the piece of its corner. Its volume is that of the micro-tet
- * times the weights of w at the link's point, of u at the face's and of the fourth corner at the centre: never
- * negative, and all 24 sum to the micro-tet, whatever was cut. A plane through a micro-tet is represented exactly.
+ * mean of the first two crossings, those that parted its corners, or else the centroid; the centre is the mean of the
+ * crossings that parted the corners of the micro-tet when they first came apart. So later cuts leave the pieces that
+ * they do not cut as they are, and divide others without a rest. A flag belongs to the piece of its corner. Its volume
+ * is that of the micro-tet times the weights of w at the link's point, of u at the face's and of the fourth corner at
+ * the centre: never negative, and all 24 sum to the micro-tet, whatever was cut. A plane through a micro-tet is
+ * represented exactly.
  *
  * The face of a cut (its lips, one for each side) are the triangles (link, face, centre) of links between pieces. What
  * lies on a face of the tet goes by links alone and not by pieces, which may hang together in one of its tets only.
@@ -67963,6 +68257,7 @@ typedef struct sbi_parted {
     sbi_corner_order order;
     unsigned char cut[SBI_LATTICE_LINKS]; /* state of each link */
     sb_real t[SBI_LATTICE_LINKS];         /* crossings of cut ones, 0 at the first end (sbi_lattice_ends) */
+    int turn[SBI_LATTICE_LINKS];          /* of cut ones: rises in the order in which they were cut */
     int piece_count;
     uint64_t pieces[SBI_LATTICE_POINTS];
     unsigned char piece_of[SBI_LATTICE_POINTS];
@@ -68022,9 +68317,6 @@ SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SB
 SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments);
 /* What each piece has of a face (sb_element_face): moments [piece_count]. */
 SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moments *moments);
-/* Moments of a piece in the reference shape of its tet with corners at x (m): centroid (m) and covariance (m^2). */
-SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid,
-                            sb_mat3 *covariance);
 
 #endif /* SB_PARTED_H */
 
@@ -68061,6 +68353,7 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
         sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
         int item = sbi_cut_links_find(links, &key);
         parted->cut[l] = (unsigned char)(item < 0 ? SBI_LINK_WHOLE : links->items[item].state);
+        parted->turn[l] = item;
         parted->t[l] = item < 0 ? (sb_real)0.5 : links->items[item].t;
     }
     sbi_parted_find(parted);
@@ -68101,61 +68394,80 @@ static void sbi_parted_link_point(const sbi_parted *parted, int micro, int v, in
     points->micro[edge][v] = lattice->micros[micro][w] == ends[1] ? 1 - t : t;
 }
 
-/* Sum of two or three numbers that does not depend on their order. */
-static sb_real sbi_parted_sum(const sb_real values[3], int count)
+/* Cut links of a micro-tet among its edges in `mask`, in the order in which they were cut; returns how many. */
+static int sbi_parted_cut_edges(const sbi_parted *parted, int micro, int mask, int edges[6])
 {
-    sb_real low, high, middle;
-    if (count == 2)
-        return values[0] + values[1];
-    low = sb_min(values[0], sb_min(values[1], values[2]));
-    high = sb_max(values[0], sb_max(values[1], values[2]));
-    middle = sb_max(sb_min(values[0], values[1]), sb_min(sb_max(values[0], values[1]), values[2]));
-    return low + middle + high;
+    const unsigned char *links = parted->lattice->micro_links[micro];
+    int count = 0;
+    for (int edge = 0; edge < 6; edge++) {
+        int at = count;
+        if (!(mask >> edge & 1) || !parted->cut[links[edge]])
+            continue;
+        for (; at > 0 && parted->turn[links[edges[at - 1]]] > parted->turn[links[edge]]; at--)
+            edges[at] = edges[at - 1];
+        edges[at] = edge;
+        count++;
+    }
+    return count;
 }
 
-/* The point of a face: the mean of its crossings where it may part, or its centroid. */
+/* The point of a face: the mean of the two crossings that parted it, or its centroid. */
 static void sbi_parted_face_point(const sbi_parted *parted, int micro, int face, sbi_micro_points *points)
 {
+    static const int sides[4] = {1 << 0 | 1 << 1 | 1 << 2, 1 << 0 | 1 << 3 | 1 << 4, 1 << 1 | 1 << 4 | 1 << 5,
+                                 1 << 2 | 1 << 3 | 1 << 5};
     const sbi_lattice *lattice = parted->lattice;
     const unsigned char *corners = lattice->micros[micro];
-    int at = SBI_MICRO_FACES + face, edges[3], count = 0, missing = sbi_parted_missing[face];
-    sb_real values[3];
-    for (int v = 0; v < 4; v++)
-        for (int w = v + 1; w < 4; w++)
-            if (v != missing && w != missing && parted->cut[lattice->micro_links[micro][(int)sbi_parted_edge[v][w]]])
-                edges[count++] = sbi_parted_edge[v][w];
+    int at = SBI_MICRO_FACES + face, edges[6], missing = sbi_parted_missing[face];
+    int parts = sbi_parted_cut_edges(parted, micro, sides[face], edges) >= 2;
     for (int a = 0; a < 4; a++) {
         int sum = 0; /* of the corners, exact */
         for (int v = 0; v < 4; v++)
             sum += v == missing ? 0 : lattice->points[corners[v]][a];
         points->micro[at][a] = a == missing ? 0 : (sb_real)1 / 3;
         points->tet[at][a] = (sb_real)sum / (sb_real)(3 * lattice->intervals);
-        if (count < 2)
-            continue;
-        for (int k = 0; k < count; k++)
-            values[k] = points->tet[edges[k]][a];
-        points->tet[at][a] = sbi_parted_sum(values, count) / (sb_real)count;
-        for (int k = 0; k < count; k++)
-            values[k] = points->micro[edges[k]][a];
-        points->micro[at][a] = sbi_parted_sum(values, count) / (sb_real)count;
+        if (parts) {
+            points->micro[at][a] = (points->micro[edges[0]][a] + points->micro[edges[1]][a]) / 2;
+            points->tet[at][a] = (points->tet[edges[0]][a] + points->tet[edges[1]][a]) / 2;
+        }
     }
 }
 
-/* The centre: the mean of the crossings between pieces. */
+/* Corners that hang together with corner 0 of a micro-tet, as a mask, over edges that are not in `cut`. */
+static int sbi_parted_reach(int cut)
+{
+    int reached = 1, before = 0;
+    while (reached != before) {
+        before = reached;
+        for (int v = 0; v < 4; v++)
+            for (int w = 0; w < 4; w++)
+                if (v != w && (reached >> v & 1) && !(cut >> sbi_parted_edge[v][w] & 1))
+                    reached |= 1 << w;
+    }
+    return reached;
+}
+
+/* The centre: the mean of the crossings between the two parts that the corners first fell into. */
 static void sbi_parted_centre(const sbi_parted *parted, int micro, sbi_micro_points *points)
 {
-    int count = 0;
+    int edges[6], cut = 0, reached = 15, found = sbi_parted_cut_edges(parted, micro, 63, edges), count = 0;
+    for (int k = 0; k < found && reached == 15; k++) {
+        cut |= 1 << edges[k];
+        reached = sbi_parted_reach(cut);
+    }
     for (int a = 0; a < 4; a++)
         points->micro[SBI_MICRO_CENTRE][a] = points->tet[SBI_MICRO_CENTRE][a] = 0;
-    for (int edge = 0; edge < 6; edge++) {
-        if (!sbi_parted_is_parting(parted, parted->lattice->micro_links[micro][edge]))
-            continue;
-        count++;
-        for (int a = 0; a < 4; a++) {
-            points->micro[SBI_MICRO_CENTRE][a] += points->micro[edge][a];
-            points->tet[SBI_MICRO_CENTRE][a] += points->tet[edge][a];
+    for (int v = 0; v < 4; v++)
+        for (int w = v + 1; w < 4; w++) {
+            int edge = sbi_parted_edge[v][w];
+            if ((reached >> v & 1) == (reached >> w & 1))
+                continue;
+            count++;
+            for (int a = 0; a < 4; a++) {
+                points->micro[SBI_MICRO_CENTRE][a] += points->micro[edge][a];
+                points->tet[SBI_MICRO_CENTRE][a] += points->tet[edge][a];
+            }
         }
-    }
     for (int a = 0; a < 4; a++) {
         points->micro[SBI_MICRO_CENTRE][a] /= (sb_real)count;
         points->tet[SBI_MICRO_CENTRE][a] /= (sb_real)count;
@@ -68356,11 +68668,1032 @@ SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moment
         }
 }
 
-SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid, sb_mat3 *covariance)
+/* ==== src/softbody/cut/cut_private.h ==== */
+/* cut_private: what is inside an sb_cut. Internal.
+ *
+ * Tets are those of the uncut mesh, in the order of the body's cells at creation; each has a chain of pieces, the first
+ * of which has the tet's number. Nodes of the uncut mesh keep their numbers. */
+#ifndef SB_CUT_PRIVATE_H
+#define SB_CUT_PRIVATE_H
+
+
+typedef struct sbi_cut_piece {
+    uint64_t points; /* of the lattice */
+    int cell;        /* of the body */
+    int next;        /* piece of the same tet with the next lowest point, or -1 */
+} sbi_cut_piece;
+
+/* A piece near what a call has parted, as it is to be. */
+typedef struct sbi_cut_cell {
+    uint64_t points;
+    int tet;
+    int piece;  /* that it is of now */
+    int is_new; /* 1: another piece has that one's cell */
+    int is_cut; /* 1: its tet falls into other pieces now */
+    int cell;
+    int old_nodes[4], nodes[4];
+    unsigned short marks[4]; /* on the faces */
+} sbi_cut_cell;
+
+/* A class of the corners around a node: one node from now on. */
+typedef struct sbi_cut_class {
+    int root;
+    int old;  /* its number so far */
+    int has;  /* 1: the material at the node's place */
+    int held; /* axes that a copy is supported along */
+    int number;
+} sbi_cut_class;
+
+typedef struct sbi_cut_list {
+    int *items;
+    int count, capacity;
+} sbi_cut_list;
+
+struct sb_cut {
+    sb_body *body; /* NULL: it is gone */
+    sb_allocator allocator;
+    int listener;
+    int changing; /* 1: the change under way is our own */
+    int stale;    /* 1: the body's mesh is not what we know */
+    sbi_lattice lattice;
+
+    int tet_count, node_end;
+    int *tets;                 /* [tet_count][4] nodes */
+    sb_index_table neighbours; /* [tet_count][4] across faces, -1: none */
+    sb_index_lists node_tets;  /* tets of each node, ascending */
+
+    sbi_cut_piece *pieces; /* [piece_capacity] */
+    int piece_count, piece_capacity;
+    sbi_cut_links links;
+    sbi_cut_list origins;  /* [node] of the uncut mesh that it is a copy of, or itself */
+    sbi_cut_list elements; /* [cell] tet */
+
+    /* of a call; marks are 0 between calls */
+    sbi_blade *blades;
+    int blade_count, blade_capacity;
+    unsigned char *tet_marks, *node_marks; /* [tet_count], [node_end] */
+    int *cell_of;                          /* [tet_count] 1 + first of its records, or 0 */
+    sbi_cut_list touched, parted;          /* tets */
+    sbi_cut_cell *cells;
+    int cell_count, cell_capacity;
+    sbi_cut_list roots;     /* [cell_count][4] union-find over corners of the records */
+    sbi_cut_class *classes; /* of one node */
+    int class_count, class_capacity;
+    int made_nodes, made_cells;
+};
+
+enum { SBI_CUT_TOUCHED = 1, SBI_CUT_PARTED = 2, SBI_CUT_NEAR = 4 };
+
+/* Room for `more` items behind those that are there; 0: no memory. */
+SBI_API int sbi_cut_grow(const sb_allocator *allocator, void **items, int *capacity, int count, int more, size_t size);
+SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more);
+/* Sets an item that there is room for; those between it and the last one are -1 then. */
+SBI_API void sbi_cut_list_set(sbi_cut_list *list, int at, int value);
+/* Room for so many more links; 0: no memory. */
+SBI_API int sbi_cut_reserve_links(sb_cut *cut, int more);
+/* Cuts the links that the blades cross in the body's present shape, and lists the tets around them as touched. 0: no
+ * memory, and links are to be taken back. */
+SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame);
+/* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
+ * nothing has happened. */
+SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
+/* Forgets what tets have been touched. */
+SBI_API void sbi_cut_clear(sb_cut *cut);
+
+#endif /* SB_CUT_PRIVATE_H */
+
+/* ==== src/softbody/cut/cut_sweep.c ==== */
+/* cut_sweep: which links the triangles of a call cut, where the body is now. */
+
+#include <string.h>
+
+/* ---- lists ---- */
+
+SBI_API int sbi_cut_grow(const sb_allocator *allocator, void **items, int *capacity, int count, int more, size_t size)
 {
-    sb_mat3 edges = sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0]));
-    *centroid = sb_v3_add(x[0], sb_m3_apply(edges, moments->centre));
-    *covariance = sb_m3_mult(sb_m3_mul(edges, moments->spread), edges);
+    int64_t needed = (int64_t)count + more, roomy = needed + needed / 2 + 16;
+    void *grown;
+    if (needed <= *capacity)
+        return 1;
+    grown = roomy < INT32_MAX ? sbi_alloc(allocator, (size_t)roomy, size) : NULL;
+    if (!grown)
+        return 0;
+    if (count)
+        memcpy(grown, *items, (size_t)count * size);
+    sbi_free(allocator, *items);
+    *items = grown;
+    *capacity = (int)roomy;
+    return 1;
+}
+
+SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more)
+{
+    void *items = list->items;
+    int grown = sbi_cut_grow(&cut->allocator, &items, &list->capacity, list->count, more, sizeof(int));
+    list->items = (int *)items;
+    return grown;
+}
+
+SBI_API void sbi_cut_list_set(sbi_cut_list *list, int at, int value)
+{
+    while (list->count <= at)
+        list->items[list->count++] = -1;
+    list->items[at] = value;
+}
+
+SBI_API int sbi_cut_reserve_links(sb_cut *cut, int more)
+{
+    sbi_cut_links *links = &cut->links, old = *links;
+    int64_t capacity = 2 * (int64_t)links->count + more;
+    sbi_cut_link *items;
+    int *table;
+    if (links->count + (int64_t)more <= links->capacity)
+        return 1;
+    if (capacity > INT32_MAX / 8)
+        return 0;
+    items = (sbi_cut_link *)sbi_alloc(&cut->allocator, (size_t)capacity, sizeof *items);
+    table = (int *)sbi_alloc(&cut->allocator, (size_t)sbi_cut_links_table((int)capacity), sizeof *table);
+    if (!items || !table) {
+        sbi_free(&cut->allocator, items);
+        sbi_free(&cut->allocator, table);
+        return 0;
+    }
+    sbi_cut_links_move(links, items, table, (int)capacity);
+    sbi_free(&cut->allocator, old.items);
+    sbi_free(&cut->allocator, old.table);
+    return 1;
+}
+
+/* ---- which tets a cut link belongs to ---- */
+
+static int sbi_cut_has_corner(const sb_cut *cut, int tet, int node)
+{
+    const int *nodes = cut->tets + 4 * (size_t)tet;
+    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
+}
+
+static void sbi_cut_touch(sb_cut *cut, int tet)
+{
+    if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
+        cut->touched.items[cut->touched.count++] = tet;
+    cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
+}
+
+/* Lists the tets around a link. */
+static void sbi_cut_touch_link(sb_cut *cut, const sbi_link_key *key)
+{
+    if (key->at[1] < 0) {
+        sbi_cut_touch(cut, key->at[0]);
+        return;
+    }
+    for (int k = cut->node_tets.offsets[key->at[0]]; k < cut->node_tets.offsets[key->at[0] + 1]; k++) {
+        int tet = cut->node_tets.items[k];
+        if (sbi_cut_has_corner(cut, tet, key->at[1]) && (key->at[2] < 0 || sbi_cut_has_corner(cut, tet, key->at[2])))
+            sbi_cut_touch(cut, tet);
+    }
+}
+
+/* ---- one piece ---- */
+
+/* A piece in the present shape. */
+typedef struct sbi_cut_shape {
+    sbi_corner_order order;
+    sb_vec3 corners[4];
+    sbi_int3 places[SBI_LATTICE_POINTS];
+    sbi_int3 low, high; /* of the places */
+} sbi_cut_shape;
+
+static void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape)
+{
+    const sbi_lattice *lattice = &cut->lattice;
+    shape->order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    for (int p = 0; p < lattice->point_count; p++) {
+        sb_real barycentrics[4];
+        sbi_int3 *at = shape->places + p;
+        sbi_lattice_point(lattice, p, barycentrics);
+        *at = sbi_crossing_round(frame, sbi_lattice_place(&shape->order, barycentrics, shape->corners));
+        if (p == 0)
+            shape->low = shape->high = *at;
+        shape->low.x = sbi_min_int(shape->low.x, at->x);
+        shape->low.y = sbi_min_int(shape->low.y, at->y);
+        shape->low.z = sbi_min_int(shape->low.z, at->z);
+        shape->high.x = sbi_max_int(shape->high.x, at->x);
+        shape->high.y = sbi_max_int(shape->high.y, at->y);
+        shape->high.z = sbi_max_int(shape->high.z, at->z);
+    }
+}
+
+static int sbi_cut_is_near(const sbi_cut_shape *shape, const sbi_blade *blade)
+{
+    return shape->low.x <= blade->high.x && shape->low.y <= blade->high.y && shape->low.z <= blade->high.z &&
+           shape->high.x >= blade->low.x && shape->high.y >= blade->low.y && shape->high.z >= blade->low.z;
+}
+
+/* Cuts what links of a piece the blade crosses; 0: no memory. */
+static int sbi_cut_links_of(sb_cut *cut, int tet, uint64_t points, const sbi_cut_shape *shape, const sbi_blade *blade)
+{
+    const sbi_lattice *lattice = &cut->lattice;
+    int64_t heights[SBI_LATTICE_POINTS];
+    uint64_t above = 0;
+    for (int p = 0; p < lattice->point_count; p++) {
+        heights[p] = sbi_blade_height(blade, shape->places[p]);
+        if (sbi_blade_side(blade, heights[p]) > 0)
+            above |= (uint64_t)1 << p;
+    }
+    if (!(above & points) || !(~above & points))
+        return 1;
+    for (int l = 0; l < lattice->link_count; l++) {
+        sbi_link_key key;
+        int ends[2];
+        sb_real t;
+        sbi_lattice_ends(lattice, &shape->order, l, ends);
+        if (!(points >> ends[0] & 1) || !(points >> ends[1] & 1) || (above >> ends[0] & 1) == (above >> ends[1] & 1) ||
+            !sbi_blade_crosses(blade, shape->places[ends[0]], shape->places[ends[1]], &t))
+            continue;
+        key = sbi_lattice_key(lattice, &shape->order, tet, l);
+        if (sbi_cut_links_find(&cut->links, &key) >= 0)
+            continue;
+        if (!sbi_cut_reserve_links(cut, 1))
+            return 0;
+        sbi_cut_links_add(&cut->links, &key, t, SBI_LINK_CUT);
+        sbi_cut_touch_link(cut, &key);
+    }
+    return 1;
+}
+
+/* ---- all pieces ---- */
+
+/* Box of all blades in space, a little wider (m). */
+static void sbi_cut_reach(const sb_cut *cut, const sbi_crossing_frame *frame, double low[3], double high[3])
+{
+    const double slack = 2; /* units of the frame: more than rounding to whole ones */
+    for (int i = 0; i < 3; i++) {
+        low[i] = (double)SBI_CROSSING_BLADE;
+        high[i] = -low[i];
+    }
+    for (int k = 0; k < cut->blade_count; k++) {
+        const sbi_blade *blade = cut->blades + k;
+        const int from[3] = {blade->low.x, blade->low.y, blade->low.z};
+        const int to[3] = {blade->high.x, blade->high.y, blade->high.z};
+        for (int i = 0; i < 3; i++) {
+            low[i] = low[i] < from[i] ? low[i] : from[i];
+            high[i] = high[i] > to[i] ? high[i] : to[i];
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        low[i] = frame->centre[i] + (low[i] - slack) / frame->scale;
+        high[i] = frame->centre[i] + (high[i] + slack) / frame->scale;
+    }
+}
+
+static int sbi_cut_is_within(const sb_vec3 x[4], const double low[3], const double high[3])
+{
+    sb_vec3 from = x[0], to = x[0];
+    for (int a = 1; a < 4; a++) {
+        from = sb_v3(sb_min(from.x, x[a].x), sb_min(from.y, x[a].y), sb_min(from.z, x[a].z));
+        to = sb_v3(sb_max(to.x, x[a].x), sb_max(to.y, x[a].y), sb_max(to.z, x[a].z));
+    }
+    return (double)from.x <= high[0] && (double)from.y <= high[1] && (double)from.z <= high[2] &&
+           (double)to.x >= low[0] && (double)to.y >= low[1] && (double)to.z >= low[2];
+}
+
+SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame)
+{
+    const sb_vec3 *x = sb_body_positions(cut->body);
+    double low[3], high[3];
+    sbi_cut_reach(cut, frame, low, high);
+    for (int tet = 0; tet < cut->tet_count && cut->blade_count > 0; tet++)
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+            sbi_cut_shape shape;
+            for (int a = 0; a < 4; a++)
+                shape.corners[a] = x[nodes[a]];
+            if (!sbi_cut_is_within(shape.corners, low, high))
+                continue;
+            sbi_cut_shape_make(cut, tet, frame, &shape);
+            for (int k = 0; k < cut->blade_count; k++)
+                if (sbi_cut_is_near(&shape, cut->blades + k) &&
+                    !sbi_cut_links_of(cut, tet, cut->pieces[piece].points, &shape, cut->blades + k))
+                    return 0;
+        }
+    return 1;
+}
+
+/* ==== src/softbody/cut/topology.c ==== */
+/* topology: which cells and copies of nodes a cut makes.
+ *
+ * Every piece of a tet is a cell with all four corners. Corners of pieces that touch over a face with that node are one
+ * node: classes of a union-find over the pieces around the node. The class with the material at the node's place keeps
+ * its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does not hold.
+ * All loops are in ascending order of nodes, tets and lattice points: so are new numbers. */
+
+#include <string.h>
+
+/* ---- tets that have parted ---- */
+
+static void sbi_cut_parted(const sb_cut *cut, int tet, sbi_parted *parted)
+{
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, parted);
+}
+
+static int sbi_cut_chain_length(const sb_cut *cut, int tet)
+{
+    int count = 0;
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        count++;
+    return count;
+}
+
+/* Lists touched tets that fall into more pieces than before, and marks their nodes. */
+static void sbi_cut_find_parted(sb_cut *cut)
+{
+    sbi_parted parted;
+    for (int i = 0; i < cut->touched.count; i++) {
+        int tet = cut->touched.items[i];
+        sbi_cut_parted(cut, tet, &parted);
+        if (parted.piece_count == sbi_cut_chain_length(cut, tet))
+            continue;
+        cut->tet_marks[tet] |= SBI_CUT_PARTED;
+        cut->parted.items[cut->parted.count++] = tet;
+        for (int a = 0; a < 4; a++)
+            cut->node_marks[cut->tets[4 * (size_t)tet + (size_t)a]] = 1;
+    }
+    for (int i = 0; i < cut->parted.count; i++)
+        for (int a = 0; a < 4; a++) {
+            int node = cut->tets[4 * (size_t)cut->parted.items[i] + (size_t)a];
+            for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++)
+                cut->tet_marks[cut->node_tets.items[k]] |= SBI_CUT_NEAR;
+        }
+}
+
+/* ---- records of the pieces around ---- */
+
+static void sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, const sbi_corner_order *order)
+{
+    sbi_cut_cell *cell = cut->cells + cut->cell_count;
+    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    cell->points = points;
+    cell->tet = tet;
+    cell->piece = piece;
+    cell->is_cut = (cut->tet_marks[tet] & SBI_CUT_PARTED) != 0;
+    cell->cell = cut->pieces[piece].cell;
+    cell->is_new = 0;
+    for (int k = cut->cell_of[tet] - 1; k < cut->cell_count; k++)
+        cell->is_new |= cut->cells[k].piece == piece;
+    for (int a = 0; a < 4; a++) {
+        cell->old_nodes[a] = cell->nodes[a] = nodes[a];
+        cell->marks[a] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, a, points);
+    }
+    cut->cell_count++;
+}
+
+/* Records of the pieces of a tet as they are to be; 0: no memory. */
+static int sbi_cut_add_tet(sb_cut *cut, int tet)
+{
+    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    void *cells = cut->cells;
+    sbi_parted parted;
+    int grown = sbi_cut_grow(&cut->allocator, &cells, &cut->cell_capacity, cut->cell_count, SBI_LATTICE_POINTS,
+                             sizeof *cut->cells);
+    cut->cells = (sbi_cut_cell *)cells;
+    if (!grown)
+        return 0;
+    cut->cell_of[tet] = cut->cell_count + 1;
+    if (!(cut->tet_marks[tet] & SBI_CUT_PARTED)) {
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_add_cell(cut, tet, cut->pieces[piece].points, piece, &order);
+        return 1;
+    }
+    sbi_cut_parted(cut, tet, &parted);
+    for (int k = 0; k < parted.piece_count; k++) {
+        int piece = tet;
+        while (!(cut->pieces[piece].points & parted.pieces[k]))
+            piece = cut->pieces[piece].next;
+        sbi_cut_add_cell(cut, tet, parted.pieces[k], piece, &order);
+    }
+    return 1;
+}
+
+static int sbi_cut_add_tets(sb_cut *cut)
+{
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        if ((cut->tet_marks[tet] & SBI_CUT_NEAR) && !sbi_cut_add_tet(cut, tet))
+            return 0;
+    return sbi_cut_list_grow(cut, &cut->roots, 4 * cut->cell_count - cut->roots.count);
+}
+
+/* Records of a tet end here. */
+static int sbi_cut_end_of(const sb_cut *cut, int first)
+{
+    int end = first;
+    while (end < cut->cell_count && cut->cells[end].tet == cut->cells[first].tet)
+        end++;
+    return end;
+}
+
+/* ---- classes ---- */
+
+static int sbi_cut_root(const sb_cut *cut, int i)
+{
+    int *parent = cut->roots.items;
+    while (parent[i] != i)
+        i = parent[i] = parent[parent[i]];
+    return i;
+}
+
+static void sbi_cut_join(const sb_cut *cut, int i, int j)
+{
+    int a = sbi_cut_root(cut, i), b = sbi_cut_root(cut, j);
+    cut->roots.items[sbi_max_int(a, b)] = sbi_min_int(a, b);
+}
+
+/* Joins the corners of two records that touch over a face of the first. */
+static void sbi_cut_join_over(const sb_cut *cut, int mine, int its, int face)
+{
+    const int *nodes = cut->tets + 4 * (size_t)cut->cells[mine].tet,
+              *others = cut->tets + 4 * (size_t)cut->cells[its].tet;
+    int corners[SB_MAX_FACE_NODES];
+    sb_element_face(SB_TET4, face, corners, NULL);
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 4; a++)
+            if (others[a] == nodes[corners[k]] && cut->node_marks[others[a]])
+                sbi_cut_join(cut, 4 * mine + corners[k], 4 * its + a);
+}
+
+/* Joins corners over all faces between tets with records. */
+static void sbi_cut_join_all(sb_cut *cut)
+{
+    for (int i = 0; i < 4 * cut->cell_count; i++)
+        cut->roots.items[i] = i;
+    for (int mine = 0; mine < cut->cell_count; mine++) {
+        int tet = cut->cells[mine].tet;
+        for (int face = 0; face < 4; face++) {
+            int other = cut->neighbours.items[4 * (size_t)tet + (size_t)face], there = 0, end;
+            if (other < tet || !cut->cell_of[other])
+                continue;
+            while (cut->neighbours.items[4 * (size_t)other + (size_t)there] != tet)
+                there++;
+            end = sbi_cut_end_of(cut, cut->cell_of[other] - 1);
+            for (int its = cut->cell_of[other] - 1; its < end; its++)
+                if (cut->cells[mine].marks[face] & cut->cells[its].marks[there])
+                    sbi_cut_join_over(cut, mine, its, face);
+        }
+    }
+}
+
+/* ---- copies ---- */
+
+/* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
+static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner)
+{
+    int held = 0;
+    for (int face = 0; face < 4; face++) {
+        int corners[SB_MAX_FACE_NODES], all = SB_XYZ, on = 0;
+        sb_element_face(SB_TET4, face, corners, NULL);
+        for (int k = 0; k < 3; k++) {
+            on |= corners[k] == corner;
+            all &= cut->body->fixed[cell->old_nodes[corners[k]]];
+        }
+        if (on && cell->marks[face] && cut->neighbours.items[4 * (size_t)cell->tet + (size_t)face] < 0)
+            held |= all;
+    }
+    return held;
+}
+
+/* Corner of a record that is this node; -1: none. */
+static int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
+{
+    for (int a = 0; a < 4; a++)
+        if (cut->tets[4 * (size_t)cell->tet + (size_t)a] == node)
+            return a;
+    return -1;
+}
+
+/* The class of a corner among those listed, or the next one. */
+static int sbi_cut_class_of(const sb_cut *cut, int root)
+{
+    int at = 0;
+    while (at < cut->class_count && cut->classes[at].root != root)
+        at++;
+    return at;
+}
+
+/* Lists the classes around a node, in the order of their first corners; 0: no memory. */
+static int sbi_cut_list_classes(sb_cut *cut, int node)
+{
+    cut->class_count = 0;
+    for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
+        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
+        for (int i = first; i < end; i++) {
+            const sbi_cut_cell *cell = cut->cells + i;
+            int corner = sbi_cut_corner_of(cut, cell, node), root = sbi_cut_root(cut, 4 * i + corner);
+            int at = sbi_cut_class_of(cut, root);
+            void *classes = cut->classes;
+            int grown = sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, cut->class_count, 1,
+                                     sizeof *cut->classes);
+            cut->classes = (sbi_cut_class *)classes;
+            if (!grown)
+                return 0;
+            if (at == cut->class_count) {
+                cut->classes[at].root = root;
+                cut->classes[at].old = cell->old_nodes[corner];
+                cut->classes[at].has = cut->classes[at].held = 0;
+                cut->class_count++;
+            }
+            cut->classes[at].has |= (int)(cell->points >> corner & 1);
+            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, corner);
+        }
+    }
+    return 1;
+}
+
+/* The class that keeps an old number: that with the material at the node's place, or the first. */
+static int sbi_cut_keeper(const sb_cut *cut, int node, int old)
+{
+    int first = -1;
+    for (int k = 0; k < cut->class_count; k++) {
+        if (cut->classes[k].old != old)
+            continue;
+        if (first < 0)
+            first = k;
+        if (old == node && cut->classes[k].has)
+            return k;
+    }
+    return first;
+}
+
+/* A copy for a class around `node`. */
+static sb_result sbi_cut_add_copy(sb_cut *cut, sb_body_change *change, int node, sbi_cut_class *of, sb_error *error)
+{
+    static const sb_real one = 1;
+    sb_result result;
+    result = sb_body_change_add_node(change, sb_body_rest_positions(cut->body)[of->old], &of->old, &one, 1,
+                                     SB_NODE_COPY | of->held * SB_NODE_KEEP_X, &of->number, error);
+    if (result != SB_OK)
+        return result;
+    if (!sbi_cut_list_grow(cut, &cut->origins, sbi_max_int(of->number + 1 - cut->origins.count, 0)))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a copy of node %d", node);
+    sbi_cut_list_set(&cut->origins, of->number, node);
+    cut->made_nodes++;
+    return SB_OK;
+}
+
+/* Numbers of the corners around a node. */
+static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int node, sb_error *error)
+{
+    if (!sbi_cut_list_classes(cut, node))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces around node %d", node);
+    for (int k = 0; k < cut->class_count; k++) {
+        sbi_cut_class *class_k = cut->classes + k;
+        sb_result result = SB_OK;
+        class_k->number = class_k->old;
+        if (sbi_cut_keeper(cut, node, class_k->old) != k)
+            result = sbi_cut_add_copy(cut, change, node, class_k, error);
+        if (result != SB_OK)
+            return result;
+    }
+    for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
+        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
+        for (int i = first; i < end; i++) {
+            int corner = sbi_cut_corner_of(cut, cut->cells + i, node);
+            cut->cells[i].nodes[corner] = cut->classes[sbi_cut_class_of(cut, sbi_cut_root(cut, 4 * i + corner))].number;
+        }
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_cut_number_nodes(sb_cut *cut, sb_body_change *change, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int node = 0; node < cut->node_end && result == SB_OK; node++)
+        if (cut->node_marks[node])
+            result = sbi_cut_number_node(cut, change, node, error);
+    return result;
+}
+
+/* ---- cells ---- */
+
+/* How near an end of its link a crossing may be, of the link, for masses and stiffness. Explicit steps are as long as
+ * the lightest corner of a piece allows: a sixteenth of the element's edge leaves them a third of the uncut ones. */
+static sb_real sbi_cut_least(const sb_cut *cut)
+{
+    return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;
+}
+
+/* Makes or replaces the cell of a record. */
+static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int record, const sbi_part_moments *moments,
+                                  sb_error *error)
+{
+    sbi_cut_cell *cell = cut->cells + record;
+    sb_change_cell made = sb_default_change_cell();
+    sb_cell_moments of_piece;
+    made.nodes = cell->nodes;
+    made.parent = cell->cell;
+    if (moments) {
+        of_piece.centroid = moments->centre;
+        of_piece.covariance = moments->spread;
+        made.share = sb_min(moments->share, 1);
+        made.moments = &of_piece;
+    }
+    cut->made_cells += cell->is_new;
+    return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
+                        : sb_body_change_replace_cell(change, cell->cell, &made, error);
+}
+
+/* The cells of one tet's records that are others now. */
+static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first, int end, sb_error *error)
+{
+    sbi_part_moments moments[SBI_LATTICE_POINTS];
+    sb_result result = SB_OK;
+    int differs = 0;
+    for (int i = first; i < end; i++)
+        differs |= cut->cells[i].is_cut ||
+                   memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0;
+    if (!differs)
+        return SB_OK;
+    if (end - first > 1) {
+        sbi_parted parted;
+        sbi_cut_parted(cut, cut->cells[first].tet, &parted);
+        sbi_parted_moments(&parted, sbi_cut_least(cut), moments);
+    }
+    for (int i = first; i < end && result == SB_OK; i++)
+        if (cut->cells[i].is_cut ||
+            memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0)
+            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? moments + i - first : NULL, error);
+    return result;
+}
+
+static sb_result sbi_cut_put_cells(sb_cut *cut, sb_body_change *change, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int first = 0, end; first < cut->cell_count && result == SB_OK; first = end) {
+        end = sbi_cut_end_of(cut, first);
+        result = sbi_cut_put_tet(cut, change, first, end, error);
+    }
+    return result;
+}
+
+/* ---- pieces ---- */
+
+/* Room for the pieces that the records have more than there are; 0: no memory. */
+static int sbi_cut_reserve_pieces(sb_cut *cut)
+{
+    int more = 0, cells = 0, grown;
+    void *pieces = cut->pieces;
+    for (int i = 0; i < cut->cell_count; i++) {
+        more += cut->cells[i].is_new;
+        cells = sbi_max_int(cells, cut->cells[i].cell + 1);
+    }
+    grown = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, cut->piece_count, more, sizeof *cut->pieces);
+    cut->pieces = (sbi_cut_piece *)pieces;
+    return grown && sbi_cut_list_grow(cut, &cut->elements, sbi_max_int(cells - cut->elements.count, 0));
+}
+
+/* Takes the pieces of a tet from its records. */
+static void sbi_cut_keep_tet(sb_cut *cut, int first, int end)
+{
+    int tet = cut->cells[first].tet, piece = tet, last = tet;
+    for (int more = end - first - sbi_cut_chain_length(cut, tet); more > 0; more--) {
+        while (cut->pieces[last].next >= 0)
+            last = cut->pieces[last].next;
+        cut->pieces[last].next = cut->piece_count;
+        cut->pieces[cut->piece_count++].next = -1;
+    }
+    for (int i = first; i < end; i++, piece = cut->pieces[piece].next) {
+        cut->pieces[piece].points = cut->cells[i].points;
+        cut->pieces[piece].cell = cut->cells[i].cell;
+        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, tet);
+    }
+}
+
+static void sbi_cut_keep(sb_cut *cut)
+{
+    for (int first = 0, end; first < cut->cell_count; first = end) {
+        end = sbi_cut_end_of(cut, first);
+        sbi_cut_keep_tet(cut, first, end);
+    }
+}
+
+/* ---- all of it ---- */
+
+/* Makes the change, with records and classes found. */
+static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
+{
+    sb_body_change *change = NULL;
+    sb_result result = sb_body_change_begin(cut->body, &change, error);
+    if (result == SB_OK)
+        result = sbi_cut_number_nodes(cut, change, error);
+    if (result == SB_OK)
+        result = sbi_cut_put_cells(cut, change, error);
+    if (result == SB_OK && !sbi_cut_reserve_pieces(cut))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    if (result == SB_OK) {
+        cut->changing = 1;
+        result = sb_body_change_commit(change, error);
+        cut->changing = 0;
+    }
+    if (result != SB_OK)
+        sb_body_change_cancel(change);
+    return result;
+}
+
+SBI_API void sbi_cut_clear(sb_cut *cut)
+{
+    memset(cut->tet_marks, 0, (size_t)cut->tet_count);
+    memset(cut->node_marks, 0, (size_t)cut->node_end);
+    memset(cut->cell_of, 0, (size_t)cut->tet_count * sizeof(int));
+    cut->touched.count = cut->parted.count = 0;
+}
+
+SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
+{
+    sb_result result = SB_OK;
+    cut->cell_count = cut->made_nodes = cut->made_cells = 0;
+    sbi_cut_find_parted(cut);
+    if (cut->parted.count > 0) {
+        if (sbi_cut_add_tets(cut)) {
+            sbi_cut_join_all(cut);
+            result = sbi_cut_change(cut, error);
+        } else
+            result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+        if (result == SB_OK)
+            sbi_cut_keep(cut);
+    }
+    sbi_cut_clear(cut);
+    return result;
+}
+
+/* ==== src/softbody/cut/cut.c ==== */
+/* cut: making what cuts a body, and its calls. */
+
+#include <string.h>
+
+
+#define SBI_CUT_COOKIE 0xc07b1adeu
+
+SB_API sb_cut_def sb_default_cut_def(void)
+{
+    sb_cut_def def;
+    memset(&def, 0, sizeof def);
+    def.lattice = 2;
+    def.cookie = SBI_CUT_COOKIE;
+    return def;
+}
+
+/* ---- the mesh before any cut ---- */
+
+static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
+{
+    if (!def || def->cookie != SBI_CUT_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_cut_def");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a cut needs a body");
+    if (def->lattice != 1 && def->lattice != 2 && def->lattice != 4)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.lattice is %d, it must be 1, 2 or 4", def->lattice);
+    if (!def->body->live)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
+    if (def->body->domain.element_type != SB_TET4)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of type %s cannot be cut, only tet4",
+                        sb_element_name(def->body->domain.element_type));
+    for (int e = 0; e < sb_body_element_count(def->body); e++)
+        if (sb_body_cell_in_use(def->body, e) && sb_body_cell_share(def->body, e) < 1)
+            return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d is a piece of an element: the body is cut", e);
+    return SB_OK;
+}
+
+/* Tets, their neighbours, and those around each node. */
+static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
+{
+    const sb_body *body = cut->body;
+    sb_mesh mesh;
+    sb_result result;
+    memset(&mesh, 0, sizeof mesh);
+    cut->node_end = sb_body_node_count(body);
+    cut->tets = (int *)sbi_alloc(&cut->allocator, (size_t)sb_body_element_count(body), 4 * sizeof(int));
+    if (!cut->tets)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", sb_body_element_count(body));
+    for (int e = 0; e < sb_body_element_count(body); e++)
+        if (sb_body_cell_in_use(body, e))
+            memcpy(cut->tets + 4 * (size_t)cut->tet_count++, sb_body_cell_nodes(body, e), 4 * sizeof(int));
+    mesh.element_type = SB_TET4;
+    mesh.node_count = cut->node_end;
+    mesh.nodes = body->reference;
+    mesh.element_count = cut->tet_count;
+    mesh.elements = cut->tets;
+    result = sb_mesh_neighbours(&mesh, &cut->allocator, &cut->neighbours, error);
+    return result == SB_OK ? sb_mesh_node_elements(&mesh, &cut->allocator, &cut->node_tets, error) : result;
+}
+
+/* Each tet is one piece. Lists have room for what the body has room for. */
+static int sbi_cut_take_pieces(sb_cut *cut)
+{
+    enum { FEW = 256 };
+    const sb_body *body = cut->body;
+    int cells = body->live->cells.capacity, more = cells - cut->tet_count;
+    void *pieces = NULL, *blades = NULL, *records = NULL, *classes = NULL;
+    int taken = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, 0, cells, sizeof *cut->pieces) &&
+                sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, 0, FEW, sizeof *cut->blades);
+    taken =
+        taken && sbi_cut_grow(&cut->allocator, &records, &cut->cell_capacity, 0, 4 * FEW + more, sizeof *cut->cells);
+    taken = taken && sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, 0, FEW, sizeof *cut->classes);
+    cut->pieces = (sbi_cut_piece *)pieces;
+    cut->blades = (sbi_blade *)blades;
+    cut->cells = (sbi_cut_cell *)records;
+    cut->classes = (sbi_cut_class *)classes;
+    cut->tet_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
+    cut->node_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->node_end, 1);
+    cut->cell_of = (int *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(int));
+    if (!taken || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
+        !sbi_cut_list_grow(cut, &cut->elements, cells) || !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
+        !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
+        return 0;
+    for (int e = 0; e < sb_body_element_count(body); e++)
+        if (sb_body_cell_in_use(body, e)) {
+            sbi_cut_piece *piece = cut->pieces + cut->piece_count;
+            piece->points = sbi_lattice_all(&cut->lattice);
+            piece->cell = e;
+            piece->next = -1;
+            sbi_cut_list_set(&cut->elements, e, cut->piece_count++);
+        }
+    for (int i = 0; i < cut->node_end; i++)
+        sbi_cut_list_set(&cut->origins, i, i);
+    return sbi_cut_reserve_links(cut, FEW + 8 * more);
+}
+
+/* ---- following the body ---- */
+
+static void sbi_cut_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    sb_cut *cut = (sb_cut *)user;
+    (void)body;
+    (void)change;
+    if (!cut->changing)
+        cut->stale = 1;
+}
+
+static void sbi_cut_end(void *user) { ((sb_cut *)user)->body = NULL; }
+
+static sb_result sbi_cut_listen(sb_cut *cut, sb_error *error)
+{
+    sb_body_listener listener;
+    memset(&listener, 0, sizeof listener);
+    listener.user = cut;
+    listener.follow = sbi_cut_follow;
+    listener.end = sbi_cut_end;
+    return sb_body_listen(cut->body, &listener, &cut->listener, error);
+}
+
+/* ---- creation ---- */
+
+SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *error)
+{
+    sb_cut *made;
+    sb_result result = sbi_cut_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    if (!cut)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_create needs a place for the cut");
+    made = (sb_cut *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a cut");
+    made->allocator = def->allocator;
+    made->body = def->body;
+    made->listener = -1;
+    sbi_lattice_make(def->lattice, &made->lattice);
+    result = sbi_cut_take_mesh(made, error);
+    if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_live_take_pieces(made->body)))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", made->tet_count);
+    if (result == SB_OK)
+        result = sbi_cut_listen(made, error);
+    if (result != SB_OK) {
+        sb_cut_destroy(made);
+        return result;
+    }
+    *cut = made;
+    return SB_OK;
+}
+
+SB_API void sb_cut_destroy(sb_cut *cut)
+{
+    sb_allocator allocator;
+    if (!cut)
+        return;
+    allocator = cut->allocator;
+    if (cut->body && cut->listener >= 0)
+        sb_body_unlisten(cut->body, cut->listener);
+    sb_index_table_free(&cut->neighbours);
+    sb_index_lists_free(&cut->node_tets);
+    sbi_free(&allocator, cut->tets);
+    sbi_free(&allocator, cut->pieces);
+    sbi_free(&allocator, cut->links.items);
+    sbi_free(&allocator, cut->links.table);
+    sbi_free(&allocator, cut->origins.items);
+    sbi_free(&allocator, cut->elements.items);
+    sbi_free(&allocator, cut->blades);
+    sbi_free(&allocator, cut->tet_marks);
+    sbi_free(&allocator, cut->node_marks);
+    sbi_free(&allocator, cut->cell_of);
+    sbi_free(&allocator, cut->touched.items);
+    sbi_free(&allocator, cut->parted.items);
+    sbi_free(&allocator, cut->cells);
+    sbi_free(&allocator, cut->roots.items);
+    sbi_free(&allocator, cut->classes);
+    sbi_free(&allocator, cut);
+}
+
+/* ---- cutting ---- */
+
+static sb_result sbi_cut_check_call(const sb_cut *cut, const sb_vec3 *triangles, int count, sb_error *error)
+{
+    if (!cut || count < 0 || (count > 0 && !triangles))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_triangles needs a cut, triangles and their count");
+    if (!cut->body)
+        return sbi_fail(error, SB_ERROR_STATE, "the body is gone");
+    if (cut->stale)
+        return sbi_fail(error, SB_ERROR_STATE, "the body's mesh was changed by others: make a new sb_cut");
+    for (int k = 0; k < count; k++)
+        for (int a = 0; a < 3; a++)
+            if (!sb_v3_is_finite(triangles[3 * (size_t)k + (size_t)a]))
+                return sbi_fail(error, SB_ERROR_NOT_FINITE, "corner %d of triangle %d is not finite", a, k);
+    return SB_OK;
+}
+
+/* A frame about the body as it is now. */
+static void sbi_cut_take_frame(const sb_cut *cut, sbi_crossing_frame *frame)
+{
+    const sb_vec3 *x = sb_body_positions(cut->body);
+    sb_vec3 low = {0, 0, 0}, high = {0, 0, 0};
+    int first = 1;
+    for (int i = 0; i < sb_body_node_count(cut->body); i++) {
+        if (!sb_body_node_in_use(cut->body, i))
+            continue;
+        if (first)
+            low = high = x[i];
+        first = 0;
+        low = sb_v3(sb_min(low.x, x[i].x), sb_min(low.y, x[i].y), sb_min(low.z, x[i].z));
+        high = sb_v3(sb_max(high.x, x[i].x), sb_max(high.y, x[i].y), sb_max(high.z, x[i].z));
+    }
+    sbi_crossing_frame_make(low, high, frame);
+}
+
+static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, const sb_vec3 *triangles, int count)
+{
+    cut->blade_count = 0;
+    for (int k = 0; k < count; k++) {
+        void *blades = cut->blades;
+        int grown = sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, cut->blade_count, SBI_CROSSING_PARTS,
+                                 sizeof *cut->blades);
+        cut->blades = (sbi_blade *)blades;
+        if (!grown)
+            return 0;
+        cut->blade_count += sbi_crossing_blades(frame, triangles + 3 * (size_t)k, cut->blades + cut->blade_count);
+    }
+    return 1;
+}
+
+SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+{
+    sbi_crossing_frame frame;
+    int links;
+    sb_result result = sbi_cut_check_call(cut, triangles, count, error);
+    if (result != SB_OK)
+        return result;
+    links = cut->links.count;
+    sbi_cut_take_frame(cut, &frame);
+    if (!sbi_cut_take_blades(cut, &frame, triangles, count) || !sbi_cut_sweep(cut, &frame)) {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
+        sbi_cut_clear(cut);
+    } else
+        result = sbi_cut_part(cut, error);
+    if (result != SB_OK) {
+        sbi_cut_links_truncate(&cut->links, links);
+        return result;
+    }
+    if (info) {
+        info->links = cut->links.count - links;
+        info->cells = cut->made_cells;
+        info->nodes = cut->made_nodes;
+        info->parts = cut->body->component_count;
+    }
+    return SB_OK;
+}
+
+/* ---- readings ---- */
+
+SB_API int sb_cut_node_origin(const sb_cut *cut, int node)
+{
+    if (!cut || !cut->body || cut->stale || !sb_body_node_in_use(cut->body, node))
+        return -1;
+    return cut->origins.items[node];
+}
+
+SB_API int sb_cut_cell_element(const sb_cut *cut, int cell)
+{
+    if (!cut || !cut->body || cut->stale || !sb_body_cell_in_use(cut->body, cell))
+        return -1;
+    return cut->elements.items[cell];
 }
 
 /* ==== src/softbody/contact/tool_mesh.h ==== */

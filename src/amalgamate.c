@@ -37,7 +37,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_PARTS = 256, MAX_NAME = 512, MAX_WORDS = 12, MAX_FOLDERS = 16, MAX_SWITCHES = 4 };
+enum { MAX_PARTS = 512, MAX_NAME = 512, MAX_WORDS = 12, MAX_FOLDERS = 16, MAX_SWITCHES = 4 };
 
 typedef struct text {
     char *data; /* ends with a zero */

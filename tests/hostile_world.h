@@ -24,6 +24,9 @@ typedef struct world {
     sb_body *touched;       /* with a contact of two tools: a sphere, and capsules that may be bent */
     sb_contact *contact;
     sb_contact_def contact_def;
+    sb_body *parted; /* with a cut */
+    sb_cut *cut;
+    sb_cut_def cut_def;
     sb_haptic *haptic; /* a hand at the sphere */
     sb_haptic_def haptic_def;
     sb_tool_def tool_def;
@@ -361,6 +364,32 @@ static sb_contact_def *world_contact_def(world *w)
     w->contact_def.body = world_idle(w);
     w->contact_def.allocator = &w->allocator;
     return &w->contact_def;
+}
+
+static sb_cut_def *world_cut_def(world *w)
+{
+    w->cut_def = sb_default_cut_def();
+    w->cut_def.body = world_idle(w);
+    w->cut_def.allocator = w->allocator;
+    return &w->cut_def;
+}
+
+static sb_cut *world_cut(world *w)
+{
+    sb_cut_def def = *world_cut_def(w);
+    if (w->cut)
+        return w->cut;
+    w->parted = world_make_live(w);
+    def.body = w->parted;
+    CHECK_OK(sb_cut_create(&def, &w->cut, NULL));
+    return w->cut;
+}
+
+/* A triangle through the mesh. */
+static const sb_vec3 *world_blade(void)
+{
+    static const sb_vec3 corners[3] = {{REAL(0.01), -1, -1}, {REAL(0.01), 1, -1}, {REAL(0.01), 0, 2}};
+    return corners;
 }
 
 /* Clear of the mesh. */
@@ -1129,6 +1158,8 @@ static void world_free(world *w)
     sb_recording_destroy(w->recording);
     sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
+    sb_cut_destroy(w->cut);
+    sb_body_destroy(w->parted);
     sb_body_destroy(w->touched);
     sb_body_destroy(w->plain);
     sb_body_destroy(w->live);

@@ -327,6 +327,12 @@
 #define sb_haptic_force sb_haptic_force_f32
 #define sb_haptic_get_info sb_haptic_get_info_f32
 #define sb_haptic_from_hd sb_haptic_from_hd_f32
+#define sb_default_cut_def sb_default_cut_def_f32
+#define sb_cut_create sb_cut_create_f32
+#define sb_cut_destroy sb_cut_destroy_f32
+#define sb_cut_triangles sb_cut_triangles_f32
+#define sb_cut_node_origin sb_cut_node_origin_f32
+#define sb_cut_cell_element sb_cut_cell_element_f32
 #endif
 #endif
 

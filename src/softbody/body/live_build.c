@@ -254,6 +254,9 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
                                               sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
     if (result != SB_OK)
         return result;
+    result = sbi_live_make_slivers(next, error);
+    if (result != SB_OK)
+        return result;
     next->assembly.fibres = next->fibres;
     next->assembly.unknots = body->assembly.unknots;
     sbi_body_materials_changed(next);
@@ -339,8 +342,8 @@ static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources
 /* The axes along which a node with these options may have the supports of its sources. */
 static unsigned sbi_live_kept_axes(unsigned options)
 {
-    unsigned axes = (options & SB_NODE_KEEP_X ? SB_X : 0u) | (options & SB_NODE_KEEP_Y ? SB_Y : 0u) |
-                    (options & SB_NODE_KEEP_Z ? SB_Z : 0u);
+    unsigned axes = (options & SB_NODE_KEEP_X ? (unsigned)SB_X : 0u) |
+                    (options & SB_NODE_KEEP_Y ? (unsigned)SB_Y : 0u) | (options & SB_NODE_KEEP_Z ? (unsigned)SB_Z : 0u);
     return options & SB_NODE_COPY ? axes : (unsigned)SB_XYZ;
 }
 

@@ -39,6 +39,7 @@ typedef struct sbi_live {
     sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
     sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
     int piece_count;         /* cells that are pieces */
+    sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sb_quadrature_kind rule; /* of the domain's points */
     int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;            /* of the def */
@@ -156,6 +157,10 @@ SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error);
 /* Room for pieces; 0: no memory. Dropped again where there are none. */
 SBI_API int sbi_live_take_pieces(sb_body *body);
 SBI_API void sbi_live_drop_pieces(sb_body *body);
+/* Makes the rows that hold mid nodes of small pieces of tet10, of a body that has its cells and matrix; their stiffness
+ * follows with the materials. */
+SBI_API sb_result sbi_live_make_slivers(sb_body *body, sb_error *error);
+SBI_API void sbi_live_stiffen_slivers(sb_body *body);
 /* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
 SBI_API void sbi_live_park_node(sb_body *body, int node);
 

@@ -166,6 +166,7 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_slots_free(&live->cells, &body->allocator);
     sbi_free(&body->allocator, live->shares);
     sbi_free(&body->allocator, live->pieces);
+    sbi_free(&body->allocator, live->slivers.memory);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;

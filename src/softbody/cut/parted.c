@@ -32,6 +32,7 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
         sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
         int item = sbi_cut_links_find(links, &key);
         parted->cut[l] = (unsigned char)(item < 0 ? SBI_LINK_WHOLE : links->items[item].state);
+        parted->turn[l] = item;
         parted->t[l] = item < 0 ? (sb_real)0.5 : links->items[item].t;
     }
     sbi_parted_find(parted);
@@ -72,61 +73,80 @@ static void sbi_parted_link_point(const sbi_parted *parted, int micro, int v, in
     points->micro[edge][v] = lattice->micros[micro][w] == ends[1] ? 1 - t : t;
 }
 
-/* Sum of two or three numbers that does not depend on their order. */
-static sb_real sbi_parted_sum(const sb_real values[3], int count)
+/* Cut links of a micro-tet among its edges in `mask`, in the order in which they were cut; returns how many. */
+static int sbi_parted_cut_edges(const sbi_parted *parted, int micro, int mask, int edges[6])
 {
-    sb_real low, high, middle;
-    if (count == 2)
-        return values[0] + values[1];
-    low = sb_min(values[0], sb_min(values[1], values[2]));
-    high = sb_max(values[0], sb_max(values[1], values[2]));
-    middle = sb_max(sb_min(values[0], values[1]), sb_min(sb_max(values[0], values[1]), values[2]));
-    return low + middle + high;
+    const unsigned char *links = parted->lattice->micro_links[micro];
+    int count = 0;
+    for (int edge = 0; edge < 6; edge++) {
+        int at = count;
+        if (!(mask >> edge & 1) || !parted->cut[links[edge]])
+            continue;
+        for (; at > 0 && parted->turn[links[edges[at - 1]]] > parted->turn[links[edge]]; at--)
+            edges[at] = edges[at - 1];
+        edges[at] = edge;
+        count++;
+    }
+    return count;
 }
 
-/* The point of a face: the mean of its crossings where it may part, or its centroid. */
+/* The point of a face: the mean of the two crossings that parted it, or its centroid. */
 static void sbi_parted_face_point(const sbi_parted *parted, int micro, int face, sbi_micro_points *points)
 {
+    static const int sides[4] = {1 << 0 | 1 << 1 | 1 << 2, 1 << 0 | 1 << 3 | 1 << 4, 1 << 1 | 1 << 4 | 1 << 5,
+                                 1 << 2 | 1 << 3 | 1 << 5};
     const sbi_lattice *lattice = parted->lattice;
     const unsigned char *corners = lattice->micros[micro];
-    int at = SBI_MICRO_FACES + face, edges[3], count = 0, missing = sbi_parted_missing[face];
-    sb_real values[3];
-    for (int v = 0; v < 4; v++)
-        for (int w = v + 1; w < 4; w++)
-            if (v != missing && w != missing && parted->cut[lattice->micro_links[micro][(int)sbi_parted_edge[v][w]]])
-                edges[count++] = sbi_parted_edge[v][w];
+    int at = SBI_MICRO_FACES + face, edges[6], missing = sbi_parted_missing[face];
+    int parts = sbi_parted_cut_edges(parted, micro, sides[face], edges) >= 2;
     for (int a = 0; a < 4; a++) {
         int sum = 0; /* of the corners, exact */
         for (int v = 0; v < 4; v++)
             sum += v == missing ? 0 : lattice->points[corners[v]][a];
         points->micro[at][a] = a == missing ? 0 : (sb_real)1 / 3;
         points->tet[at][a] = (sb_real)sum / (sb_real)(3 * lattice->intervals);
-        if (count < 2)
-            continue;
-        for (int k = 0; k < count; k++)
-            values[k] = points->tet[edges[k]][a];
-        points->tet[at][a] = sbi_parted_sum(values, count) / (sb_real)count;
-        for (int k = 0; k < count; k++)
-            values[k] = points->micro[edges[k]][a];
-        points->micro[at][a] = sbi_parted_sum(values, count) / (sb_real)count;
+        if (parts) {
+            points->micro[at][a] = (points->micro[edges[0]][a] + points->micro[edges[1]][a]) / 2;
+            points->tet[at][a] = (points->tet[edges[0]][a] + points->tet[edges[1]][a]) / 2;
+        }
     }
 }
 
-/* The centre: the mean of the crossings between pieces. */
+/* Corners that hang together with corner 0 of a micro-tet, as a mask, over edges that are not in `cut`. */
+static int sbi_parted_reach(int cut)
+{
+    int reached = 1, before = 0;
+    while (reached != before) {
+        before = reached;
+        for (int v = 0; v < 4; v++)
+            for (int w = 0; w < 4; w++)
+                if (v != w && (reached >> v & 1) && !(cut >> sbi_parted_edge[v][w] & 1))
+                    reached |= 1 << w;
+    }
+    return reached;
+}
+
+/* The centre: the mean of the crossings between the two parts that the corners first fell into. */
 static void sbi_parted_centre(const sbi_parted *parted, int micro, sbi_micro_points *points)
 {
-    int count = 0;
+    int edges[6], cut = 0, reached = 15, found = sbi_parted_cut_edges(parted, micro, 63, edges), count = 0;
+    for (int k = 0; k < found && reached == 15; k++) {
+        cut |= 1 << edges[k];
+        reached = sbi_parted_reach(cut);
+    }
     for (int a = 0; a < 4; a++)
         points->micro[SBI_MICRO_CENTRE][a] = points->tet[SBI_MICRO_CENTRE][a] = 0;
-    for (int edge = 0; edge < 6; edge++) {
-        if (!sbi_parted_is_parting(parted, parted->lattice->micro_links[micro][edge]))
-            continue;
-        count++;
-        for (int a = 0; a < 4; a++) {
-            points->micro[SBI_MICRO_CENTRE][a] += points->micro[edge][a];
-            points->tet[SBI_MICRO_CENTRE][a] += points->tet[edge][a];
+    for (int v = 0; v < 4; v++)
+        for (int w = v + 1; w < 4; w++) {
+            int edge = sbi_parted_edge[v][w];
+            if ((reached >> v & 1) == (reached >> w & 1))
+                continue;
+            count++;
+            for (int a = 0; a < 4; a++) {
+                points->micro[SBI_MICRO_CENTRE][a] += points->micro[edge][a];
+                points->tet[SBI_MICRO_CENTRE][a] += points->tet[edge][a];
+            }
         }
-    }
     for (int a = 0; a < 4; a++) {
         points->micro[SBI_MICRO_CENTRE][a] /= (sb_real)count;
         points->tet[SBI_MICRO_CENTRE][a] /= (sb_real)count;
@@ -325,11 +345,4 @@ SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moment
             if (on == 3)
                 sbi_parted_add_micro_face(parted, micro, x, moments);
         }
-}
-
-SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid, sb_mat3 *covariance)
-{
-    sb_mat3 edges = sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0]));
-    *centroid = sb_v3_add(x[0], sb_m3_apply(edges, moments->centre));
-    *covariance = sb_m3_mult(sb_m3_mul(edges, moments->spread), edges);
 }

@@ -2,10 +2,12 @@
  *
  * Each micro-tet with corners in several pieces is divided into its 24 flags: corner v, a point of the link vw, one of
  * the face vwu, and the centre. The link's point is its crossing, or its middle where it is whole; the face's is the
- * mean of the crossings where two or three of its links are cut, else the centroid; the centre is the mean of the
- * crossings of links between pieces. A flag belongs to the piece of its corner. Its volume is that of the micro-tet
- * times the weights of w at the link's point, of u at the face's and of the fourth corner at the centre: never
- * negative, and all 24 sum to the micro-tet, whatever was cut. A plane through a micro-tet is represented exactly.
+ * mean of the first two crossings, those that parted its corners, or else the centroid; the centre is the mean of the
+ * crossings that parted the corners of the micro-tet when they first came apart. So later cuts leave the pieces that
+ * they do not cut as they are, and divide others without a rest. A flag belongs to the piece of its corner. Its volume
+ * is that of the micro-tet times the weights of w at the link's point, of u at the face's and of the fourth corner at
+ * the centre: never negative, and all 24 sum to the micro-tet, whatever was cut. A plane through a micro-tet is
+ * represented exactly.
  *
  * The face of a cut (its lips, one for each side) are the triangles (link, face, centre) of links between pieces. What
  * lies on a face of the tet goes by links alone and not by pieces, which may hang together in one of its tets only.
@@ -21,6 +23,7 @@ typedef struct sbi_parted {
     sbi_corner_order order;
     unsigned char cut[SBI_LATTICE_LINKS]; /* state of each link */
     sb_real t[SBI_LATTICE_LINKS];         /* crossings of cut ones, 0 at the first end (sbi_lattice_ends) */
+    int turn[SBI_LATTICE_LINKS];          /* of cut ones: rises in the order in which they were cut */
     int piece_count;
     uint64_t pieces[SBI_LATTICE_POINTS];
     unsigned char piece_of[SBI_LATTICE_POINTS];
@@ -80,8 +83,5 @@ SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SB
 SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments);
 /* What each piece has of a face (sb_element_face): moments [piece_count]. */
 SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moments *moments);
-/* Moments of a piece in the reference shape of its tet with corners at x (m): centroid (m) and covariance (m^2). */
-SBI_API void sbi_part_place(const sbi_part_moments *moments, const sb_vec3 x[4], sb_vec3 *centroid,
-                            sb_mat3 *covariance);
 
 #endif /* SB_PARTED_H */

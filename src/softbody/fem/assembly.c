@@ -682,9 +682,13 @@ static sbi_assembly_job sbi_assembly_make_job(sbi_assembly *assembly, sbi_assemb
 SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_FORCE, u);
+    int bad;
     job.force = force;
     memset(force, 0, (size_t)assembly->domain->node_count * sizeof *force);
-    return sbi_assembly_run(&job);
+    bad = sbi_assembly_run(&job);
+    if (assembly->rows)
+        sbi_rows_add_force(assembly->rows, u, force);
+    return bad;
 }
 
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
@@ -697,12 +701,15 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     job.matrix = matrix;
     if (assembly->batched && kind == SB_TANGENT_QUASI) {
         sbi_batch_tangent(assembly, factor, matrix);
-        return -1;
+        bad = -1;
+    } else {
+        memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
+        sbi_assembly_settle_maps(assembly, matrix);
+        bad = sbi_assembly_run(&job);
+        sbi_matrix_set_free_rows(matrix);
     }
-    memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
-    sbi_assembly_settle_maps(assembly, matrix);
-    bad = sbi_assembly_run(&job);
-    sbi_matrix_set_free_rows(matrix);
+    if (assembly->rows)
+        sbi_rows_add_tangent(assembly->rows, factor, matrix);
     return bad;
 }
 
@@ -714,6 +721,8 @@ SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_v
     job.force = y;
     memset(y, 0, (size_t)assembly->domain->node_count * sizeof *y);
     sbi_assembly_run(&job);
+    if (assembly->rows)
+        sbi_rows_add_force(assembly->rows, x, y);
     return 1;
 }
 
@@ -724,6 +733,8 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
     sb_real sum = 0;
     for (int c = 0; c < assembly->chunk_count; c++)
         sum += assembly->chunk_energy[c];
+    if (assembly->rows)
+        sum += sbi_rows_energy(assembly->rows, u);
     *energy = sum;
     return bad;
 }

@@ -10,6 +10,16 @@
 #include "material.h"
 #include "../solve/sparse.h"
 
+/* Springs of stiffness k (N/m) between sums of displacements s = sum w u that are 0 at rest, with weights that sum to
+ * 0: energy k/2 s.s, besides that of the cells. All nodes of a row are coupled in the matrix. */
+typedef struct sbi_inner_rows {
+    int count;
+    int *start, *nodes; /* [count + 1], [start[count]] */
+    sb_real *weights;   /* [start[count]] */
+    sb_real *stiffness; /* [count] */
+    void *memory;       /* the one block behind the arrays */
+} sbi_inner_rows;
+
 typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials; /* [material_count] */
@@ -21,15 +31,16 @@ typedef struct sbi_assembly {
     const sb_vec3 *fibres;    /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
                                * fibres */
     const sb_jobs *jobs;
-    const sb_vec3 *reference; /* [node_count] (m) */
-    int unknots;              /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
-                               * energy watches: the rule makes it jump */
-    sb_real energy_unit;      /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
-                               * size of the moduli, so this times epsilon is their rounding error */
-    int batched;              /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
-    sb_quat *rotations;       /* [cell_count][points_per_cell] warm starts of the polar rotations */
-    sb_quat *saved_rotations; /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
-    int *scatter;             /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
+    const sb_vec3 *reference;   /* [node_count] (m) */
+    const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */
+    int unknots;                /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
+                                 * energy watches: the rule makes it jump */
+    sb_real energy_unit;        /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
+                                 * size of the moduli, so this times epsilon is their rounding error */
+    int batched;                /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
+    sb_quat *rotations;         /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    sb_quat *saved_rotations;   /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
+    int *scatter;               /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
     int chunk_size, chunk_count;
     int colour_count;
     int *colour_start;     /* [colour_count + 1] into colour_chunks */
@@ -118,6 +129,12 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
 SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 /* Gives up what is not of the layout. */
 SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator);
+
+/* ---- assembly_rows ---- */
+
+SBI_API void sbi_rows_add_force(const sbi_inner_rows *rows, const sb_vec3 *u, sb_vec3 *force);
+SBI_API sb_real sbi_rows_energy(const sbi_inner_rows *rows, const sb_vec3 *u);
+SBI_API void sbi_rows_add_tangent(const sbi_inner_rows *rows, sb_real factor, sb_matrix *matrix);
 
 /* ---- assembly_memory: materials with Prony terms ----
  * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister

@@ -1,0 +1,273 @@
+/* cut: making what cuts a body, and its calls. */
+#include "cut.h"
+
+#include <string.h>
+
+#include "cut_private.h"
+
+#define SBI_CUT_COOKIE 0xc07b1adeu
+
+SB_API sb_cut_def sb_default_cut_def(void)
+{
+    sb_cut_def def;
+    memset(&def, 0, sizeof def);
+    def.lattice = 2;
+    def.cookie = SBI_CUT_COOKIE;
+    return def;
+}
+
+/* ---- the mesh before any cut ---- */
+
+static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
+{
+    if (!def || def->cookie != SBI_CUT_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_cut_def");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a cut needs a body");
+    if (def->lattice != 1 && def->lattice != 2 && def->lattice != 4)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.lattice is %d, it must be 1, 2 or 4", def->lattice);
+    if (!def->body->live)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
+    if (def->body->domain.element_type != SB_TET4)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of type %s cannot be cut, only tet4",
+                        sb_element_name(def->body->domain.element_type));
+    for (int e = 0; e < sb_body_element_count(def->body); e++)
+        if (sb_body_cell_in_use(def->body, e) && sb_body_cell_share(def->body, e) < 1)
+            return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d is a piece of an element: the body is cut", e);
+    return SB_OK;
+}
+
+/* Tets, their neighbours, and those around each node. */
+static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
+{
+    const sb_body *body = cut->body;
+    sb_mesh mesh;
+    sb_result result;
+    memset(&mesh, 0, sizeof mesh);
+    cut->node_end = sb_body_node_count(body);
+    cut->tets = (int *)sbi_alloc(&cut->allocator, (size_t)sb_body_element_count(body), 4 * sizeof(int));
+    if (!cut->tets)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", sb_body_element_count(body));
+    for (int e = 0; e < sb_body_element_count(body); e++)
+        if (sb_body_cell_in_use(body, e))
+            memcpy(cut->tets + 4 * (size_t)cut->tet_count++, sb_body_cell_nodes(body, e), 4 * sizeof(int));
+    mesh.element_type = SB_TET4;
+    mesh.node_count = cut->node_end;
+    mesh.nodes = body->reference;
+    mesh.element_count = cut->tet_count;
+    mesh.elements = cut->tets;
+    result = sb_mesh_neighbours(&mesh, &cut->allocator, &cut->neighbours, error);
+    return result == SB_OK ? sb_mesh_node_elements(&mesh, &cut->allocator, &cut->node_tets, error) : result;
+}
+
+/* Each tet is one piece. Lists have room for what the body has room for. */
+static int sbi_cut_take_pieces(sb_cut *cut)
+{
+    enum { FEW = 256 };
+    const sb_body *body = cut->body;
+    int cells = body->live->cells.capacity, more = cells - cut->tet_count;
+    void *pieces = NULL, *blades = NULL, *records = NULL, *classes = NULL;
+    int taken = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, 0, cells, sizeof *cut->pieces) &&
+                sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, 0, FEW, sizeof *cut->blades);
+    taken =
+        taken && sbi_cut_grow(&cut->allocator, &records, &cut->cell_capacity, 0, 4 * FEW + more, sizeof *cut->cells);
+    taken = taken && sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, 0, FEW, sizeof *cut->classes);
+    cut->pieces = (sbi_cut_piece *)pieces;
+    cut->blades = (sbi_blade *)blades;
+    cut->cells = (sbi_cut_cell *)records;
+    cut->classes = (sbi_cut_class *)classes;
+    cut->tet_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
+    cut->node_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->node_end, 1);
+    cut->cell_of = (int *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(int));
+    if (!taken || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
+        !sbi_cut_list_grow(cut, &cut->elements, cells) || !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
+        !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
+        return 0;
+    for (int e = 0; e < sb_body_element_count(body); e++)
+        if (sb_body_cell_in_use(body, e)) {
+            sbi_cut_piece *piece = cut->pieces + cut->piece_count;
+            piece->points = sbi_lattice_all(&cut->lattice);
+            piece->cell = e;
+            piece->next = -1;
+            sbi_cut_list_set(&cut->elements, e, cut->piece_count++);
+        }
+    for (int i = 0; i < cut->node_end; i++)
+        sbi_cut_list_set(&cut->origins, i, i);
+    return sbi_cut_reserve_links(cut, FEW + 8 * more);
+}
+
+/* ---- following the body ---- */
+
+static void sbi_cut_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    sb_cut *cut = (sb_cut *)user;
+    (void)body;
+    (void)change;
+    if (!cut->changing)
+        cut->stale = 1;
+}
+
+static void sbi_cut_end(void *user) { ((sb_cut *)user)->body = NULL; }
+
+static sb_result sbi_cut_listen(sb_cut *cut, sb_error *error)
+{
+    sb_body_listener listener;
+    memset(&listener, 0, sizeof listener);
+    listener.user = cut;
+    listener.follow = sbi_cut_follow;
+    listener.end = sbi_cut_end;
+    return sb_body_listen(cut->body, &listener, &cut->listener, error);
+}
+
+/* ---- creation ---- */
+
+SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *error)
+{
+    sb_cut *made;
+    sb_result result = sbi_cut_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    if (!cut)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_create needs a place for the cut");
+    made = (sb_cut *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a cut");
+    made->allocator = def->allocator;
+    made->body = def->body;
+    made->listener = -1;
+    sbi_lattice_make(def->lattice, &made->lattice);
+    result = sbi_cut_take_mesh(made, error);
+    if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_live_take_pieces(made->body)))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", made->tet_count);
+    if (result == SB_OK)
+        result = sbi_cut_listen(made, error);
+    if (result != SB_OK) {
+        sb_cut_destroy(made);
+        return result;
+    }
+    *cut = made;
+    return SB_OK;
+}
+
+SB_API void sb_cut_destroy(sb_cut *cut)
+{
+    sb_allocator allocator;
+    if (!cut)
+        return;
+    allocator = cut->allocator;
+    if (cut->body && cut->listener >= 0)
+        sb_body_unlisten(cut->body, cut->listener);
+    sb_index_table_free(&cut->neighbours);
+    sb_index_lists_free(&cut->node_tets);
+    sbi_free(&allocator, cut->tets);
+    sbi_free(&allocator, cut->pieces);
+    sbi_free(&allocator, cut->links.items);
+    sbi_free(&allocator, cut->links.table);
+    sbi_free(&allocator, cut->origins.items);
+    sbi_free(&allocator, cut->elements.items);
+    sbi_free(&allocator, cut->blades);
+    sbi_free(&allocator, cut->tet_marks);
+    sbi_free(&allocator, cut->node_marks);
+    sbi_free(&allocator, cut->cell_of);
+    sbi_free(&allocator, cut->touched.items);
+    sbi_free(&allocator, cut->parted.items);
+    sbi_free(&allocator, cut->cells);
+    sbi_free(&allocator, cut->roots.items);
+    sbi_free(&allocator, cut->classes);
+    sbi_free(&allocator, cut);
+}
+
+/* ---- cutting ---- */
+
+static sb_result sbi_cut_check_call(const sb_cut *cut, const sb_vec3 *triangles, int count, sb_error *error)
+{
+    if (!cut || count < 0 || (count > 0 && !triangles))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_triangles needs a cut, triangles and their count");
+    if (!cut->body)
+        return sbi_fail(error, SB_ERROR_STATE, "the body is gone");
+    if (cut->stale)
+        return sbi_fail(error, SB_ERROR_STATE, "the body's mesh was changed by others: make a new sb_cut");
+    for (int k = 0; k < count; k++)
+        for (int a = 0; a < 3; a++)
+            if (!sb_v3_is_finite(triangles[3 * (size_t)k + (size_t)a]))
+                return sbi_fail(error, SB_ERROR_NOT_FINITE, "corner %d of triangle %d is not finite", a, k);
+    return SB_OK;
+}
+
+/* A frame about the body as it is now. */
+static void sbi_cut_take_frame(const sb_cut *cut, sbi_crossing_frame *frame)
+{
+    const sb_vec3 *x = sb_body_positions(cut->body);
+    sb_vec3 low = {0, 0, 0}, high = {0, 0, 0};
+    int first = 1;
+    for (int i = 0; i < sb_body_node_count(cut->body); i++) {
+        if (!sb_body_node_in_use(cut->body, i))
+            continue;
+        if (first)
+            low = high = x[i];
+        first = 0;
+        low = sb_v3(sb_min(low.x, x[i].x), sb_min(low.y, x[i].y), sb_min(low.z, x[i].z));
+        high = sb_v3(sb_max(high.x, x[i].x), sb_max(high.y, x[i].y), sb_max(high.z, x[i].z));
+    }
+    sbi_crossing_frame_make(low, high, frame);
+}
+
+static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, const sb_vec3 *triangles, int count)
+{
+    cut->blade_count = 0;
+    for (int k = 0; k < count; k++) {
+        void *blades = cut->blades;
+        int grown = sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, cut->blade_count, SBI_CROSSING_PARTS,
+                                 sizeof *cut->blades);
+        cut->blades = (sbi_blade *)blades;
+        if (!grown)
+            return 0;
+        cut->blade_count += sbi_crossing_blades(frame, triangles + 3 * (size_t)k, cut->blades + cut->blade_count);
+    }
+    return 1;
+}
+
+SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+{
+    sbi_crossing_frame frame;
+    int links;
+    sb_result result = sbi_cut_check_call(cut, triangles, count, error);
+    if (result != SB_OK)
+        return result;
+    links = cut->links.count;
+    sbi_cut_take_frame(cut, &frame);
+    if (!sbi_cut_take_blades(cut, &frame, triangles, count) || !sbi_cut_sweep(cut, &frame)) {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
+        sbi_cut_clear(cut);
+    } else
+        result = sbi_cut_part(cut, error);
+    if (result != SB_OK) {
+        sbi_cut_links_truncate(&cut->links, links);
+        return result;
+    }
+    if (info) {
+        info->links = cut->links.count - links;
+        info->cells = cut->made_cells;
+        info->nodes = cut->made_nodes;
+        info->parts = cut->body->component_count;
+    }
+    return SB_OK;
+}
+
+/* ---- readings ---- */
+
+SB_API int sb_cut_node_origin(const sb_cut *cut, int node)
+{
+    if (!cut || !cut->body || cut->stale || !sb_body_node_in_use(cut->body, node))
+        return -1;
+    return cut->origins.items[node];
+}
+
+SB_API int sb_cut_cell_element(const sb_cut *cut, int cell)
+{
+    if (!cut || !cut->body || cut->stale || !sb_body_cell_in_use(cut->body, cell))
+        return -1;
+    return cut->elements.items[cell];
+}

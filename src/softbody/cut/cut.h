@@ -1,0 +1,72 @@
+/* cut: cutting a body while it runs. Floor 4.
+ *
+ *     def.slack = 0.5;                                   of the body: room for copies of nodes and for cells
+ *     sb_cut_def cut_def = sb_default_cut_def();
+ *     cut_def.body = body;
+ *     sb_cut_create(&cut_def, &cut, &error);
+ *     ... steps ...
+ *     sb_cut_triangles(cut, triangles, count, &info, &error);
+ *     ... steps ...
+ *
+ * How it works (virtual nodes: Molino, Bao and Fedkiw 2004). Each element carries a lattice of links, which triangles
+ * cut where the body is now; an element that its cut links part becomes one cell for each piece, with the shape
+ * functions of the whole element and the mass and stiffness of the piece, and nodes are copied where pieces of the
+ * elements around them do not touch. Whether a link is cut is decided in exact integers, the same for all elements
+ * around it, so that no thread of tissue is left over, also where a triangle goes through a node, along an edge or a
+ * face. Nothing is remeshed: the matrix stays as large as the mesh and its copies, however fine the cut, and steps take
+ * about as long as before.
+ *
+ * - What an element is not cut through yet holds: a cut opens up to the last element that it parts.
+ * - A node keeps its number and stands for the material at its place; copies get new numbers
+ *   (sb_cut_node_origin). Cells likewise (sb_cut_cell_element).
+ * - A link that is cut stays cut. What is cut twice, or along the same way again, is cut once.
+ * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
+ * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
+ * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
+ *   it. All else that refers to nodes and cells follows as live_mesh.h says; a copy has no load of its own.
+ * - Recordings and states of the body contain its cuts (they are changes of its mesh). The sb_cut itself is not in
+ *   them: after another mesh was loaded, or after others changed the mesh, its calls say SB_ERROR_STATE; make a new one
+ *   then, of an uncut body.
+ *
+ * Limits: tet4. Slices much thinner than a link crumble. Slivers of mass make explicit steps short: bodies that step
+ * explicitly have crossings kept off the points of the lattice by a sixteenth of an edge, in masses and stiffness. */
+#ifndef SB_CUT_H
+#define SB_CUT_H
+
+#include "../body/live_mesh.h"
+
+typedef struct sb_cut sb_cut;
+
+typedef struct sb_cut_def {
+    sb_body *body; /* borrowed, made with slack > 0, of tet4; its mesh now is the uncut one */
+    int lattice;   /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
+                    * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
+    sb_allocator allocator;
+    unsigned cookie; /* of sb_default_cut_def */
+} sb_cut_def;
+SB_API sb_cut_def sb_default_cut_def(void);
+
+/* What a call has done. */
+typedef struct sb_cut_info {
+    int links;        /* cut by it */
+    int cells, nodes; /* made by it */
+    int parts;        /* that the body is in now */
+} sb_cut_info;
+
+/* Makes what cuts a body; one at a time for each body, to be destroyed before or after it. SB_ERROR_ARGUMENT,
+ * SB_ERROR_UNSUPPORTED (slack 0, other elements), SB_ERROR_STATE (a body that is cut already), SB_ERROR_MEMORY. */
+SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *error);
+/* The body stays cut. NULL is fine. */
+SB_API void sb_cut_destroy(sb_cut *cut);
+/* Cuts along triangles: a blade's way, a plane, a closed surface around what is to be taken out.
+ * triangles  [count][3] corners where the body is now (m); triangles without area are skipped
+ * info       may be NULL
+ * On failure body and cut are as they were: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above), and
+ * what sb_body_change_commit says. Between steps only. Allocates nothing while slack and room last; costs a pass over
+ * the cells and, where cells are parted, a change of the mesh. */
+SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
+/* Node of the uncut mesh that a node is a copy of, or itself; -1: none. Of elements: the one that a cell is of. */
+SB_API int sb_cut_node_origin(const sb_cut *cut, int node);
+SB_API int sb_cut_cell_element(const sb_cut *cut, int cell);
+
+#endif /* SB_CUT_H */

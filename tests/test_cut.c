@@ -1,0 +1,771 @@
+/* Cuts of a body while it runs: parts, volumes, mass, motion and energy, against planes, closed forms and themselves.
+ */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/cut/cut_private.h"
+
+#include "check.h"
+#include "scene.h"
+
+static const int intervals_of[3] = {1, 2, 4};
+
+/* ---- a block that is cut ----------------------------------------------------------------------------------------- */
+
+typedef struct block {
+    sb_mesh mesh;
+    sb_body *body;
+    sb_cut *cut;
+} block;
+
+static const sb_vec3 block_size = {REAL(0.06), REAL(0.04), REAL(0.05)};
+
+typedef struct block_options {
+    int nx, ny, nz, lattice, workers;
+    double shake;
+    sb_integrator integrator;
+    double slack;
+} block_options;
+
+static block_options block_default(int lattice)
+{
+    block_options options;
+    memset(&options, 0, sizeof options);
+    options.nx = 6;
+    options.ny = 4;
+    options.nz = 5;
+    options.lattice = lattice;
+    options.shake = 0.2;
+    options.integrator = SB_EULER;
+    options.slack = 4;
+    return options;
+}
+
+static void block_cut_create(block *b, int lattice)
+{
+    sb_cut_def def = sb_default_cut_def();
+    sb_error error;
+    def.body = b->body;
+    def.lattice = lattice;
+    if (!CHECK_OK(sb_cut_create(&def, &b->cut, &error)))
+        printf("%s\n", error.message);
+}
+
+static block block_make(const block_options *options)
+{
+    sb_body_def def = sb_default_body_def();
+    block b;
+    memset(&b, 0, sizeof b);
+    b.mesh = scene_box(SB_TET4, options->nx, options->ny, options->nz, block_size, options->shake);
+    def.mesh = &b.mesh;
+    def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
+    def.slack = REAL(options->slack);
+    def.integrator = options->integrator;
+    b.body = scene_body(&def);
+    block_cut_create(&b, options->lattice);
+    return b;
+}
+
+static void block_free(block *b)
+{
+    sb_cut_destroy(b->cut);
+    sb_body_destroy(b->body);
+    sb_mesh_free(&b->mesh);
+}
+
+/* A square of two triangles with this middle and normal. */
+static void square_make(sb_vec3 middle, sb_vec3 normal, double half, sb_vec3 triangles[6])
+{
+    sb_vec3 u = sb_v3_perpendicular(normal), v = sb_v3_cross(normal, u), corners[4];
+    u = sb_v3_scale(REAL(half) / sb_v3_norm(u), u);
+    v = sb_v3_scale(REAL(half) / sb_v3_norm(v), v);
+    for (int k = 0; k < 4; k++)
+        corners[k] =
+            sb_v3_madd(sb_v3_madd(middle, k == 1 || k == 2 ? REAL(1) : REAL(-1), u), k >= 2 ? REAL(1) : REAL(-1), v);
+    for (int k = 0; k < 6; k++)
+        triangles[k] = corners[k < 3 ? k : k == 3 ? 0 : k - 2];
+}
+
+static sb_cut_info block_cut(block *b, const sb_vec3 *triangles, int count)
+{
+    sb_cut_info info;
+    sb_error error;
+    memset(&info, 0, sizeof info);
+    if (!CHECK_OK(sb_cut_triangles(b->cut, triangles, count, &info, &error)))
+        printf("%s\n", error.message);
+    return info;
+}
+
+static sb_cut_info block_cut_plane(block *b, sb_vec3 middle, sb_vec3 normal)
+{
+    sb_vec3 triangles[6];
+    square_make(middle, normal, 0.2, triangles);
+    return block_cut(b, triangles, 2);
+}
+
+static void block_step(block *b, int count)
+{
+    for (int i = 0; i < count; i++)
+        CHECK_OK(sb_body_step(b->body, REAL(0.005), NULL));
+}
+
+static sb_vec3 vector_in(double low, double high, unsigned long long *seed)
+{
+    double x = check_random_in(seed, low, high), y = check_random_in(seed, low, high);
+    return sb_v3(REAL(x), REAL(y), REAL(check_random_in(seed, low, high)));
+}
+
+/* Sets it shaking, at up to this speed (m/s). */
+static void block_shake_at(block *b, double speed)
+{
+    sb_vec3 *v = (sb_vec3 *)calloc((size_t)sb_body_node_count(b->body), sizeof *v);
+    for (int i = 0; i < b->mesh.node_count; i++) {
+        sb_vec3 x = b->mesh.nodes[i];
+        v[i] = sb_v3(REAL(speed * sin(90 * (double)x.y)), REAL(0.75 * speed * cos(110 * (double)x.z)),
+                     REAL(speed * sin(70 * (double)x.x)));
+    }
+    CHECK_OK(sb_body_set_velocities(b->body, v));
+    free(v);
+}
+
+static void block_shake(block *b) { block_shake_at(b, 2); }
+
+/* ---- what holds after every cut ---------------------------------------------------------------------------------- */
+
+/* Masks divide the lattice, both tets of a face see the same touching pieces as the same nodes, the body's own check,
+ * and the numbers of nodes stand for the material at their places. */
+static void check_pieces(const block *b)
+{
+    const sb_cut *cut = b->cut;
+    sb_error error;
+    if (!CHECK_OK(sb_body_live_check(b->body, &error)))
+        printf("%s\n", error.message);
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        uint64_t all = 0;
+        double share = 0;
+        sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * tet);
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+            int cell = cut->pieces[piece].cell;
+            const int *nodes = sb_body_cell_nodes(b->body, cell);
+            CHECK((all & cut->pieces[piece].points) == 0);
+            all |= cut->pieces[piece].points;
+            share += (double)sb_body_cell_share(b->body, cell);
+            CHECK_INT(sb_cut_cell_element(cut, cell), tet);
+            for (int a = 0; a < 4; a++) {
+                CHECK_INT(sb_cut_node_origin(cut, nodes[a]), cut->tets[4 * tet + a]);
+                CHECK(!(cut->pieces[piece].points >> a & 1) || nodes[a] == cut->tets[4 * tet + a]);
+            }
+            for (int face = 0; face < 4; face++) {
+                int other = cut->neighbours.items[4 * tet + face], there = 0;
+                sbi_corner_order its;
+                if (other < tet)
+                    continue;
+                while (cut->neighbours.items[4 * other + there] != tet)
+                    there++;
+                its = sbi_corner_order_make(cut->tets + 4 * other);
+                for (int k = other; k >= 0; k = cut->pieces[k].next) {
+                    const int *others = sb_body_cell_nodes(b->body, cut->pieces[k].cell);
+                    if (!(sbi_lattice_face_marks(&cut->lattice, &order, face, cut->pieces[piece].points) &
+                          sbi_lattice_face_marks(&cut->lattice, &its, there, cut->pieces[k].points)))
+                        continue;
+                    for (int a = 0; a < 4; a++)
+                        for (int c = 0; c < 4; c++)
+                            CHECK(cut->tets[4 * tet + a] != cut->tets[4 * other + c] || nodes[a] == others[c]);
+                }
+            }
+        }
+        CHECK(all == sbi_lattice_all(&cut->lattice));
+        CHECK_NEAR(share, 1, scene_tolerance(1e-13, 64));
+    }
+}
+
+/* What a cut may not change. */
+typedef struct totals {
+    double mass, kinetic, elastic;
+    sb_vec3 momentum;
+} totals;
+
+static totals totals_of(const block *b)
+{
+    totals t;
+    sb_energy energy;
+    memset(&energy, 0, sizeof energy);
+    CHECK_OK(sb_body_energy(b->body, &energy));
+    t.mass = (double)sb_body_mass(b->body);
+    t.kinetic = (double)energy.kinetic;
+    t.elastic = (double)energy.elastic;
+    t.momentum = sb_body_momentum(b->body);
+    return t;
+}
+
+static void check_totals(const totals *before, const totals *after)
+{
+    double speed = sqrt(2 * before->kinetic / before->mass);
+    CHECK_NEAR(after->mass, before->mass, scene_tolerance(1e-12, 500) * before->mass);
+    CHECK_NEAR(sb_v3_norm(sb_v3_sub(after->momentum, before->momentum)), 0,
+               scene_tolerance(1e-13, 500) * speed * before->mass);
+    CHECK_NEAR(after->kinetic, before->kinetic, scene_tolerance(1e-12, 500) * before->kinetic);
+    CHECK_NEAR(after->elastic, before->elastic, scene_tolerance(1e-11, 1e5) * before->elastic);
+}
+
+/* ---- planes ------------------------------------------------------------------------------------------------------ */
+
+static void test_plane(void)
+{
+    for (int i = 0; i < 3; i++) {
+        block_options options = block_default(intervals_of[i]);
+        block b = block_make(&options);
+        sb_cut_info info;
+        totals before, after;
+        block_shake(&b);
+        block_step(&b, 4);
+        before = totals_of(&b);
+        info = block_cut_plane(&b, sb_v3(REAL(0.031), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.2), REAL(-0.1)));
+        after = totals_of(&b);
+        CHECK_INT(info.parts, 2);
+        CHECK(info.links > 0 && info.cells > 0 && info.nodes > 0);
+        check_pieces(&b);
+        check_totals(&before, &after);
+        info = block_cut_plane(&b, sb_v3(REAL(0.031), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.2), REAL(-0.1)));
+        CHECK_INT(info.parts, 2);
+        block_step(&b, 20);
+        check_pieces(&b);
+        block_free(&b);
+    }
+}
+
+/* Volumes of the parts, in the order of their first cells; returns how many. */
+static int part_volumes(const block *b, double *volumes, int capacity)
+{
+    const sb_body *body = b->body;
+    int parts = 0, of[64];
+    for (int k = 0; k < 64; k++)
+        of[k] = -1;
+    for (int e = 0; e < sb_body_element_count(body); e++) {
+        int tet = sb_cut_cell_element(b->cut, e), part, at = 0;
+        if (!sb_body_cell_in_use(body, e))
+            continue;
+        part = body->node_component[sb_body_cell_nodes(body, e)[0]];
+        while (at < parts && of[at] != part)
+            at++;
+        if (at == parts && parts < capacity && parts < 64) {
+            of[parts] = part;
+            volumes[parts++] = 0;
+        }
+        volumes[at] += (double)sb_body_cell_share(body, e) * (double)sb_mesh_element_volume(&b->mesh, tet);
+    }
+    return parts;
+}
+
+/* Area vectors of all lips in the reference shape: their sum, and the sum of their lengths. */
+static sb_vec3 lip_areas(const block *b, double *area)
+{
+    const sb_cut *cut = b->cut;
+    sb_vec3 sum = {0, 0, 0};
+    *area = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        sbi_parted parted;
+        sb_vec3 x[4];
+        sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * tet, tet, &parted);
+        for (int a = 0; a < 4; a++)
+            x[a] = b->mesh.nodes[cut->tets[4 * tet + a]];
+        for (int micro = 0; micro < cut->lattice.micro_count; micro++) {
+            sbi_lip lips[SBI_LIPS];
+            int count = sbi_parted_lips(&parted, micro, lips);
+            for (int k = 0; k < count; k++) {
+                sb_vec3 at[3], n;
+                for (int c = 0; c < 3; c++)
+                    at[c] = sbi_lattice_place(&parted.order, lips[k].corners[c], x);
+                n = sb_v3_cross(sb_v3_sub(at[1], at[0]), sb_v3_sub(at[2], at[0]));
+                n = sb_v3_scale(n.x > 0 ? REAL(0.5) : REAL(-0.5), n);
+                sum = sb_v3_add(sum, n);
+                *area += (double)sb_v3_norm(n);
+            }
+        }
+    }
+    return sum;
+}
+
+/* Volumes of both parts and the area of the cut are those of the clipped block. */
+static void test_volumes(void)
+{
+    for (int i = 0; i < 3; i++) {
+        block_options options = block_default(intervals_of[i]);
+        block b = block_make(&options);
+        const double x = (double)block_size.x, y = (double)block_size.y, z = (double)block_size.z;
+        const double at = 0.0277, slope = 0.2, whole = x * y * z; /* the plane x = at + slope (y - y / 2) */
+        double volumes[2] = {0, 0}, area, close = scene_tolerance(5e-6, 200);
+        sb_vec3 sum;
+        block_cut_plane(&b, sb_v3(REAL(at), block_size.y / 2, block_size.z / 2), sb_v3(1, REAL(-slope), 0));
+        CHECK_INT(part_volumes(&b, volumes, 2), 2);
+        if (volumes[0] > volumes[1]) {
+            double swap = volumes[0];
+            volumes[0] = volumes[1];
+            volumes[1] = swap;
+        }
+        CHECK_NEAR(volumes[0], at * y * z, close * whole);
+        CHECK_NEAR(volumes[0] + volumes[1], whole, scene_tolerance(1e-12, 500) * whole);
+        sum = lip_areas(&b, &area);
+        CHECK_NEAR(area, y * z * sqrt(1 + slope * slope), 10 * close * y * z);
+        CHECK_NEAR(sum.x, y * z, close * y * z);
+        CHECK_NEAR(sum.y, -slope * y * z, close * y * z);
+        check_pieces(&b);
+        block_free(&b);
+    }
+}
+
+/* A slab between two planes 0.6 of an element apart at m = 2; two planes that cross, and three. */
+static void test_counts(void)
+{
+    block_options options = block_default(2);
+    block b = block_make(&options);
+    sb_vec3 middle = sb_v3(REAL(0.0303), REAL(0.0207), REAL(0.0252));
+    double h = 0.01;
+    CHECK_INT(block_cut_plane(&b, middle, sb_v3(1, 0, 0)).parts, 2);
+    middle.x += REAL(0.6 * h);
+    CHECK_INT(block_cut_plane(&b, middle, sb_v3(1, 0, 0)).parts, 3);
+    block_free(&b);
+    for (int i = 0; i < 3; i++) {
+        options = block_default(intervals_of[i]);
+        options.shake = 0;
+        b = block_make(&options);
+        middle = sb_v3(REAL(0.03), REAL(0.02), REAL(0.02)); /* through nodes */
+        CHECK_INT(block_cut_plane(&b, middle, sb_v3(1, 0, 0)).parts, 2);
+        CHECK_INT(block_cut_plane(&b, middle, sb_v3(0, 1, 0)).parts, 4);
+        CHECK_INT(block_cut_plane(&b, middle, sb_v3(0, 0, 1)).parts, 8);
+        check_pieces(&b);
+        block_step(&b, 2);
+        block_free(&b);
+    }
+}
+
+/* ---- what parts do afterwards ------------------------------------------------------------------------------------ */
+
+/* Nodes that cells of an end of the uncut block have now: 1 at most `level`, 2 beyond. */
+static int side_of(const block *b, int node, double level)
+{
+    int side = 0;
+    for (int e = 0; e < sb_body_element_count(b->body); e++) {
+        const int *nodes = sb_body_cell_nodes(b->body, e);
+        if (!sb_body_cell_in_use(b->body, e) || b->body->node_component[nodes[0]] != b->body->node_component[node])
+            continue;
+        for (int a = 0; a < 4; a++) { /* a node that is in the material at its place */
+            int tet = sb_cut_cell_element(b->cut, e);
+            if (nodes[a] == b->cut->tets[4 * tet + a]) {
+                double x = (double)b->mesh.nodes[nodes[a]].x;
+                side = x < 1e-9 ? 1 : x > level ? 2 : side;
+            }
+        }
+        if (side)
+            return side;
+    }
+    return side;
+}
+
+/* Cut through and pulled apart, neither part resists. */
+static void test_stretch(void)
+{
+    for (int i = 0; i < 3; i++) {
+        block_options options = block_default(intervals_of[i]);
+        block b = block_make(&options);
+        sb_static_options solve = sb_default_static_options();
+        sb_vec3 pull = {REAL(0.004), 0, 0};
+        double most = 0, whole;
+        solve.tolerance = REAL(scene_tolerance(1e-10, 1000));
+        scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+        scene_fix_plane(b.body, &b.mesh, 0, (double)block_size.x, SB_XYZ);
+        block_cut_plane(&b, sb_v3(REAL(0.0277), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.3), REAL(0.1)));
+        for (int n = 0; n < b.mesh.node_count; n++)
+            if (b.mesh.nodes[n].x > REAL(0.9999) * block_size.x)
+                CHECK_OK(sb_body_prescribe(b.body, &n, 1, SB_XYZ, &pull, 1));
+        CHECK_OK(sb_body_solve_static(b.body, &solve, NULL));
+        for (int n = 0; n < sb_body_node_count(b.body); n++)
+            most = fmax(most, (double)sb_v3_norm(sb_body_reactions(b.body)[n]));
+        whole = 5000 * (double)pull.x / (double)block_size.x * (double)(block_size.y * block_size.z);
+        CHECK_NEAR(most, 0, scene_tolerance(1e-9, 2000) * whole);
+        for (int n = 0; n < sb_body_node_count(b.body); n++) {
+            double u = (double)sb_body_displacements(b.body)[n].x;
+            if (b.body->node_component[n] >= 0)
+                CHECK_NEAR(u, side_of(&b, n, 0.05) == 2 ? (double)pull.x : 0,
+                           scene_tolerance(1e-9, 2000) * (double)pull.x);
+        }
+        block_free(&b);
+    }
+}
+
+/* A part that nothing holds falls as one: g t (t + dt) / 2 of implicit Euler. */
+static void test_fall(void)
+{
+    block_options options = block_default(2);
+    block b = block_make(&options);
+    const double dt = 0.005, steps = 20, g = 9.81, t = steps * dt;
+    double tolerance = scene_tolerance(1e-9, 1e4) * g * t * t;
+    sb_vec3 first = {0, 0, 0};
+    int found = 0;
+    CHECK_OK(sb_body_set_solver(b.body, REAL(SB_REAL_IS_FLOAT ? 1e-5 : 1e-12), 2000));
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_cut_plane(&b, sb_v3(REAL(0.0277), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.3), REAL(0.1)));
+    CHECK_OK(sb_body_set_gravity(b.body, sb_v3(0, 0, REAL(-g))));
+    block_step(&b, (int)steps);
+    for (int n = 0; n < sb_body_node_count(b.body); n++) {
+        sb_vec3 u = sb_body_displacements(b.body)[n];
+        if (b.body->node_component[n] < 0 || side_of(&b, n, 0.05) != 2)
+            continue;
+        first = found++ ? first : u;
+        CHECK_NEAR(u.z, -g * t * (t + dt) / 2, tolerance);
+        CHECK_NEAR(sb_v3_norm(sb_v3_sub(u, first)), 0, tolerance);
+    }
+    CHECK(found > 20);
+    block_free(&b);
+}
+
+/* 1 when a piece with this corner keeps some of a face whose nodes all lie at x = 0. */
+static int keeps_held_face(const block *b, int node)
+{
+    const sb_cut *cut = b->cut;
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        const int *corners = cut->tets + 4 * tet;
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+            const int *nodes = sb_body_cell_nodes(b->body, cut->pieces[piece].cell);
+            for (int face = 0; face < 4; face++) {
+                int local[SB_MAX_FACE_NODES], has = 0, at_zero = 1;
+                sb_element_face(SB_TET4, face, local, NULL);
+                for (int k = 0; k < 3; k++) {
+                    has |= nodes[local[k]] == node;
+                    at_zero &= b->mesh.nodes[corners[local[k]]].x < REAL(1e-6);
+                }
+                if (has && at_zero && (cut->pieces[piece].points & cut->lattice.face_points[face]))
+                    return 1;
+            }
+        }
+    }
+    return 0;
+}
+
+/* Copies are held where their pieces keep some of a held face, and not where the cut only passes by. */
+static void test_supports(void)
+{
+    for (int i = 0; i < 3; i++) {
+        block_options options = block_default(intervals_of[i]);
+        block b = block_make(&options);
+        int held = 0, loose = 0;
+        scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+        block_cut_plane(&b, sb_v3(REAL(0.03), REAL(0.0213), REAL(0.025)), sb_v3(0, 1, 0)); /* through the held face */
+        for (int n = b.mesh.node_count; n < sb_body_node_count(b.body); n++) {
+            int origin = sb_cut_node_origin(b.cut, n), is_held = sb_body_supports(b.body)[n] == SB_XYZ;
+            if (origin < 0 || b.body->node_component[n] < 0)
+                continue;
+            CHECK_INT(is_held, keeps_held_face(&b, n));
+            CHECK(!is_held || b.mesh.nodes[origin].x < REAL(1e-6));
+            held += is_held;
+            loose += !is_held;
+        }
+        CHECK(held > 3 && loose > 10);
+        block_free(&b);
+        b = block_make(&options);
+        scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+        block_cut_plane(&b, sb_v3(REAL(0.004), REAL(0.02), REAL(0.025)), sb_v3(1, 0, 0)); /* along it */
+        for (int n = b.mesh.node_count; n < sb_body_node_count(b.body); n++)
+            if (sb_cut_node_origin(b.cut, n) >= 0 && b.body->node_component[n] >= 0)
+                CHECK_INT(sb_body_supports(b.body)[n], 0);
+        block_free(&b);
+    }
+}
+
+/* ---- cuts at random ---------------------------------------------------------------------------------------------- */
+
+/* A blade's way: a strip of quads about a random line. */
+static int strip_random(sb_vec3 *triangles, unsigned long long *seed)
+{
+    enum { QUADS = 3 };
+    sb_vec3 from = vector_in(-0.01, 0.06, seed), along = vector_in(-0.02, 0.02, seed);
+    sb_vec3 edge = vector_in(-0.04, 0.04, seed);
+    for (int q = 0; q < QUADS; q++) {
+        sb_vec3 turn = sb_v3_add(edge, vector_in(-0.004, 0.004, seed)), to = sb_v3_add(from, along);
+        sb_vec3 corners[4];
+        corners[0] = from;
+        corners[1] = to;
+        corners[2] = sb_v3_add(to, turn);
+        corners[3] = sb_v3_add(from, edge);
+        for (int k = 0; k < 6; k++)
+            triangles[6 * q + k] = corners[k < 3 ? k : k == 3 ? 0 : k - 2];
+        from = to;
+        edge = turn;
+    }
+    return 2 * QUADS;
+}
+
+static void test_random_cuts(void)
+{
+    unsigned long long seed = 3;
+    int rounds = check_quick() ? 1 : check_rounds(5), strokes = 12;
+    for (int i = 0; i < 3; i++)
+        for (int round = 0; round < rounds; round++) {
+            block_options options = block_default(intervals_of[i]);
+            block b = block_make(&options);
+            size_t size = sb_body_state_size(b.body);
+            void *state = malloc(size);
+            uint64_t hash;
+            sb_error error;
+            block_shake(&b);
+            block_step(&b, 3);
+            CHECK_OK(sb_body_state_save(b.body, state, size));
+            hash = sb_body_state_hash(b.body);
+            for (int stroke = 0; stroke < strokes; stroke++) {
+                sb_vec3 triangles[18];
+                int count = strip_random(triangles, &seed);
+                totals before = totals_of(&b), after;
+                sb_cut_info info = block_cut(&b, triangles, count);
+                after = totals_of(&b);
+                CHECK_INT(info.parts, b.body->component_count);
+                check_pieces(&b);
+                check_totals(&before, &after);
+                block_step(&b, 1);
+            }
+            if (!CHECK_OK(sb_body_state_load(b.body, state, size, &error)))
+                printf("%s\n", error.message);
+            CHECK(sb_body_state_hash(b.body) == hash);
+            CHECK_OK(sb_body_live_check(b.body, NULL));
+            free(state);
+            block_free(&b);
+        }
+}
+
+/* ---- the same again ---------------------------------------------------------------------------------------------- */
+
+static uint64_t run_strokes(block *b, int frames)
+{
+    unsigned long long seed = 9;
+    for (int i = 0; i < frames; i++) {
+        sb_vec3 triangles[18];
+        int count = strip_random(triangles, &seed);
+        if (i % 4 == 0)
+            block_cut(b, triangles, count);
+        block_step(b, 1);
+    }
+    return sb_body_state_hash(b->body);
+}
+
+/* States saved, threads and recordings give the same bits. */
+static void test_same_bits(void)
+{
+    block_options options = block_default(2);
+    block b = block_make(&options), again = block_make(&options);
+    size_t size = sb_body_state_size(b.body);
+    void *state = malloc(size);
+    sb_recording *recording = NULL;
+    sb_recording_report report;
+    uint64_t hash;
+    int frames = check_quick() ? 12 : 60;
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_shake(&b);
+    CHECK_OK(sb_body_state_save(b.body, state, size));
+    CHECK_OK(sb_recording_start(b.body, 0, NULL, &recording, NULL));
+    hash = run_strokes(&b, frames);
+    sb_recording_stop(recording);
+    if (!CHECK_OK(sb_recording_replay(recording, again.body, &report)))
+        printf("%s, step %d\n", report.error.message, report.step);
+    CHECK(sb_body_state_hash(again.body) == hash);
+    CHECK_OK(sb_body_state_load(b.body, state, size, NULL));
+    sb_cut_destroy(b.cut);
+    block_cut_create(&b, 2);
+    CHECK(run_strokes(&b, frames) == hash);
+    sb_recording_destroy(recording);
+    free(state);
+    block_free(&b);
+    block_free(&again);
+}
+
+/* Any number of threads gives the same bits. */
+static void test_threads(void)
+{
+    static const int workers_of[5] = {1, 2, 3, 7, 16};
+    uint64_t first = 0;
+    for (int k = 0; k < 5; k++) {
+        int workers = workers_of[k];
+        block_options options = block_default(2);
+        sb_body_def def = sb_default_body_def();
+        block b;
+        uint64_t hash;
+        memset(&b, 0, sizeof b);
+        b.mesh = scene_box(SB_TET4, options.nx, options.ny, options.nz, block_size, options.shake);
+        def.mesh = &b.mesh;
+        def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
+        def.slack = 1;
+        def.jobs = scene_jobs(&workers);
+        b.body = scene_body(&def);
+        block_cut_create(&b, 2);
+        block_shake(&b);
+        hash = run_strokes(&b, 9);
+        first = k ? first : hash;
+        CHECK(hash == first);
+        block_free(&b);
+    }
+}
+
+/* ---- what fails, and what it costs ------------------------------------------------------------------------------- */
+
+/* A small block whose memory is counted. */
+static block counted_block(scene_memory *memory, int nx, double slack)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_cut_def cut = sb_default_cut_def();
+    block b;
+    memset(&b, 0, sizeof b);
+    b.mesh = scene_box(SB_TET4, nx, 2, 2, block_size, 0);
+    def.mesh = &b.mesh;
+    def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
+    def.slack = REAL(slack);
+    def.allocator = scene_allocator(memory);
+    b.body = scene_body(&def);
+    cut.body = b.body;
+    cut.allocator = def.allocator;
+    CHECK_OK(sb_cut_create(&cut, &b.cut, NULL));
+    return b;
+}
+
+/* Every allocation of a call fails in turn: nothing has happened then, and the same call does it later. */
+static void test_no_memory(void)
+{
+    uint64_t expected = 0;
+    for (int fail = 0, done = 0; !done && fail < 400; fail++) {
+        scene_memory memory = {0, 0, 0, 0};
+        block b = counted_block(&memory, 3, 0.01);
+        sb_vec3 triangles[6];
+        uint64_t before = sb_body_state_hash(b.body);
+        sb_result result;
+        square_make(sb_v3(REAL(0.031), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.2), REAL(0.1)), 0.1, triangles);
+        memory.fail_at = fail ? memory.calls + fail : 0;
+        result = sb_cut_triangles(b.cut, triangles, 2, NULL, NULL);
+        memory.fail_at = 0;
+        done = fail && result == SB_OK;
+        if (result != SB_OK) {
+            CHECK_RESULT(result, SB_ERROR_MEMORY);
+            CHECK(sb_body_state_hash(b.body) == before);
+            CHECK_INT(b.cut->links.count, 0);
+            CHECK_INT(b.cut->piece_count, b.cut->tet_count);
+            check_pieces(&b);
+            CHECK_OK(sb_cut_triangles(b.cut, triangles, 2, NULL, NULL));
+        }
+        expected = fail ? expected : sb_body_state_hash(b.body);
+        CHECK(sb_body_state_hash(b.body) == expected);
+        CHECK_INT(b.body->component_count, 2);
+        check_pieces(&b);
+        block_step(&b, 1);
+        block_free(&b);
+        CHECK_INT(memory.live, 0);
+        CHECK(done || fail < 399);
+    }
+}
+
+/* Frames within the slack allocate nothing, whether they cut or not. */
+static void test_no_allocation(void)
+{
+    unsigned long long seed = 21;
+    scene_memory memory = {0, 0, 0, 0};
+    block b = counted_block(&memory, 8, 20);
+    int frames = check_quick() ? 30 : 300, calls, cut = 0;
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_step(&b, 1);
+    calls = memory.calls;
+    for (int i = 0; i < frames; i++) {
+        sb_vec3 triangles[18];
+        int count = strip_random(triangles, &seed);
+        for (int k = 0; k < 3 * count && i % 15; k++) /* most pass beside it */
+            triangles[k].z += REAL(0.3);
+        cut += block_cut(&b, triangles, count).cells > 0;
+        block_step(&b, 1);
+    }
+    CHECK(cut > (check_quick() ? 0 : 5));
+    CHECK_INT(memory.calls, calls);
+    check_pieces(&b);
+    block_free(&b);
+}
+
+static void test_mistakes(void)
+{
+    block_options options = block_default(2);
+    block b = block_make(&options);
+    sb_vec3 triangles[6];
+    sb_cut_def def = sb_default_cut_def();
+    sb_cut *other = NULL;
+    sb_error error;
+    uint64_t hash = sb_body_state_hash(b.body);
+    sb_cut_info info;
+    square_make(sb_v3(REAL(1e6), REAL(0.02), 0), sb_v3(1, 0, 0), 0.2, triangles); /* far away */
+    CHECK_INT(block_cut(&b, triangles, 2).links, 0);
+    for (int k = 0; k < 6; k++)
+        triangles[k] = sb_v3(REAL(0.03), REAL(0.001 * k), REAL(0.001 * k)); /* in a line */
+    CHECK_INT(block_cut(&b, triangles, 2).links, 0);
+    CHECK_INT(block_cut(&b, NULL, 0).links, 0);
+    CHECK_RESULT(sb_cut_triangles(b.cut, NULL, 1, NULL, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_cut_triangles(b.cut, triangles, -1, NULL, &error), SB_ERROR_ARGUMENT);
+    check_bad_numbers();
+    triangles[4].y = REAL(NAN);
+    CHECK_RESULT(sb_cut_triangles(b.cut, triangles, 2, &info, &error), SB_ERROR_NOT_FINITE);
+    CHECK(sb_body_state_hash(b.body) == hash);
+    def.body = b.body;
+    def.lattice = 3;
+    CHECK_RESULT(sb_cut_create(&def, &other, &error), SB_ERROR_ARGUMENT);
+    def.lattice = 1;
+    block_cut_plane(&b, sb_v3(REAL(0.03), REAL(0.02), REAL(0.025)), sb_v3(1, 0, 0));
+    CHECK_RESULT(sb_cut_create(&def, &other, &error), SB_ERROR_STATE);
+    scene_remove_cells(b.body); /* somebody else */
+    CHECK_RESULT(sb_cut_triangles(b.cut, triangles, 0, NULL, &error), SB_ERROR_STATE);
+    CHECK_INT(sb_cut_node_origin(b.cut, 0), -1);
+    sb_body_destroy(b.body);
+    b.body = NULL;
+    CHECK_RESULT(sb_cut_triangles(b.cut, triangles, 0, NULL, &error), SB_ERROR_STATE);
+    block_free(&b);
+}
+
+/* A body that is inside out in places can be cut. */
+static void test_inverted(void)
+{
+    unsigned long long seed = 27;
+    block_options options = block_default(2);
+    block b = block_make(&options);
+    sb_material material = sb_material_corotated_invertible(REAL(5000), REAL(0.4), 1000);
+    sb_vec3 *u = (sb_vec3 *)calloc((size_t)sb_body_node_count(b.body), sizeof *u);
+    CHECK_OK(sb_body_set_material(b.body, &material, NULL));
+    for (int n = 0; n < b.mesh.node_count; n++)
+        u[n] = vector_in(-0.02, 0.02, &seed);
+    CHECK_OK(sb_body_set_displacements(b.body, u));
+    block_cut_plane(&b, sb_v3(REAL(0.03), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.1), 0));
+    check_pieces(&b);
+    block_step(&b, 3);
+    CHECK(scene_all_finite(sb_body_positions(b.body), sb_body_node_count(b.body)));
+    free(u);
+    block_free(&b);
+}
+
+/* Explicit bodies keep their step and stay bounded. */
+static void test_explicit(void)
+{
+    block_options options = block_default(2);
+    block b;
+    sb_real uncut = 0, cut = 0;
+    totals before, after;
+    options.integrator = SB_CENTRAL_DIFFERENCE;
+    b = block_make(&options);
+    CHECK_OK(sb_body_stable_step(b.body, &uncut, NULL));
+    block_shake_at(&b, 0.2);
+    block_step(&b, 2);
+    before = totals_of(&b);
+    block_cut_plane(&b, sb_v3(REAL(0.0277), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.3), REAL(0.1)));
+    after = totals_of(&b);
+    check_totals(&before, &after);
+    CHECK_OK(sb_body_stable_step(b.body, &cut, NULL));
+    if (!CHECK(cut >= REAL(0.3) * uncut))
+        printf("%g of %g\n", (double)cut, (double)uncut);
+    block_step(&b, 40);
+    after = totals_of(&b);
+    CHECK(after.kinetic + after.elastic < 1.2 * (before.kinetic + before.elastic));
+    block_free(&b);
+}
+
+CHECK_SUITE(cut, {"a plane parts a shaking block", test_plane}, {"volumes and areas of clipped blocks", test_volumes},
+            {"slabs and crossing planes", test_counts}, {"cut through, nothing resists", test_stretch},
+            {"a loose part falls as one", test_fall}, {"supports of copies", test_supports},
+            {"random cuts change no totals", test_random_cuts}, {"states and recordings", test_same_bits},
+            {"threads give the same bits", test_threads}, {"every allocation fails in turn", test_no_memory},
+            {"frames within the slack allocate nothing", test_no_allocation}, {"mistakes are named", test_mistakes},
+            {"a body that is inside out", test_inverted}, {"explicit steps stay long", test_explicit});
