@@ -459,6 +459,10 @@ static void test_supports(void)
             loose += !is_held;
         }
         CHECK(held > 3 && loose > 10);
+        block_cut_plane(&b, sb_v3(REAL(0.0047), REAL(0.02), REAL(0.025)), sb_v3(1, 0, 0)); /* and off it */
+        for (int n = b.mesh.node_count; n < sb_body_node_count(b.body); n++)
+            if (sb_cut_node_origin(b.cut, n) >= 0 && b.body->node_component[n] >= 0)
+                CHECK_INT(sb_body_supports(b.body)[n] == SB_XYZ, keeps_held_face(&b, n));
         block_free(&b);
         b = block_make(&options);
         scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
