@@ -187,18 +187,19 @@ SLOW = -step/10,000 -step/1,000 -reference -contact_series $(patsubst tests/test
 	-grid/badly -grid/weighted -grid/convergence -grid/stretched -grid/bars -match/livers -nicp/livers -loads/livers
 QUICK = $(or $(FILTER),$(SLOW))
 # Long too, and left to make check by make test.
-SLOWER = -body/quasi -bbar/violence -checkpoint/continues -cloud/smooth -contact/balance -contact/grip -contact/hertz -contact/slide \
-	-contact_hostile/fall -contact_hostile/materials -contact_hostile/squeezed -contact_hung/dragged -contact_hung/springs \
-	-contact_organ -contact_pairs/folded -contact_pairs/incline -contact_pairs/patch -contact_pairs/thrown \
-	-contact_pairs/undo -contact_pairs/weight -contact_state/forged -contact_state/no -contact_state/saved \
-	-contact_state/threads -contact_state/undo -contact_static/Hertz -contact_substeps/squeezed -contact_sweep/on \
-	-couple/rest -forged/changed -guest/joint -integrators/explicit -integrators/orders -live_mesh/iterations -load/1,000 \
-	-mesh/hostile -modes/references -multigrid/bodies -multigrid/jumps -multigrid/slivers -multigrid/weighted \
-	-needle/no -needle/steps -needle_control/random -needle_materials -needle_programs/the -needle_programs/a \
-	-parts/of -parts/parts -remesh/allocations -schemes/300 -schemes/one -state/continues -step/linearised \
-	-step/momentum -step/Newmark -step/scale -step_guest/elements -step_guest/materials -stuffing/plates \
-	-stuffing/random -stuffing/side -stuffing/surfaces -stuffing/thin -stuffing/threads -surface/check \
-	-viscoelastic/static -viscoelastic/violence
+SLOWER = -bbar/violence -body/quasi -checkpoint/continues -cloud/smooth -contact/balance -contact/grip -contact/hertz \
+	-contact/slide -contact_hostile/fall -contact_hostile/materials -contact_hostile/squeezed -contact_hung/dragged \
+	-contact_hung/springs -contact_needle/balance -contact_organ -contact_pairs/folded -contact_pairs/incline \
+	-contact_pairs/patch -contact_pairs/thrown -contact_pairs/undo -contact_pairs/weight -contact_state/forged \
+	-contact_state/no -contact_state/saved -contact_state/threads -contact_state/undo -contact_static/Hertz \
+	-contact_substeps/random -contact_substeps/squeezed -contact_sweep/on -couple/rest -cut_lattice/planes \
+	-forged/changed -guest/joint -integrators/explicit -integrators/orders -live_mesh/iterations -live_pieces/slivers \
+	-load/1,000 -mesh/hostile -modes/references -multigrid/bodies -multigrid/jumps -multigrid/slivers -multigrid/weighted \
+	-needle/no -needle/steps -needle_control/random -needle_materials -needle_programs/a -needle_programs/the -parts/of \
+	-parts/parts -remesh/allocations -schemes/300 -schemes/one -state/continues -step/Newmark -step/linearised \
+	-step/momentum -step/scale -step_guest/elements -step_guest/materials -stuffing/plates -stuffing/random \
+	-stuffing/side -stuffing/surfaces -stuffing/thin -stuffing/threads -surface/check -viscoelastic/static \
+	-viscoelastic/violence
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
