@@ -39,6 +39,8 @@
  *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
  *   and a pressure on a face that is cut acts on each piece of its element in full.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
+ * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
+ *   cut.
  * - A cut that parts no element is not in the body's state, and stays when an earlier state is loaded.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the
  *   lattice by a sixteenth of an edge, for masses and stiffness (0.28 to 0.34 of the uncut step in eight random
