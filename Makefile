@@ -210,8 +210,9 @@ SNIPPET_CFLAGS = -O0
 SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
 
-PROGRAM_TESTS = "$(TOOL_TEST)" "$(SNIPPETS)" "tests/case.sh build/programs/case_solve build/case_test" \
-	"tests/examples.sh build/programs build/examples_test" $(CORPUS_TESTS)
+# The longest first, so that others run beside it.
+PROGRAM_TESTS = "tests/examples.sh build/programs build/examples_test" "$(TOOL_TEST)" "$(SNIPPETS)" \
+	"tests/case.sh build/programs/case_solve build/case_test" $(CORPUS_TESTS)
 tested: build/double/tests build/amalgamate build/fuzz/plain $(PROGRAMS)
 
 # What a user waits for: built and run on all cores, long loops cut short, the slowest tests left to make check. -O1 unless
@@ -220,7 +221,7 @@ ifeq ($(FILTER),)
 test:
 	@$(MAKE) --no-print-directory -j$$(nproc) tested $(if $(filter file,$(origin CFLAGS)),CFLAGS=-O1)
 	CHECK_QUICK=1 CHECK_SHORT=1 TOTAL_JOBS=$$(nproc) tests/total.sh \
-	    $(foreach part,1/4 2/4 3/4 4/4,"build/double/tests $(part) $(SLOW) $(SLOWER)") $(PROGRAM_TESTS)
+	    $(PROGRAM_TESTS) $(foreach part,1/4 2/4 3/4 4/4,"build/double/tests $(part) $(SLOW) $(SLOWER)")
 else
 test: build/double/tests
 	build/double/tests $(FILTER)
