@@ -2,7 +2,7 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double without the slowest, 3 to 4 minutes on two cores
+#   make test       the tests in double without the slowest, 3 minutes on two cores
 #   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -218,7 +218,8 @@ PROGRAM_TESTS = "$(EXAMPLE_TEST)" $(SHORT_PROGRAM_TESTS)
 tested: build/double/tests build/amalgamate build/fuzz/plain $(PROGRAMS)
 
 # What a user waits for: built and run on all cores, the longest pieces first so that no core waits for another, long loops
-# cut short, the slowest tests left to make check. -O1 unless CFLAGS are given: the implementation takes half as long to compile, tests hardly longer.
+# cut short, the slowest tests left to make check. -O1 unless CFLAGS are given: the implementation takes half as long to
+# compile, tests hardly longer.
 ifeq ($(FILTER),)
 test:
 	@$(MAKE) --no-print-directory -j$$(nproc) tested $(if $(filter file,$(origin CFLAGS)),CFLAGS=-O1)
