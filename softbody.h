@@ -5953,9 +5953,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * - tet4. Slices much thinner than a link fall into crumbs.
  * - A stroke that is made by several calls while the tissue moves may leave single links uncut between them, and so
  *   threads of tissue. Cut in one call what must part.
- * - Lengths are resolved to 4e-6 of the box around the whole body. Parts that fall away without end make that coarse:
- *   when one is 500 times as far off as the body is large, volumes are a percent or more wrong; at 5,000 times nothing
- *   is cut. Let them land.
+ * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
+ *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
  *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
  *   and a pressure on a face that is cut acts on each piece of its element in full.
@@ -68761,6 +68760,16 @@ struct sb_cut {
     int made_nodes, made_cells;
 };
 
+typedef struct sbi_cut_box {
+    sb_vec3 low, high;
+} sbi_cut_box;
+
+enum { SBI_CUT_ALL_PARTS = -1 };
+SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
+{
+    return part == SBI_CUT_ALL_PARTS || cut->body->node_component[node] == part;
+}
+
 enum { SBI_CUT_TOUCHED = 1, SBI_CUT_PARTED = 2, SBI_CUT_NEAR = 4 };
 
 /* Room for `more` items behind those that are there; 0: no memory. */
@@ -68770,9 +68779,9 @@ SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more);
 SBI_API void sbi_cut_list_set(sbi_cut_list *list, int at, int value);
 /* Room for so many more links; 0: no memory. */
 SBI_API int sbi_cut_reserve_links(sb_cut *cut, int more);
-/* Cuts the links that the blades cross in the body's present shape, and lists the tets around them as touched. 0: no
- * memory, and links are to be taken back. */
-SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame);
+/* Cuts the links of a connected part, or of all, that the blades cross in the body's present shape, and lists the tets
+ * around them as touched. 0: no memory, and links are to be taken back. */
+SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part);
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
@@ -68976,7 +68985,7 @@ static int sbi_cut_is_within(const sb_vec3 x[4], const double low[3], const doub
            (double)to.x >= low[0] && (double)to.y >= low[1] && (double)to.z >= low[2];
 }
 
-SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame)
+SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part)
 {
     const sb_vec3 *x = sb_body_positions(cut->body);
     double low[3], high[3];
@@ -68985,6 +68994,8 @@ SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame)
         for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
             const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
             sbi_cut_shape shape;
+            if (!sbi_cut_is_of(cut, nodes[0], part))
+                continue;
             for (int a = 0; a < 4; a++)
                 shape.corners[a] = x[nodes[a]];
             if (!sbi_cut_is_within(shape.corners, low, high))
@@ -69640,22 +69651,24 @@ static sb_result sbi_cut_check_call(const sb_cut *cut, const sb_vec3 *triangles,
     return SB_OK;
 }
 
-/* A frame about the body as it is now. */
-static void sbi_cut_take_frame(const sb_cut *cut, sbi_crossing_frame *frame)
+/* How many times as large as at rest a body may be for one frame to resolve all of it. */
+#define SBI_CUT_SPREAD ((sb_real)8)
+
+/* The box at x of the nodes in use of a part, or of all parts. */
+static sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part)
 {
-    const sb_vec3 *x = sb_body_positions(cut->body);
-    sb_vec3 low = {0, 0, 0}, high = {0, 0, 0};
+    sbi_cut_box box = {{0, 0, 0}, {0, 0, 0}};
     int first = 1;
     for (int i = 0; i < sb_body_node_count(cut->body); i++) {
-        if (!sb_body_node_in_use(cut->body, i))
+        if (!sb_body_node_in_use(cut->body, i) || !sbi_cut_is_of(cut, i, part))
             continue;
         if (first)
-            low = high = x[i];
+            box.low = box.high = x[i];
         first = 0;
-        low = sb_v3(sb_min(low.x, x[i].x), sb_min(low.y, x[i].y), sb_min(low.z, x[i].z));
-        high = sb_v3(sb_max(high.x, x[i].x), sb_max(high.y, x[i].y), sb_max(high.z, x[i].z));
+        box.low = sb_v3(sb_min(box.low.x, x[i].x), sb_min(box.low.y, x[i].y), sb_min(box.low.z, x[i].z));
+        box.high = sb_v3(sb_max(box.high.x, x[i].x), sb_max(box.high.y, x[i].y), sb_max(box.high.z, x[i].z));
     }
-    sbi_crossing_frame_make(low, high, frame);
+    return box;
 }
 
 static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, const sb_vec3 *triangles, int count)
@@ -69673,16 +69686,39 @@ static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, con
     return 1;
 }
 
-SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+/* Cuts the links of a part, or of all parts, in a frame about what lies in the box; 0: no memory. */
+static int sbi_cut_sweep_box(sb_cut *cut, const sbi_cut_box *box, int part, const sb_vec3 *triangles, int count)
 {
     sbi_crossing_frame frame;
+    sbi_crossing_frame_make(box->low, box->high, &frame);
+    return sbi_cut_take_blades(cut, &frame, triangles, count) && sbi_cut_sweep(cut, &frame, part);
+}
+
+/* Cuts links in one frame for all the body; where parts of it have gone far apart, in one for each part, which no link
+ * leaves: otherwise the distance between them would take the digits that a cut needs. 0: no memory. */
+static int sbi_cut_sweep_body(sb_cut *cut, const sb_vec3 *triangles, int count)
+{
+    const sb_vec3 *x = sb_body_positions(cut->body);
+    sbi_cut_box now = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
+    sbi_cut_box rest = sbi_cut_box_of(cut, sb_body_rest_positions(cut->body), SBI_CUT_ALL_PARTS);
+    int parts = cut->body->component_count, swept = 1;
+    if (sb_v3_norm(sb_v3_sub(now.high, now.low)) <= SBI_CUT_SPREAD * sb_v3_norm(sb_v3_sub(rest.high, rest.low)))
+        return sbi_cut_sweep_box(cut, &now, SBI_CUT_ALL_PARTS, triangles, count);
+    for (int part = 0; part < parts && swept; part++) {
+        now = sbi_cut_box_of(cut, x, part);
+        swept = sbi_cut_sweep_box(cut, &now, part, triangles, count);
+    }
+    return swept;
+}
+
+SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+{
     int links;
     sb_result result = sbi_cut_check_call(cut, triangles, count, error);
     if (result != SB_OK)
         return result;
     links = cut->links.count;
-    sbi_cut_take_frame(cut, &frame);
-    if (!sbi_cut_take_blades(cut, &frame, triangles, count) || !sbi_cut_sweep(cut, &frame)) {
+    if (!sbi_cut_sweep_body(cut, triangles, count)) {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
         sbi_cut_clear(cut);
     } else

@@ -32,9 +32,8 @@
  * - tet4. Slices much thinner than a link fall into crumbs.
  * - A stroke that is made by several calls while the tissue moves may leave single links uncut between them, and so
  *   threads of tissue. Cut in one call what must part.
- * - Lengths are resolved to 4e-6 of the box around the whole body. Parts that fall away without end make that coarse:
- *   when one is 500 times as far off as the body is large, volumes are a percent or more wrong; at 5,000 times nothing
- *   is cut. Let them land.
+ * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
+ *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
  *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
  *   and a pressure on a face that is cut acts on each piece of its element in full.
