@@ -32,7 +32,7 @@
  * - tet4. Slices much thinner than a link fall into crumbs.
  * - A stroke that is made by several calls while the tissue moves may leave single links uncut between them, and so
  *   threads of tissue. Cut in one call what must part.
- * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
+ * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
  *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
@@ -55,6 +55,7 @@ typedef struct sb_cut_def {
     sb_body *body; /* borrowed, made with slack > 0, of tet4; its mesh now is the uncut one */
     int lattice;   /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
                     * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
+    int max_strokes; /* that are under way at once, >= 0; default 4 */
     sb_allocator allocator;
     unsigned cookie; /* of sb_default_cut_def */
 } sb_cut_def;
@@ -63,6 +64,7 @@ SB_API sb_cut_def sb_default_cut_def(void);
 /* What a call has done. */
 typedef struct sb_cut_info {
     int links;        /* cut by it */
+    int ringed;       /* of these, cut because blades had passed all around them */
     int cells, nodes; /* made by it */
     int parts;        /* that the body is in now */
 } sb_cut_info;
@@ -79,6 +81,21 @@ SB_API void sb_cut_destroy(sb_cut *cut);
  * what sb_body_change_commit says. Between steps only. Allocates nothing while slack and room last; costs a pass over
  * the cells for each triangle (12,000 tets: 18 us for each) and, where cells are parted, a change of the mesh. */
 SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
+/* Begins a stroke of a blade.
+ * edge    [count] corners of the blade's edge, where it is now (m); 2 or more. It cuts nothing yet
+ * *stroke is its number
+ * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above, or def.max_strokes are under way),
+ * SB_ERROR_MEMORY. Allocates nothing while edges go through some 200 faces of elements at most. */
+SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *stroke, sb_error *error);
+/* Moves the blade: what lies between where its edge was in the tissue, which may have moved since, and where it is now is
+ * cut. Once a frame, between steps; also where the blade rests and the tissue moves.
+ * edge    as many corners as at the beginning, where they are now (m)
+ * info    may be NULL
+ * On failure body, cut and stroke are as they were, and the next move goes on from the last good one: SB_ERROR_INDEX (no
+ * such stroke), and as sb_cut_triangles. */
+SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error);
+/* Ends a stroke; one that is not under way is fine. */
+SB_API void sb_cut_end(sb_cut *cut, int stroke);
 /* Node of the uncut mesh that a node is a copy of, or itself; -1: none. Of elements: the one that a cell is of. */
 SB_API int sb_cut_node_origin(const sb_cut *cut, int node);
 SB_API int sb_cut_cell_element(const sb_cut *cut, int cell);
