@@ -431,7 +431,8 @@ static void test_signs(void)
     int rounds = check_quick() ? 20000 : check_rounds(1000000), crossings = 0, different = 0, unlike = 0;
     for (int i = 0; i < rounds; i++) {
         int limit = i % 2 ? 1 << 17 : 2; /* as large as long double can do; small ones: full of ties */
-        sbi_int3 corners[3], turned[3], large[3], by = point_random(SBI_CROSSING_TISSUE / 2, &seed), p = point_random(limit, &seed), r = point_random(limit, &seed);
+        sbi_int3 corners[3], turned[3], large[3], by = point_random(SBI_CROSSING_TISSUE / 2, &seed),
+                                                  p = point_random(limit, &seed), r = point_random(limit, &seed);
         sbi_blade blade, back;
         sb_real t = -1, s = -1;
         int crosses, expected;

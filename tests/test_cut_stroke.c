@@ -130,7 +130,8 @@ static void test_rest(void)
                 p = b.mesh.nodes[at[0]], q = b.mesh.nodes[at[1]];
                 CHECK_INT((p.x == q.x) + (p.y == q.y) + (p.z == q.z), 2);
                 CHECK_INT((p.x == 0 || p.x == block_size.x) + (p.y == 0 || p.y == block_size.y) +
-                              (p.z == 0 || p.z == block_size.z) >= 2,
+                                  (p.z == 0 || p.z == block_size.z) >=
+                              2,
                           1);
             }
             block_free(&b);
@@ -163,7 +164,8 @@ static void test_ring(void)
             for (int keeps_rings = 0; keeps_rings < 2; keeps_rings++) {
                 block_options options = block_default(intervals_of[i]);
                 sb_vec3 triangles[24];
-                int count = plane_with_hole(sb_v3(REAL(0.0313), REAL(places[k][0]), REAL(places[k][1])), 1e-3, triangles);
+                int count =
+                    plane_with_hole(sb_v3(REAL(0.0313), REAL(places[k][0]), REAL(places[k][1])), 1e-3, triangles);
                 sb_cut_info info;
                 block b;
                 options.shake = 0;
@@ -664,10 +666,10 @@ static void test_first_triangle(void)
 }
 
 CHECK_SUITE(cut_stroke, {"shaking blocks part in two", test_shaking}, {"cuts at rest close no rings", test_rest},
-            {"a link in a ring", test_ring},
-            {"a blade at rest cuts what moves", test_resting_blade}, {"one call or many", test_frames},
-            {"beside the body", test_beside}, {"states", test_states}, {"cuts that part nothing", test_unparted},
-            {"damaged states", test_bad_states}, {"recordings", test_recording}, {"threads", test_threads},
+            {"a link in a ring", test_ring}, {"a blade at rest cuts what moves", test_resting_blade},
+            {"one call or many", test_frames}, {"beside the body", test_beside}, {"states", test_states},
+            {"cuts that part nothing", test_unparted}, {"damaged states", test_bad_states},
+            {"recordings", test_recording}, {"threads", test_threads},
             {"every allocation fails in turn", test_no_memory}, {"no allocation", test_no_allocation},
             {"mistakes are named", test_mistakes}, {"places in pieces", test_piece_at}, {"blade trees", test_tree},
             {"the first triangle decides", test_first_triangle});

@@ -1,7 +1,7 @@
 /* blade_tree: which blades are near a box. Internal. Floor 4, calls base only.
  *
- * Blades are put in the order of a curve through space (Morton 1966), four to a leaf; over the leaves lie pairs of them,
- * pairs of pairs, and so on, each with its box. The caller owns the arrays. */
+ * Blades are put in the order of a curve through space (Morton 1966), four to a leaf; over the leaves lie pairs of
+ * them, pairs of pairs, and so on, each with its box. The caller owns the arrays. */
 #ifndef SB_BLADE_TREE_H
 #define SB_BLADE_TREE_H
 

@@ -224,7 +224,8 @@ static int sbi_crossing_clip(double (*corners)[3], int count, int axis, int sign
     for (int k = 0; k < count; k++) {
         const double *a = corners[k], *b = corners[k + 1 < count ? k + 1 : 0];
         int a_in = sign * a[axis] <= limit, b_in = sign * b[axis] <= limit;
-        SB_ASSERT(kept_count + a_in + (a_in != b_in) <= SBI_CROSSING_CORNERS); /* a plane adds one to a convex polygon */
+        SB_ASSERT(kept_count + a_in + (a_in != b_in) <=
+                  SBI_CROSSING_CORNERS); /* a plane adds one to a convex polygon */
         if (a_in)
             memcpy(kept[kept_count++], a, sizeof *kept);
         if (a_in != b_in)

@@ -1,8 +1,9 @@
 /* crossing: whether a triangle of a blade crosses a link, exactly. Internal. Floor 4, calls base only.
  *
  * Signs worked out in floating point hang bodies by threads. Here places are integers of 29 bits, determinants are
- * worked out exactly where rounding leaves their signs open, and ties are decided as if the whole blade were moved by (e, e^2, e^3) for an e > 0 however small: with
- * n = (b - a) x (c - a) of a triangle and lex(v) the sign of the first component of v that is not 0
+ * worked out exactly where rounding leaves their signs open, and ties are decided as if the whole blade were moved by
+ * (e, e^2, e^3) for an e > 0 however small: with n = (b - a) x (c - a) of a triangle and lex(v) the sign of the first
+ * component of v that is not 0
  *
  *     side of p                    sign n.(p - a),                  if 0: -lex(n)
  *     link p + s e passes ab on    sign e.((a - p) x (b - p)),      if 0: lex((b - a) x e)

@@ -131,8 +131,7 @@ static int sbi_cut_take_pieces(sb_cut *cut)
     if (!taken || !cut->is_near || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
         !sbi_cut_list_grow(cut, &cut->elements, cells) || !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
         !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
-        !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) ||
-        !sbi_cut_list_grow(cut, &cut->near, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) || !sbi_cut_list_grow(cut, &cut->near, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->near_hits, cut->tet_count + 1) ||
         !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) ||
         !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||

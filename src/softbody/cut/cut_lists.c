@@ -93,8 +93,8 @@ static int sbi_cut_grow_tree(sb_cut *cut, int count)
 SBI_API int sbi_cut_reserve_blades(sb_cut *cut, int more)
 {
     void *blades = cut->blades;
-    int grown = sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, cut->blade_count, more,
-                             sizeof *cut->blades);
+    int grown =
+        sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, cut->blade_count, more, sizeof *cut->blades);
     cut->blades = (sbi_blade *)blades;
     return grown && sbi_cut_grow_tree(cut, cut->blade_count + more);
 }

@@ -79,9 +79,9 @@ struct sb_cut {
     sb_body *body; /* NULL: it is gone */
     sb_allocator allocator;
     int listener;
-    int joined;   /* 1: a part of the body's state */
-    int changing; /* 1: the change under way is our own */
-    int stale;    /* 1: the body's mesh is not what we know */
+    int joined;      /* 1: a part of the body's state */
+    int changing;    /* 1: the change under way is our own */
+    int stale;       /* 1: the body's mesh is not what we know */
     int keeps_rings; /* 1: links in rings stay whole: for tests */
     sbi_lattice lattice;
 
@@ -96,8 +96,8 @@ struct sb_cut {
     sbi_cut_list origins;  /* [node] of the uncut mesh that it is a copy of, or itself */
     sbi_cut_list elements; /* [cell] tet */
 
-    double rest_size;     /* of the body's box at rest (m) */
-    sb_real element_size; /* mean edge of elements at rest (m) */
+    double rest_size;        /* of the body's box at rest (m) */
+    sb_real element_size;    /* mean edge of elements at rest (m) */
     sbi_cut_stroke *strokes; /* [max_strokes] */
     int max_strokes;
 
@@ -116,8 +116,8 @@ struct sb_cut {
     sbi_cut_list near, near_hits, blade_hits;
     sbi_cut_hit *hits, *sorted_hits;
     int hit_capacity, sorted_capacity;
-    sbi_cut_list around;    /* tets around a link */
-    sb_vec3 *strip;         /* triangles of a move */
+    sbi_cut_list around; /* tets around a link */
+    sb_vec3 *strip;      /* triangles of a move */
     int strip_capacity;
     sbi_cut_sample *front, *sorted_front; /* a stroke's next one */
     int front_capacity, sorted_front_capacity;

@@ -2,8 +2,8 @@
  *
  * Between two calls the tissue moves, and the edge that one strip ended in and the next begins with is straight between
  * other points than before: slits are left, as wide as strains times the distance of samples, and a single link in one
- * holds the body like a thread. So a whole link is cut when every micro-triangle around it has exactly one cut link, one
- * of them cut by this call: nothing holds there but itself. Cuts at rest leave no such links. */
+ * holds the body like a thread. So a whole link is cut when every micro-triangle around it has exactly one cut link,
+ * one of them cut by this call: nothing holds there but itself. Cuts at rest leave no such links. */
 #include "cut_private.h"
 
 /* What the rule sees of one tet. */
@@ -64,7 +64,8 @@ static int sbi_cut_is_ringed(sb_cut *cut, const sbi_link_key *key, int first)
 SBI_API int sbi_cut_close_rings(sb_cut *cut, int first)
 {
     const sb_real middle = (sb_real)0.5;
-    int touched = cut->touched.count; /* links cut here make no other one ringed: each of their triangles has two then */
+    int touched =
+        cut->touched.count; /* links cut here make no other one ringed: each of their triangles has two then */
     for (int i = 0; i < touched; i++) {
         int tet = cut->touched.items[i];
         sbi_cut_ring ring;

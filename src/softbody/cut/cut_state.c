@@ -1,13 +1,12 @@
 /* cut_state: a cut as a part of its body's saved state, and in its recordings.
  *
- * Saved are the cut links, the cells of the pieces of each tet that has parted, and the strokes under way; what the pieces
- * are follows from the links, and what nodes are copies of from the cells. A recording has the calls. */
+ * Saved are the cut links, the cells of the pieces of each tet that has parted, and the strokes under way; what the
+ * pieces are follows from the links, and what nodes are copies of from the cells. A recording has the calls. */
 #include "cut_private.h"
 
 #include <string.h>
 
 #include "../base/bytes.h"
-
 
 static const char sbi_cut_part_name[] = "cut";
 enum { SBI_CUT_STATE_VERSION = 1, SBI_CUT_LINK_BYTES = 5 * 4 + 8, SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8 };
@@ -423,8 +422,7 @@ SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_v
     int ints[2];
     ints[0] = command;
     ints[1] = stroke;
-    sbi_body_tell_part(cut->body, sbi_cut_part_name, ints, 2, (const sb_real *)(const void *)points,
-                       3 * (size_t)count);
+    sbi_body_tell_part(cut->body, sbi_cut_part_name, ints, 2, (const sb_real *)(const void *)points, 3 * (size_t)count);
 }
 
 static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
@@ -439,8 +437,8 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
     if (command == SBI_CUT_BEGIN) {
         sb_result result = sb_cut_begin(cut, points, count, &stroke, error);
         if (result == SB_OK && stroke != ints[1])
-            result = sbi_fail(error, SB_ERROR_STATE, "stroke %d begins where the recording has number %d", stroke,
-                              ints[1]);
+            result =
+                sbi_fail(error, SB_ERROR_STATE, "stroke %d begins where the recording has number %d", stroke, ints[1]);
         return result;
     }
     if (command == SBI_CUT_MOVE && ints[1] >= 0 && ints[1] < cut->max_strokes && count > 0 &&

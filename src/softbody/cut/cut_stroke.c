@@ -1,10 +1,10 @@
 /* cut_stroke: a blade that cuts as it moves.
  *
- * The front is where the blade's edge was: samples at its corners, and wherever it goes through a face of a cell. Between
- * calls they move with the material that they are in, and what is between two of them, in one cell, as straight as it
- * was; outside of the tissue they stay where they are. So the next strip begins exactly where the last one ended,
- * however the tissue has moved, but for the rounding of places: cut_ring.c closes what that may leave. Tissue that moves
- * against a blade at rest is cut as well. */
+ * The front is where the blade's edge was: samples at its corners, and wherever it goes through a face of a cell.
+ * Between calls they move with the material that they are in, and what is between two of them, in one cell, as straight
+ * as it was; outside of the tissue they stay where they are. So the next strip begins exactly where the last one ended,
+ * however the tissue has moved, but for the rounding of places: cut_ring.c closes what that may leave. Tissue that
+ * moves against a blade at rest is cut as well. */
 #include "cut_private.h"
 
 #include <string.h>
@@ -55,8 +55,7 @@ static int sbi_cut_add_span(sb_cut *cut, const sb_real stretch[2])
 static int sbi_cut_reserve_strip(sb_cut *cut, int samples)
 {
     void *strip = cut->strip;
-    int grown =
-        sbi_cut_grow(&cut->allocator, &strip, &cut->strip_capacity, 0, 6 * samples, sizeof *cut->strip);
+    int grown = sbi_cut_grow(&cut->allocator, &strip, &cut->strip_capacity, 0, 6 * samples, sizeof *cut->strip);
     cut->strip = (sb_vec3 *)strip;
     return grown;
 }
@@ -123,8 +122,8 @@ static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
     return place;
 }
 
-/* Outside of the tissue a blade moves with the skin where it is no farther than that, in barycentrics of the cell: tissue
- * that comes upon it is cut from its skin on. */
+/* Outside of the tissue a blade moves with the skin where it is no farther than that, in barycentrics of the cell:
+ * tissue that comes upon it is cut from its skin on. */
 static const sb_real sbi_cut_skin = 1;
 
 /* A sample at a corner: in the piece of a near tet that has it deepest inside or nearest, or in space. */
@@ -156,7 +155,6 @@ static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, 
 }
 
 /* ---- the front along an edge ---- */
-
 
 /* The stretch of a side from p to q that is in a tet with corners at x, or out of it by no more than `beyond` in
  * barycentrics, and barycentrics at its ends; 0: there is none. */

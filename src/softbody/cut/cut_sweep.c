@@ -229,8 +229,7 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
     for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
         const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
         sbi_cut_crossings found;
-        if (!sbi_cut_is_of(cut, nodes[0], work->part) ||
-            !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
+        if (!sbi_cut_is_of(cut, nodes[0], work->part) || !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
             continue;
         for (int l = 0; l < cut->lattice.link_count; l++) {
             if (found.blades[l] < 0)
@@ -302,8 +301,7 @@ SBI_API int sbi_cut_reserve_hits(sb_cut *cut, int count)
 {
     void *hits = cut->hits, *sorted = cut->sorted_hits;
     int grown = sbi_cut_grow(&cut->allocator, &hits, &cut->hit_capacity, 0, count, sizeof *cut->hits);
-    grown = grown &&
-            sbi_cut_grow(&cut->allocator, &sorted, &cut->sorted_capacity, 0, count, sizeof *cut->sorted_hits);
+    grown = grown && sbi_cut_grow(&cut->allocator, &sorted, &cut->sorted_capacity, 0, count, sizeof *cut->sorted_hits);
     cut->hits = (sbi_cut_hit *)hits;
     cut->sorted_hits = (sbi_cut_hit *)sorted;
     return grown;
