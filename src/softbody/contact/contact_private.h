@@ -155,7 +155,8 @@ struct sb_contact {
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
     int kept;                     /* 1: a static solve is under way, and they are what it began with */
-    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
+    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept, which
+                                   * holds those of the last increment that is done in a static solve */
     sb_contact_info kept_info;
     int kept_is_solved;
     void *memory;
