@@ -72915,7 +72915,8 @@ struct sb_contact {
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
     int kept;                     /* 1: a static solve is under way, and they are what it began with */
-    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
+    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept, which
+                                   * holds those of the last increment that is done in a static solve */
     sb_contact_info kept_info;
     int kept_is_solved;
     void *memory;
@@ -76292,6 +76293,28 @@ static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *over
     sbi_pairs_measure_overlap(contact, overlap, pushed);
 }
 
+/* An increment of a static solve is done: tools are there. */
+static void sbi_contact_keep_stage(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        tool->stage = tool->balance;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_kept[i] = tool->chain_next[i];
+    }
+}
+
+/* Tools of a static solve go back to the last increment that was done. */
+static void sbi_contact_take_stage(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        tool->next = tool->balance = tool->stage;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_next[i] = tool->chain_kept[i];
+    }
+}
+
 /* Samples remember their pressures until they alone hold the surface off the tools. */
 static int sbi_contact_balance(void *user, int round)
 {
@@ -76310,9 +76333,9 @@ static int sbi_contact_balance(void *user, int round)
     sbi_contact_keep_pressures(contact, 0);
     sbi_pairs_keep_pressures(contact, 0);
     sbi_contact_keep_entries(contact);
-    for (int t = 0; t < contact->max_tools; t++)
-        contact->tools[t].stage = contact->tools[t].balance;
+    sbi_contact_keep_stage(contact);
     sbi_contact_keep_springs(contact);
+    contact->is_solved = 1; /* until another increment begins */
     return 0;
 }
 
@@ -76332,22 +76355,22 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (!contact->is_static) {
+    if (contact->is_static) {
+        sbi_contact_take_stage(contact);
+    } else {
         sbi_contact_keep_pressures(contact, 1);
         sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
         sbi_contact_keep_springs(contact);
+        contact->is_solved = 1;
     }
     sbi_contact_commit_springs(contact);
-    for (int t = 0; contact->is_static && t < contact->max_tools; t++)
-        contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
     contact->step_info.capped = contact->touch.capped;
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
-    contact->is_solved = 1;
     contact->kept = 0;
     sbi_contact_forget_nodes(contact);
 }
@@ -76368,7 +76391,7 @@ static void sbi_contact_undo(void *user)
     contact->touch.links = 0;
     if (contact->kept)
         sbi_contact_go_back(contact);
-    contact->kept = 0;
+    contact->kept = contact->is_solved = 0;
     sbi_contact_forget_nodes(contact);
 }
 
