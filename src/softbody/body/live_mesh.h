@@ -32,9 +32,11 @@
  *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
  *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
  *   (SB_ERROR_ARGUMENT): release it first.
- * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
- * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
- *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
+ * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it. Tractions on faces of tet4 are kept
+ *   by face besides, and go to its parts where it is cut.
+ * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded.
+ * Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
+ * they were, to rounding. What a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
  *   a removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
@@ -90,6 +92,9 @@ typedef struct sb_change_cell {
                     * leaves part of a cell: stiffness and mass are its share of the whole cell's */
     const sb_cell_moments *moments; /* of the material of a piece of tet4 or straight tet10: mass and points are where
                                      * it is. NULL (default): spread over all of the cell */
+    const sb_real (*face_loads)[3]; /* [4] of a piece of tet4: int N dA over its part of each face (sb_element_face), by
+                                     * the face's corners, over the area of the face: they are >= 0 and sum to its
+                                     * share of the face. NULL (default): all of each face */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 

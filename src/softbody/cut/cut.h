@@ -23,7 +23,9 @@
  * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
  * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
- *   it. Dead loads, constraints and regions follow as live_mesh.h says; a copy has no load of its own.
+ *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
+ * - Pressures and tractions on a face that is cut go to the parts of the face, each with what acts on it: force and
+ *   moment are what they were, to rounding, however often it is cut.
  * - Recordings and states of the body contain its cuts (they are changes of its mesh). The sb_cut itself is not in
  *   them: after another mesh was loaded, or after others changed the mesh, its calls say SB_ERROR_STATE; make a new one
  *   then, of an uncut body.
@@ -35,8 +37,8 @@
  * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
- *   and a pressure on a face that is cut acts on each piece of its element in full.
+ *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side.
+ * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
