@@ -4806,9 +4806,11 @@ SB_API const char *sb_check_string(unsigned warning);
  *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
  *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
  *   (SB_ERROR_ARGUMENT): release it first.
- * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
- * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
- *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
+ * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it. Tractions on faces of tet4 are kept
+ *   by face besides, and go to its parts where it is cut.
+ * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded.
+ * Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
+ * they were, to rounding. What a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
  *   a removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
@@ -4862,6 +4864,9 @@ typedef struct sb_change_cell {
                     * leaves part of a cell: stiffness and mass are its share of the whole cell's */
     const sb_cell_moments *moments; /* of the material of a piece of tet4 or straight tet10: mass and points are where
                                      * it is. NULL (default): spread over all of the cell */
+    const sb_real (*face_loads)[3]; /* [4] of a piece of tet4: int N dA over its part of each face (sb_element_face), by
+                                     * the face's corners, over the area of the face: they are >= 0 and sum to its
+                                     * share of the face. NULL (default): all of each face */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 
@@ -5944,7 +5949,9 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
  * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
- *   it. Dead loads, constraints and regions follow as live_mesh.h says; a copy has no load of its own.
+ *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
+ * - Pressures and tractions on a face that is cut go to the parts of the face, each with what acts on it: force and
+ *   moment are what they were, to rounding, however often it is cut.
  * - Recordings and states of the body contain its cuts (they are changes of its mesh). The sb_cut itself is not in
  *   them: after another mesh was loaded, or after others changed the mesh, its calls say SB_ERROR_STATE; make a new one
  *   then, of an uncut body.
@@ -5956,8 +5963,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
- *   and a pressure on a face that is cut acts on each piece of its element in full.
+ *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side.
+ * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
@@ -6273,11 +6280,15 @@ typedef struct sbi_piece {
     sb_real is; /* 1; 0: the cell is not one, and the rest 0 */
     sb_real centroid[3];
     sb_real covariance[6]; /* xx, yy, zz, yz, zx, xy */
+    sb_real faces[4][3];   /* int N dA over the piece's part of each face, over the face's area, by its corners */
 } sbi_piece;
-enum { SBI_PIECE_REALS = 10 };
+enum { SBI_PIECE_FACES = 12 };
 
-SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance);
-/* 0: the centroid is outside the tet, or the covariance is that of nothing in it. */
+/* What each corner has of a whole face. */
+SB_INLINE sb_real sbi_piece_whole_load(void) { return (sb_real)1 / 3; }
+/* face_loads: [4][3] or NULL: it has all of each face. */
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, const sb_real (*face_loads)[3]);
+/* 0: the centroid is outside the tet, the covariance is that of nothing in it, or a face's part of no part of it. */
 SBI_API int sbi_piece_is_sound(const sbi_piece *piece);
 /* The four points that stand for the piece, in the tet's coordinates. */
 SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3]);
@@ -40930,6 +40941,16 @@ SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
 {
     const sb_real slack = (sb_real)1e-3; /* rounding of places far from the origin */
     sb_real rest = 1;
+    for (int face = 0; face < 4; face++) {
+        sb_real share = 0;
+        for (int k = 0; k < 3; k++) {
+            if (!(piece->faces[face][k] >= 0))
+                return 0;
+            share += piece->faces[face][k];
+        }
+        if (!(share <= 1 + slack))
+            return 0;
+    }
     for (int k = 0; k < 3; k++) {
         sb_real variance = piece->covariance[k]; /* of numbers in [0, 1] it is a quarter at most */
         if (!(piece->centroid[k] >= -slack) || !(variance >= -slack) || !(variance <= (sb_real)0.25 + slack) ||
@@ -40940,7 +40961,7 @@ SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
     return piece->is == 1 && rest >= -slack;
 }
 
-SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance)
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, const sb_real (*face_loads)[3])
 {
     sbi_piece piece;
     piece.is = 1;
@@ -40950,6 +40971,9 @@ SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance)
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++)
             piece.covariance[sbi_piece_entry(i, j)] = covariance->m[i][j];
+    for (int face = 0; face < 4; face++)
+        for (int k = 0; k < 3; k++)
+            piece.faces[face][k] = face_loads ? face_loads[face][k] : sbi_piece_whole_load();
     return piece;
 }
 
@@ -47251,8 +47275,9 @@ typedef struct sbi_load {
 
     sb_element_type *face_types;         /* [row_count] of a pressure */
     sb_real pressure, balanced_pressure; /* Pa */
+    int has_parts;                       /* 1: some of its faces are cut */
 
-    sb_real *weights;                        /* [row_start[row_count]]; rows only, as all below */
+    sb_real *weights; /* [row_start[row_count]] of rows; of a pressure see sbi_body_face_loads, where it has parts */
     sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                         * and not as a position, the force has the displacement's precision */
@@ -47265,6 +47290,12 @@ typedef struct sbi_load {
     void *fill_user;
     double net[6]; /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
+
+/* A traction on a face, or on a piece's part of it. */
+typedef struct sbi_traction {
+    int nodes[3];
+    sb_vec3 stress; /* Pa on undeformed area */
+} sbi_traction;
 
 /* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
 typedef struct sbi_step_guard {
@@ -47396,10 +47427,12 @@ struct sb_body {
     sb_real *load_mass;   /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
 
     /* supports and loads */
-    unsigned char *fixed; /* [node_count] axes as bits; unreferenced nodes always all */
-    sb_vec3 *target;      /* [node_count] target displacement of fixed axes (m) */
-    sb_vec3 *dead_load;   /* [node_count] forces and tractions (N) */
-    sbi_load *loads;      /* [load_count] by ascending id */
+    unsigned char *fixed;    /* [node_count] axes as bits; unreferenced nodes always all */
+    sb_vec3 *target;         /* [node_count] target displacement of fixed axes (m) */
+    sb_vec3 *dead_load;      /* [node_count] forces and tractions (N) */
+    sbi_traction *tractions; /* what of it are tractions, of a body that may be cut */
+    int traction_count, traction_capacity;
+    sbi_load *loads; /* [load_count] by ascending id */
     int load_count, load_capacity, last_load_id;
     int tie_count, tie_capacity;  /* parts that rows of mappings tie to each other */
     int *tie_of;                  /* [component_count] number among the tied parts, or -1 */
@@ -47484,6 +47517,12 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
 /* The same for any command. */
 SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
 
+/* Room for so many more tractions by face. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error);
+/* dead_load += what a traction on a face of tet4, or a part of one, gives its nodes. */
+SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *traction, sb_vec3 *dead_load);
+/* What of its faces is material, as the body's cells are now; does nothing but for a pressure. */
+SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load);
 /* Frees its arrays. */
 SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load);
 
@@ -47581,6 +47620,9 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* What of a face of tet4, as found, is material: int N dA over the cells behind it, over the face's area, by its nodes;
+ * all of it unless cells are pieces. */
+SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3]);
 /* 1 when the named corners of an element (all different) are those of the list. */
 SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */
@@ -48954,6 +48996,25 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     return SB_OK;
 }
 
+SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3])
+{
+    loads[0] = loads[1] = loads[2] = 0;
+    for (int at = sbi_live_first_cell(body, nodes[0]); at >= 0; at = sbi_live_next_cell(body, nodes[0], at)) {
+        int e = sbi_live_cell_of(body, at), local[SB_MAX_FACE_NODES];
+        const int *cell = body->domain.cells + 4 * (size_t)e;
+        for (int face = 0; face < 4; face++) {
+            int count = sb_element_face(SB_TET4, face, local, NULL);
+            if (!sbi_body_has_corners(nodes, cell, local, count))
+                continue;
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 3; k++)
+                    if (cell[local[k]] == nodes[i])
+                        loads[i] +=
+                            sbi_live_is_piece(body, e) ? body->live->pieces[e].faces[face][k] : sbi_piece_whole_load();
+        }
+    }
+}
+
 /* ---- supports ---- */
 
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
@@ -50005,6 +50066,7 @@ SB_API void sb_body_clear_loads(sb_body *body)
     if (!body)
         return;
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    body->traction_count = 0;
     sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }
 
@@ -50018,6 +50080,19 @@ typedef struct sbi_load_rule {
     sb_real shape[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES];
     sb_real gradient[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES][3];
 } sbi_load_rule;
+
+/* The rule of a part of a tri3 face: exact with one point, where the part weighs, as the face is flat. */
+static void sbi_load_make_part_rule(const sb_real loads[3], sbi_load_rule *rule)
+{
+    sb_real share = loads[0] + loads[1] + loads[2];
+    const sb_real middle[3] = {0, 0, 0};
+    rule->type = SB_NO_ELEMENT; /* good for this part only */
+    rule->count = share > 0;
+    rule->weights[0] = share / 2; /* of the parameters' triangle */
+    sb_element_shape(SB_TRI3, middle, rule->shape[0], rule->gradient[0]);
+    for (int a = 0; a < 3 && share > 0; a++)
+        rule->shape[0][a] = loads[a] / share;
+}
 
 /* Makes the rule of a type unless it is there already. */
 static void sbi_load_need_rule(sb_element_type type, sbi_load_rule *rule)
@@ -50049,8 +50124,38 @@ static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, 
 
 /* ---- traction ---- */
 
+static int sbi_load_is_part(const sb_real loads[3])
+{
+    return loads[0] != sbi_piece_whole_load() || loads[1] != sbi_piece_whole_load() ||
+           loads[2] != sbi_piece_whole_load();
+}
+
+/* Makes the rule of a row of a pressure. */
+static void sbi_load_need_row_rule(const sbi_load *load, int row, sbi_load_rule *rule)
+{
+    const sb_real *loads = load->weights + load->row_start[row];
+    if (load->has_parts && sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, rule);
+    else
+        sbi_load_need_rule(load->face_types[row], rule);
+}
+
+SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load)
+{
+    load->has_parts = 0;
+    if (load->kind != SBI_LOAD_PRESSURE || !body->live || !body->live->piece_count ||
+        body->domain.element_type != SB_TET4)
+        return;
+    for (int j = 0; j < load->row_count; j++) {
+        sb_real *loads = load->weights + load->row_start[j];
+        sbi_body_face_loads(body, load->nodes + load->row_start[j], loads);
+        load->has_parts |= sbi_load_is_part(loads);
+    }
+}
+
 /* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule, sb_vec3 traction)
+static void sbi_load_add_traction(const sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule,
+                                  sb_vec3 traction, sb_vec3 *dead_load)
 {
     sb_vec3 x[SB_MAX_FACE_NODES];
     for (int a = 0; a < face->count; a++)
@@ -50059,31 +50164,121 @@ static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, cons
         sbi_load_tangents t = sbi_load_interpolate(rule, p, face->count, x);
         sb_real area = rule->weights[p] * sb_v3_norm(sb_v3_cross(t.r, t.s));
         for (int a = 0; a < face->count; a++) {
-            sb_vec3 *load = body->dead_load + face->nodes[a];
+            sb_vec3 *load = dead_load + face->nodes[a];
             *load = sb_v3_madd(*load, area * rule->shape[p][a], traction);
         }
     }
 }
 
+/* Tractions are kept by face where faces may be cut. */
+static int sbi_load_keeps_tractions(const sb_body *body) { return body->live && body->domain.element_type == SB_TET4; }
+
+SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error)
+{
+    int64_t needed = (int64_t)body->traction_count + more, capacity = needed + needed / 2;
+    sbi_traction *grown;
+    if (needed <= body->traction_capacity)
+        return SB_OK;
+    grown = capacity < INT32_MAX ? (sbi_traction *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof(sbi_traction))
+                                 : NULL;
+    if (!grown)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for tractions on %d faces more", more);
+    if (body->traction_count)
+        memcpy(grown, body->tractions, (size_t)body->traction_count * sizeof *grown);
+    sbi_free(&body->allocator, body->tractions);
+    body->tractions = grown;
+    body->traction_capacity = (int)capacity;
+    return SB_OK;
+}
+
+SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *traction, sb_vec3 *dead_load)
+{
+    sbi_load_rule rule;
+    sbi_body_face face;
+    sb_real loads[3];
+    face.type = SB_TRI3;
+    face.count = 3;
+    memcpy(face.nodes, traction->nodes, sizeof traction->nodes);
+    rule.type = SB_NO_ELEMENT;
+    sbi_body_face_loads(body, face.nodes, loads);
+    if (sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, &rule);
+    else
+        sbi_load_need_rule(face.type, &rule);
+    sbi_load_add_traction(body, &face, &rule, traction->stress, dead_load);
+}
+
+static int sbi_load_is_on(const sbi_traction *traction, const sbi_body_face *face)
+{
+    return memcmp(traction->nodes, face->nodes, sizeof traction->nodes) == 0;
+}
+
+/* Where the tractions on the faces of a call begin among those kept, when it was made before. */
+static int sbi_load_first_traction(const sb_body *body, const sbi_body_face *face)
+{
+    int at = 0;
+    while (at < body->traction_count && !sbi_load_is_on(body->tractions + at, face))
+        at++;
+    return at;
+}
+
+/* Keeps a traction on a face, with that kept at *at where this is the same face; there is room for one more. So calls
+ * that are made each frame do not add up in memory. */
+static void sbi_load_keep_traction(sb_body *body, const sbi_body_face *face, sb_vec3 traction, int *at)
+{
+    sbi_traction *kept = body->tractions + *at;
+    if (*at < body->traction_count && sbi_load_is_on(kept, face)) {
+        kept->stress = sb_v3_add(kept->stress, traction);
+        ++*at;
+        return;
+    }
+    kept = body->tractions + body->traction_count++;
+    memcpy(kept->nodes, face->nodes, sizeof kept->nodes);
+    kept->stress = traction;
+    *at = body->traction_count;
+}
+
+/* Adds a traction on a face; *at: see sbi_load_keep_traction. */
+static void sbi_load_add_face_traction(sb_body *body, const sbi_body_face *face, sbi_load_rule *rule, sb_vec3 traction,
+                                       int *at)
+{
+    sb_real loads[3] = {sbi_piece_whole_load(), sbi_piece_whole_load(), sbi_piece_whole_load()};
+    if (sbi_load_keeps_tractions(body) && !face->inner) {
+        sbi_load_keep_traction(body, face, traction, at);
+        if (body->live->piece_count)
+            sbi_body_face_loads(body, face->nodes, loads);
+    }
+    if (sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, rule);
+    else
+        sbi_load_need_rule(face->type, rule);
+    sbi_load_add_traction(body, face, rule, traction, body->dead_load);
+}
+
 SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners, sb_vec3 traction,
                                       sb_error *error)
 {
+    sb_result result = SB_OK;
     sbi_load_rule rule;
+    sbi_body_face face;
+    int at = 0;
     rule.type = SB_NO_ELEMENT;
     if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
     if (!sb_v3_is_finite(traction))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
-    for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
-        for (int f = 0; f < face_count; f++) {
-            sbi_body_face face;
-            sb_result result = sbi_body_get_face(body, faces, f, corners, &face, error);
-            if (result != SB_OK)
-                return result;
-            sbi_load_need_rule(face.type, &rule);
-            if (pass == 1)
-                sbi_load_add_traction(body, &face, &rule, traction);
-        }
+    for (int f = face_count - 1; f >= 0 && result == SB_OK; f--) /* find all faces before any load changes */
+        result = sbi_body_get_face(body, faces, f, corners, &face, error);
+    if (result == SB_OK && face_count > 0 && sbi_load_keeps_tractions(body)) {
+        result = sbi_body_reserve_tractions(body, face_count, error);
+        at = sbi_load_first_traction(body, &face);
+    }
+    if (result != SB_OK)
+        return result;
+    for (int f = 0; f < face_count; f++) {
+        sbi_body_get_face(body, faces, f, corners, &face, NULL);
+        sbi_load_add_face_traction(body, &face, &rule, traction, &at);
+    }
     sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
     return SB_OK;
 }
@@ -50132,11 +50327,11 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
     load->nodes = (int *)sbi_arena_take(arena, (size_t)entries, sizeof(int));
     load->blocks = (int *)sbi_arena_take(arena, pairs, sizeof(int));
+    load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     if (load->kind == SBI_LOAD_PRESSURE) {
         load->face_types = (sb_element_type *)sbi_arena_take(arena, rows, sizeof(sb_element_type));
         return;
     }
-    load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
     load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
     if (load->kind == SBI_LOAD_POTENTIAL) {
@@ -50219,6 +50414,8 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
         load->row_start[f + 1] = load->row_start[f] + face.count;
         memcpy(nodes, face.nodes, (size_t)face.count * sizeof *nodes);
     }
+    if (result == SB_OK)
+        sbi_load_weigh_faces(body, load);
     return result;
 }
 
@@ -50606,7 +50803,7 @@ static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *
 static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, const sb_vec3 *u, sb_vec3 *x,
                            sbi_load_rule *rule)
 {
-    sbi_load_need_rule(load->face_types[face], rule);
+    sbi_load_need_row_rule(load, face, rule);
     const int *nodes = load->nodes + load->row_start[face];
     int count = load->row_start[face + 1] - load->row_start[face];
     for (int a = 0; a < count; a++)
@@ -51673,6 +51870,7 @@ SBI_API void sbi_body_release(sb_body *body)
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
         sbi_load_release(&allocator, body->loads + i);
+    sbi_free(&allocator, body->tractions);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
     sbi_elimination_free(body->elimination);
@@ -52073,7 +52271,7 @@ static int sbi_live_loads_are_touched(sbi_live_following *work)
     const sb_body *body = work->body;
     const sb_mesh_change *out = work->out;
     int touched = 0;
-    if (!body->load_count)
+    if (!body->load_count && !body->traction_count)
         return 0;
     sbi_live_each_node(work, sbi_live_mark_node);
     for (int i = 0; i < out->removed_node_count; i++)
@@ -52083,6 +52281,10 @@ static int sbi_live_loads_are_touched(sbi_live_following *work)
     for (int l = 0; l < body->load_count && !touched; l++)
         for (int j = 0; j < body->loads[l].row_count && !touched; j++)
             touched = sbi_live_row_is_touched(work, body->loads + l, j);
+    for (int i = 0; i < body->traction_count && !touched; i++) {
+        const int *nodes = body->tractions[i].nodes, *marks = body->live->node_marks;
+        touched = marks[nodes[0]] && marks[nodes[1]] && marks[nodes[2]];
+    }
     sbi_live_each_node(work, sbi_live_unmark_node);
     for (int i = 0; i < out->removed_node_count; i++)
         body->live->node_marks[out->removed_nodes[i]] = 0;
@@ -52877,7 +53079,9 @@ enum {
     SBI_CHANGE_REMOVE_CELL = 6,
     SBI_CHANGE_SLIDE_NODE = 7, /* a move with sources */
     SBI_CHANGE_ADD_PIECE = 8,  /* cells with moments */
-    SBI_CHANGE_REPLACE_PIECE = 9
+    SBI_CHANGE_REPLACE_PIECE = 9,
+    SBI_CHANGE_ADD_PART = 10, /* cells with moments and loads of faces */
+    SBI_CHANGE_REPLACE_PART = 11
 };
 /* Moments in the log: centroid, and covariance row by row. */
 enum { SBI_CHANGE_MOMENTS = 12 };
@@ -52934,7 +53138,7 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
         !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
         !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
         !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
-        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS))
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS + SBI_PIECE_FACES))
         return sbi_change_no_memory(error);
     return SB_OK;
 }
@@ -53029,7 +53233,7 @@ static sb_body_change *sbi_change_make(sb_body *body, int cells)
         !SBI_CHANGE_ROOM(change, removed_cells, cells) || !SBI_CHANGE_ROOM(change, entries, 4 * cells) ||
         !SBI_CHANGE_ROOM(change, corners, cells * body->domain.nodes_per_cell) ||
         !SBI_CHANGE_ROOM(change, log_ints, (12 + body->domain.nodes_per_cell) * cells) ||
-        !SBI_CHANGE_ROOM(change, log_reals, 12 * cells) ||
+        !SBI_CHANGE_ROOM(change, log_reals, (12 + SBI_PIECE_FACES) * cells) ||
         !sbi_change_copy_slots(change, &change->nodes, &body->live->nodes, &change->node_at) ||
         !sbi_change_copy_slots(change, &change->cells, &body->live->cells, &change->cell_at)) {
         sbi_change_destroy(change);
@@ -53331,12 +53535,15 @@ static int sbi_change_region(const sb_body *body, int region)
     return -1;
 }
 
-static sb_result sbi_change_check_moments(const sb_body *body, const sb_cell_moments *moments, sb_error *error)
+static sb_result sbi_change_check_moments(const sb_body *body, const sb_change_cell *cell, sb_error *error)
 {
-    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance);
+    const sb_cell_moments *moments = cell->moments;
+    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance, cell->face_loads);
     int finite = sb_v3_is_finite(moments->centroid);
     for (int i = 0; i < 3; i++)
         finite &= sb_v3_is_finite(sb_m3_column(moments->covariance, i));
+    for (int k = 0; k < SBI_PIECE_FACES; k++)
+        finite &= sb_is_finite(piece.faces[k / 3][k % 3]);
     if (!finite)
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the moments of a cell are not finite");
     if (!sbi_piece_is_sound(&piece))
@@ -53362,7 +53569,9 @@ static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_c
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
     if (cell->fibre && !body->fibres)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
-    return cell->moments ? sbi_change_check_moments(body, cell->moments, error) : SB_OK;
+    if (cell->face_loads && (!cell->moments || body->domain.element_type != SB_TET4))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "loads of faces go with the moments of a piece of tet4");
+    return cell->moments ? sbi_change_check_moments(body, cell, error) : SB_OK;
 }
 
 static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *cell)
@@ -53379,6 +53588,8 @@ static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *ce
         for (int i = 0; i < 9; i++)
             sbi_change_log_real(change, cell->moments->covariance.m[i / 3][i % 3]);
     }
+    for (int k = 0; cell->face_loads && k < SBI_PIECE_FACES; k++)
+        sbi_change_log_real(change, cell->face_loads[k / 3][k % 3]);
 }
 
 /* Puts a checked cell into a slot that was taken for it; there is room. */
@@ -53392,7 +53603,7 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     made->parent = parent;
     made->share = cell->share;
     if (cell->moments)
-        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance);
+        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance, cell->face_loads);
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
                      : parent >= 0           ? body->cell_material[parent]
                                              : 0;
@@ -53431,7 +53642,9 @@ SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change
     if (result != SB_OK)
         return result;
     slot = sbi_slots_take(&change->cells);
-    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_ADD_PIECE : SBI_CHANGE_ADD_CELL);
+    sbi_change_log_int(change, cell->face_loads ? SBI_CHANGE_ADD_PART
+                               : cell->moments  ? SBI_CHANGE_ADD_PIECE
+                                                : SBI_CHANGE_ADD_CELL);
     sbi_change_log_cell(change, cell);
     sbi_change_put_cell(change, slot, cell, parent);
     if (number)
@@ -53453,7 +53666,9 @@ SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number,
         result = sbi_change_reserve(change, 0, error);
     if (result != SB_OK)
         return result;
-    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_REPLACE_PIECE : SBI_CHANGE_REPLACE_CELL);
+    sbi_change_log_int(change, cell->face_loads ? SBI_CHANGE_REPLACE_PART
+                               : cell->moments  ? SBI_CHANGE_REPLACE_PIECE
+                                                : SBI_CHANGE_REPLACE_CELL);
     sbi_change_log_int(change, number);
     sbi_change_log_cell(change, cell);
     sbi_change_drop_cell(change, number);
@@ -53526,10 +53741,13 @@ static int sbi_change_next_list(sbi_change_reader *reader, const int **nodes, co
 /* Makes a cell again. */
 static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reader *reader, int call, sb_error *error)
 {
-    int replaces = call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE;
+    int replaces =
+        call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE || call == SBI_CHANGE_REPLACE_PART;
+    int is_part = call == SBI_CHANGE_ADD_PART || call == SBI_CHANGE_REPLACE_PART;
     int nodes[SB_MAX_ELEMENT_NODES], has_fibre, number = replaces ? sbi_change_next_int(reader) : -1;
     sb_change_cell cell = sb_default_change_cell();
     sb_cell_moments moments;
+    sb_real face_loads[4][3];
     sb_vec3 fibre;
     cell.parent = sbi_change_next_int(reader);
     cell.region = sbi_change_next_int(reader);
@@ -53540,12 +53758,15 @@ static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reade
     cell.share = sbi_change_next_real(reader);
     fibre = sbi_change_next_vector(reader);
     cell.fibre = has_fibre ? &fibre : NULL;
-    if (call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
+    if (is_part || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
         moments.centroid = sbi_change_next_vector(reader);
         for (int i = 0; i < 9; i++)
             moments.covariance.m[i / 3][i % 3] = sbi_change_next_real(reader);
         cell.moments = &moments;
     }
+    for (int k = 0; is_part && k < SBI_PIECE_FACES; k++)
+        face_loads[k / 3][k % 3] = sbi_change_next_real(reader);
+    cell.face_loads = is_part ? (const sb_real(*)[3])face_loads : NULL;
     if (reader->bad)
         return SB_OK;
     return replaces ? sb_body_change_replace_cell(change, number, &cell, error)
@@ -53569,8 +53790,8 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    ? sb_body_change_add_node(change, v, list, weights, count, flag, &number, error)
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
-    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_CELL ||
-        call == SBI_CHANGE_REPLACE_PIECE)
+    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL ||
+        (call >= SBI_CHANGE_ADD_PIECE && call <= SBI_CHANGE_REPLACE_PART))
         return sbi_change_replay_cell(change, reader, call, error);
     number = sbi_change_next_int(reader);
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
@@ -55181,11 +55402,26 @@ static int sbi_live_add_face(sbi_live_rows *rows, const sbi_body_face *face)
     return 1;
 }
 
+/* Share of a face of tet4 that is material on these nodes. */
+static sb_real sbi_live_face_share(const sb_body *body, const int *nodes)
+{
+    sb_real loads[3];
+    sbi_body_face_loads(body, nodes, loads);
+    return loads[0] + loads[1] + loads[2];
+}
+
+/* 1 when none of a face is, as pieces of its tet have all of it on other nodes. */
+static int sbi_live_face_is_empty(const sbi_live_rows *rows, const int *nodes)
+{
+    return !(sbi_live_face_share(rows->next, nodes) > 0);
+}
+
 /* Adds the outer faces of a made cell whose nodes are all marked; 0: no memory. */
 static int sbi_live_add_parts(sbi_live_rows *rows, int made)
 {
     sbi_element element = sbi_domain_element(&rows->next->domain);
     int n = rows->change->nodes_per_cell;
+    int pieces = rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET4;
     const int *cell = rows->change->made_cell_nodes + (size_t)made * (size_t)n;
     for (int f = 0; f < sbi_element_face_count(element); f++) {
         int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES], inside = 1, corners;
@@ -55198,7 +55434,7 @@ static int sbi_live_add_parts(sbi_live_rows *rows, int made)
             inside &= rows->marks[nodes[k]];
         }
         if (!inside || sbi_body_get_face(rows->next, nodes, 0, corners, &face, NULL) != SB_OK || face.inner ||
-            sbi_live_has_face(rows, 0, &face))
+            sbi_live_has_face(rows, 0, &face) || (pieces && sbi_live_face_is_empty(rows, face.nodes)))
             continue;
         if (!sbi_live_add_face(rows, &face))
             return 0;
@@ -55206,19 +55442,28 @@ static int sbi_live_add_parts(sbi_live_rows *rows, int made)
     return 1;
 }
 
-/* The parts of one face of a pressure, or the face as it is. */
-static sb_result sbi_live_carry_face(sbi_live_rows *rows, const sbi_load *load, int j, sb_error *error)
+/* 1 when cells behind a face that stays are other pieces now: others of them may have parts of it. */
+static int sbi_live_face_is_cut(const sbi_live_rows *rows, const int *nodes, int count)
 {
-    const int *nodes = load->nodes + load->row_start[j];
-    int count = load->row_start[j + 1] - load->row_start[j], lost = sbi_live_loses_node(rows, nodes, count), done = 0;
+    return rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET4 &&
+           sbi_live_removed_cell(rows->change, nodes, count) >= 0;
+}
+
+/* The parts of one face, or the face as it is. */
+static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_element_type type,
+                                     sb_error *error)
+{
+    int lost = sbi_live_loses_node(rows, nodes, count), done = 0;
     sbi_body_face face;
-    if (!lost &&
-        sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(load->face_types[j]), &face, NULL) == SB_OK &&
+    if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(type), &face, NULL) == SB_OK &&
         !face.inner) {
+        int is_cut = sbi_live_face_is_cut(rows, nodes, count);
         if (face.count == count) /* in the order that the load has, whichever cell it is of now */
             memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
-        done = sbi_live_add_face(rows, &face);
-        return done ? SB_OK : sbi_live_rows_no_memory(error);
+        if (!is_cut || !(sbi_live_face_is_empty(rows, nodes) || sbi_live_has_face(rows, 0, &face)))
+            done = sbi_live_add_face(rows, &face);
+        if (!is_cut)
+            return done ? SB_OK : sbi_live_rows_no_memory(error);
     }
     sbi_live_mark_face(rows, nodes, count, 1);
     done = 1;
@@ -55252,6 +55497,7 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
     memcpy(made->net, load->net, sizeof made->net);
     if (load->kind == SBI_LOAD_PRESSURE) {
         memcpy(made->face_types, rows->types, (size_t)rows->rows * sizeof(sb_element_type));
+        sbi_load_weigh_faces(rows->next, made);
         return SB_OK;
     }
     memcpy(made->weights, rows->weights, (size_t)rows->entries * sizeof(sb_real));
@@ -55267,8 +55513,10 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
     if (result == SB_OK)
         sbi_live_rows_clear(rows);
     for (int j = 0; j < load->row_count && result == SB_OK; j++)
-        result = load->kind == SBI_LOAD_PRESSURE ? sbi_live_carry_face(rows, load, j, error)
-                                                 : sbi_live_carry_row(rows, load, j, error);
+        result = load->kind == SBI_LOAD_PRESSURE
+                     ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
+                                           load->row_start[j + 1] - load->row_start[j], load->face_types[j], error)
+                     : sbi_live_carry_row(rows, load, j, error);
     if (result == SB_OK && rows->rows == 0)
         result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
                                "pressure %d would lose its last face: remove it first", load->id);
@@ -55282,6 +55530,55 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
         result = sbi_body_reserve_ties(next, &ties, error);
         if (result == SB_OK)
             result = sbi_body_extend_pattern(next, made->row_count, made->row_start, made->nodes, error);
+    }
+    return result;
+}
+
+/* ---- tractions ---- */
+
+/* Takes the forces of a traction over to the parts of its face, which the rows list. Where they are not all of it, as
+ * in changes other than cuts, the forces stay with their nodes. */
+static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction *traction)
+{
+    const sb_real close = (sb_real)1e-4;
+    sb_body *next = rows->next;
+    sbi_traction part = *traction;
+    sb_real left = sbi_live_face_share(rows->body, traction->nodes);
+    for (int j = 0; j < rows->rows; j++)
+        left -= sbi_live_face_share(next, rows->nodes + rows->start[j]);
+    if (!(sb_abs(left) < close) || sbi_live_loses_node(rows, traction->nodes, 3))
+        return;
+    part.stress = sb_v3_scale(-1, part.stress);
+    sbi_body_spread_traction(rows->body, &part, next->dead_load);
+    part.stress = traction->stress;
+    for (int j = 0; j < rows->rows; j++) {
+        memcpy(part.nodes, rows->nodes + rows->start[j], sizeof part.nodes);
+        sbi_body_spread_traction(next, &part, next->dead_load);
+        next->tractions[next->traction_count++] = part;
+    }
+}
+
+/* Tractions follow the parts of their faces where cuts part them. */
+static sb_result sbi_live_carry_tractions(sbi_live_rows *rows, sb_error *error)
+{
+    const sb_body *body = rows->body;
+    sb_result result = SB_OK;
+    for (int i = 0; i < body->traction_count && result == SB_OK; i++) {
+        const sbi_traction *traction = body->tractions + i;
+        if (sbi_live_removed_cell(rows->change, traction->nodes, 3) < 0) {
+            result = sbi_body_reserve_tractions(rows->next, body->traction_count - i, error);
+            if (result == SB_OK)
+                rows->next->tractions[rows->next->traction_count++] = *traction;
+            continue;
+        }
+        if (!sbi_live_rows_room(rows, 0))
+            return sbi_live_rows_no_memory(error);
+        sbi_live_rows_clear(rows);
+        result = sbi_live_carry_face(rows, traction->nodes, 3, SB_TRI3, error);
+        if (result == SB_OK)
+            result = sbi_body_reserve_tractions(rows->next, rows->rows + 1, error);
+        if (result == SB_OK)
+            sbi_live_move_traction(rows, traction);
     }
     return result;
 }
@@ -55373,7 +55670,7 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
     sb_result result = SB_OK;
     next->last_load_id = body->last_load_id;
     next->next_constraint = body->next_constraint;
-    if (!body->load_count && !body->elimination)
+    if (!body->load_count && !body->elimination && !body->traction_count)
         return SB_OK;
     memset(&rows, 0, sizeof rows);
     rows.body = body;
@@ -55385,6 +55682,8 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
         result = sbi_live_rows_no_memory(error);
     for (int i = 0; i < body->load_count && result == SB_OK; i++)
         result = sbi_live_carry_load(&rows, body->loads + i, error);
+    if (result == SB_OK && body->traction_count)
+        result = sbi_live_carry_tractions(&rows, error);
     if (result == SB_OK)
         result = sbi_live_carry_constraints(&rows, error);
     sbi_live_rows_end(&rows);
@@ -65407,6 +65706,33 @@ static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->reaction, n, SBI_STATE_ANY, "reaction");
 }
 
+/* Tractions by face, where there are any. */
+static void sbi_state_tractions(sb_body *body, sbi_state_walk *walk)
+{
+    int count = sbi_state_int(walk, body->traction_count, 1, INT32_MAX / (int)sizeof(sbi_traction), "tractions");
+    if (walk->pass == SBI_STATE_RESERVE && count > body->traction_count)
+        sbi_state_refuse(walk, sbi_body_reserve_tractions(body, count - body->traction_count, walk->error));
+    walk->store = walk->pass == SBI_STATE_READ;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sbi_traction *traction = !sbi_state_is_image(walk) || walk->store ? body->tractions + i : NULL;
+        for (int k = 0; k < 3; k++)
+            sbi_state_put_int(walk, traction ? traction->nodes + k : NULL, 0, body->domain.node_count - 1,
+                              "node of a traction");
+        sbi_state_put_vector(walk, traction ? &traction->stress : NULL, SBI_STATE_ANY, "");
+    }
+    if (walk->store)
+        body->traction_count = count;
+    walk->store = 0;
+}
+
+/* 1 when there are some: in the body, or in the image, whose next part it is then. */
+static int sbi_state_has_tractions(const sb_body *body, const sbi_state_walk *walk, int number)
+{
+    if (!sbi_state_is_image(walk))
+        return body->traction_count > 0;
+    return walk->size - walk->used >= 4 && sbi_get_bytes(walk->in + walk->used, 4) == (uint64_t)number;
+}
+
 /* ---- loads that follow the body ---- */
 
 /* What passing the rows of a load found out. */
@@ -65652,6 +65978,7 @@ static void sbi_state_follow(sb_body *body, sbi_state_walk *walk)
         after = load.id;
         if (walk->store) {
             load.pattern_version = -1;
+            sbi_load_weigh_faces(body, &load);
             body->loads[i] = load;
         }
     }
@@ -65933,8 +66260,8 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 
 /* ---- a mesh that may change ---- */
 
-/* Numbers of its part, which comes first; the second of a mesh with pieces. */
-enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 16 };
+/* Numbers of its part, which comes first; the second of a mesh with pieces, the third as earlier versions had it. */
+enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 17, SBI_STATE_PIECES_BEFORE = 16 };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -65979,6 +66306,8 @@ static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
             sbi_state_put_real(walk, piece->centroid + i);
         for (int i = 0; i < 6; i++)
             sbi_state_put_real(walk, piece->covariance + i);
+        for (int i = 0; i < SBI_PIECE_FACES; i++)
+            sbi_state_put_real(walk, &piece->faces[i / 3][i % 3]);
     }
 }
 
@@ -66160,6 +66489,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {10, sbi_state_extra},
     {4, sbi_state_supports},
     {5, sbi_state_loads},
+    {18, sbi_state_tractions},
     {11, sbi_state_follow},
     {12, sbi_state_constraints},
     {6, sbi_state_rotations},
@@ -66181,6 +66511,11 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
         int number = part->number;
         if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
+        if (part->walk == sbi_state_tractions && !sbi_state_has_tractions(body, walk, number)) {
+            if (walk->pass == SBI_STATE_READ)
+                body->traction_count = 0;
+            continue;
+        }
         if (part->walk == sbi_state_live)
             number = sbi_state_live_number(body);
         sbi_state_int(walk, number, number, number, "part");
@@ -66365,6 +66700,10 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     walk.size = size - SBI_IMAGE_TAIL;
     first = walk.size >= SBI_IMAGE_HEAD + 4 ? sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) : 0;
     is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES;
+    if (first == SBI_STATE_PIECES_BEFORE)
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the state has pieces of elements without what they have of faces, as earlier versions saved it");
     if (is_live != (body->live != NULL))
         return sbi_fail(error, SB_ERROR_STATE,
                         is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
@@ -69313,20 +69652,43 @@ static sb_real sbi_cut_least(const sb_cut *cut)
     return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;
 }
 
-/* Makes or replaces the cell of a record. */
-static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int record, const sbi_part_moments *moments,
-                                  sb_error *error)
+/* What the pieces of a tet are. */
+typedef struct sbi_cut_measures {
+    sbi_part_moments moments[SBI_LATTICE_POINTS];
+    sb_real faces[SBI_LATTICE_POINTS][4][3]; /* see sb_change_cell */
+} sbi_cut_measures;
+
+static void sbi_cut_measure(const sb_cut *cut, int tet, sbi_cut_measures *measures)
+{
+    sbi_parted parted;
+    sbi_face_moments of_face[SBI_LATTICE_POINTS];
+    sbi_cut_parted(cut, tet, &parted);
+    sbi_parted_moments(&parted, sbi_cut_least(cut), measures->moments);
+    for (int face = 0; face < 4; face++) {
+        int corners[SB_MAX_FACE_NODES];
+        sb_element_face(SB_TET4, face, corners, NULL);
+        sbi_parted_face(&parted, face, of_face);
+        for (int k = 0; k < parted.piece_count; k++)
+            for (int i = 0; i < 3; i++)
+                measures->faces[k][face][i] = of_face[k].loads[corners[i]];
+    }
+}
+
+/* Makes or replaces the cell of a record, which is this piece of its tet; measures NULL: all of it. */
+static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int record, const sbi_cut_measures *measures,
+                                  int piece, sb_error *error)
 {
     sbi_cut_cell *cell = cut->cells + record;
     sb_change_cell made = sb_default_change_cell();
     sb_cell_moments of_piece;
     made.nodes = cell->nodes;
     made.parent = cell->cell;
-    if (moments) {
-        of_piece.centroid = moments->centre;
-        of_piece.covariance = moments->spread;
-        made.share = sb_min(moments->share, 1);
+    if (measures) {
+        of_piece.centroid = measures->moments[piece].centre;
+        of_piece.covariance = measures->moments[piece].spread;
+        made.share = sb_min(measures->moments[piece].share, 1);
         made.moments = &of_piece;
+        made.face_loads = measures->faces[piece];
     }
     cut->made_cells += cell->is_new;
     return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
@@ -69336,7 +69698,7 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
 /* The cells of one tet's records that are others now. */
 static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first, int end, sb_error *error)
 {
-    sbi_part_moments moments[SBI_LATTICE_POINTS];
+    sbi_cut_measures measures;
     sb_result result = SB_OK;
     int differs = 0;
     for (int i = first; i < end; i++)
@@ -69344,15 +69706,12 @@ static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first,
                    memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0;
     if (!differs)
         return SB_OK;
-    if (end - first > 1) {
-        sbi_parted parted;
-        sbi_cut_parted(cut, cut->cells[first].tet, &parted);
-        sbi_parted_moments(&parted, sbi_cut_least(cut), moments);
-    }
+    if (end - first > 1)
+        sbi_cut_measure(cut, cut->cells[first].tet, &measures);
     for (int i = first; i < end && result == SB_OK; i++)
         if (cut->cells[i].is_cut ||
             memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0)
-            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? moments + i - first : NULL, error);
+            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? &measures : NULL, i - first, error);
     return result;
 }
 
@@ -70162,6 +70521,8 @@ SBI_API sb_real sbi_tool_grid_distance(const sbi_tool_grid *grid, sb_vec3 x, sb_
 /* ==== src/softbody/contact/tool.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* tool: shapes checked, made, their distances, skeletons and motion. */
+#include <string.h>
+
 
 #define SBI_TOOL_COOKIE 0x7001u
 
@@ -70490,11 +70851,11 @@ static sb_real sbi_tool_plane_distance(sb_vec3 x, sb_vec3 fallback, sb_vec3 *nor
     return sb_v3_is_finite(x) ? x.z : SB_REAL_MAX;
 }
 
-/* Segments of a chain that replaces the tool's own, or these; memory[SB_TOOL_MAX_POINTS]. */
+/* Segments of a chain that replaces the tool's own, or these where it is the same; memory[SB_TOOL_MAX_POINTS]. */
 static const sbi_tool_segment *sbi_tool_find_segments(const sbi_tool *tool, const sb_vec3 *chain,
                                                       sbi_tool_segment *memory)
 {
-    if (!chain)
+    if (!chain || memcmp(chain, tool->points, (size_t)tool->point_count * sizeof *chain) == 0)
         return tool->segments;
     for (int i = 0; i + 1 < tool->point_count; i++)
         memory[i] = sbi_tool_make_segment(chain[i], chain[i + 1]);
@@ -72494,9 +72855,9 @@ typedef struct sbi_contact_sum {
 /* A face near a tool. */
 typedef struct sbi_contact_patch {
     int tool, face, parts;
-    int first, count;             /* its samples */
-    int touching;                 /* of them at the last evaluation */
-    int nodes[SB_MAX_FACE_NODES]; /* places in the list of nodes */
+    int first, count;                /* its samples */
+    int touching;                    /* of them at the last evaluation */
+    int nodes[SB_MAX_FACE_NODES];    /* places in the list of nodes */
     sb_vec3 seen[SB_MAX_FACE_NODES]; /* du of these at the last evaluation (m) */
 } sbi_contact_patch;
 
@@ -72848,20 +73209,25 @@ SBI_API sb_real sbi_contact_clear(const sbi_contact_tool *tool, sb_real gap)
 static void sbi_contact_evaluate_sample(const sbi_contact_tool *tool, const sb_vec3 *u, int count, int renew,
                                         sbi_contact_sample *s)
 {
-    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal, way = sb_v3(0, 0, 0), slip;
+    const sb_vec3 none = {0, 0, 0};
+    sb_vec3 normal, way = none, slip = none;
     for (int a = 0; a < count; a++)
         way = sb_v3_madd(way, s->weights[a], u[a]);
-    if (sbi_contact_is_hung(tool))
-        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, s->start)), s->start);
-    slip = sb_v3_sub(way, s->carried);
     s->point = sb_v3_add(s->start, way);
-    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
-                               &normal);
+    s->gap =
+        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), none, &normal);
     s->clear = sbi_contact_clear(tool, s->gap);
-    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
-    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
+    if (sb_v3_dot(normal, normal) > 0) /* else it lies on the skeleton, and keeps the normal that it had */
+        s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
     if (renew)
         s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    if (s->memory - s->k * s->gap > 0 || s->bound > 0) { /* it touches, or friction is still to be renewed */
+        if (sbi_contact_is_hung(tool))
+            s->carried =
+                sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, s->start)), s->start);
+        slip = sb_v3_sub(way, s->carried);
+    }
+    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
     s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
 }
 
