@@ -87,10 +87,12 @@ static press random_body(unsigned long long *seed, int is_free)
     sb_body_def def = sb_default_body_def();
     sb_mesh mesh =
         scene_box(SB_TET4, is_free ? 2 : 4, is_free ? 2 : 4, 2, sb_v3(REAL(size), REAL(size), REAL(0.5 * size)), 0.2);
+    sb_contact_def contact = sb_default_contact_def();
     press p;
+    contact.max_contacts = 4096;
     def.material = sb_material_corotated(REAL(random_in(seed, 2e3, 2e4)), REAL(random_in(seed, 0, 0.45)), 1000);
     def.damping_stiffness = REAL(random_in(seed, 0, 0.02));
-    p = press_make(mesh, def, sb_default_contact_def());
+    p = press_make(mesh, def, contact);
     if (!is_free)
         scene_fix_plane(p.body, &p.mesh, 2, 0, SB_XYZ);
     return p;

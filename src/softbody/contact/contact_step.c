@@ -52,7 +52,8 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
         sb_vec3 at = sbi_contact_mean(weights, nodes, count, x), normal, ahead, carried;
         sbi_contact_sample *sample = contact->samples + contact->sample_count;
         sb_real gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
-                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal);
+                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal),
+                clear = gap;
         if (gap >= view->reach && view->dt > 0) {
             ahead = sb_v3_madd(at, view->dt, sbi_contact_mean(weights, nodes, count, view->velocity));
             gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
@@ -69,9 +70,23 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
         sample->weights = weights;
         sample->carried = sb_v3_sub(carried, at);
         sample->normal = out;
+        sample->start = at;
+        sample->clear = sbi_contact_clear(view->tool, clear);
         contact->sample_count++;
     }
     return 1;
+}
+
+/* 1 when no sample of a face is near the tool, neither where it is nor where it would go. */
+static int sbi_contact_is_far(const sb_contact *contact, const sbi_contact_view *view)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, view->face);
+    sb_real square = 0, ahead;
+    for (int a = 0; a < contact->faces->sizes[view->face]; a++)
+        square += sb_v3_dot(view->velocity[nodes[a]], view->velocity[nodes[a]]);
+    ahead = sbi_contact_face_rule(contact->faces, view->face, view->parts)->spread * view->dt * sb_sqrt(square);
+    return sbi_contact_clearance_at(contact->faces, view->face, contact->x, view->tool->shape,
+                                    view->tool->chain_balance, &view->tool->balance) > view->reach + ahead;
 }
 
 /* A patch of a face with samples near the tool, if there are any. 0: no room is left. */
@@ -81,6 +96,8 @@ static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *vi
     sbi_contact_patch *patch = contact->patches + contact->patch_count;
     const int *nodes = sbi_contact_face_nodes(faces, view->face);
     int first = contact->sample_count;
+    if (sbi_contact_is_far(contact, view))
+        return 1;
     if (contact->patch_count == contact->patch_room)
         return 0;
     if (!sbi_contact_add_samples(contact, view))
@@ -119,8 +136,9 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
     const sbi_contact_faces *faces = contact->faces;
     sbi_contact_forget_nodes(contact);
     for (int t = 0; t < contact->max_tools; t++) {
-        const sbi_contact_tool *tool = contact->tools + t;
+        sbi_contact_tool *tool = contact->tools + t;
         const int *near = contact->near + (size_t)t * (size_t)faces->face_room;
+        tool->seen = tool->balance;
         for (int f = 0; tool->shape && f < tool->face_count; f++) {
             sbi_contact_view view;
             const sbi_contact_kind *kind = &faces->kinds[faces->sizes[near[f]]];
@@ -464,10 +482,13 @@ static void sbi_contact_sum_wrenches(sb_contact *contact)
     }
 }
 
-static void sbi_contact_keep_nearest(sb_contact *contact, const sbi_contact_sample *s)
+static void sbi_contact_keep_nearest(sb_contact *contact, sbi_contact_sample *s)
 {
     const sbi_contact_patch *patch = contact->patches + s->patch;
     sbi_contact_nearest *nearest = &contact->tools[patch->tool].nearest;
+    if (nearest->known && !(s->clear < nearest->gap))
+        return;
+    sbi_contact_evaluate_again(contact, s);
     if (nearest->known && !(s->gap < nearest->gap))
         return;
     nearest->known = 1;
@@ -489,7 +510,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
     contact->step_info.touching = contact->step_info.sticking = 0;
     contact->step_info.deepest = 0;
     for (int i = 0; i < contact->sample_count; i++) {
-        const sbi_contact_sample *s = contact->samples + i;
+        sbi_contact_sample *s = contact->samples + i;
         if (!(s->answer.pressure > 0)) {
             sbi_contact_keep_nearest(contact, s);
             continue;
