@@ -6811,6 +6811,8 @@ SBI_API sb_real sbi_tool_radius(const sbi_tool *tool);
 /* Depth (m) of the skeleton: each of its points is at least so deep inside. SB_REAL_MAX for a plane. Mesh: the largest
  * of some depths up to 0.9 of the greatest, at which what is so deep is in one piece and reaches within twice the depth
  * of each side of the surface's box, or else one cell: a thin shaft between thick ends has its part of the skeleton. */
+/* 1: the distances of no two points differ by more than they lie apart. */
+SBI_API int sbi_tool_is_exact(const sbi_tool *tool);
 SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool);
 /* A box around the tool in space (m); that of a plane is all of it. */
 SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
@@ -70763,6 +70765,8 @@ SBI_API sb_real sbi_tool_grid_distance(const sbi_tool_grid *grid, sb_vec3 x, sb_
 /* ==== src/softbody/contact/tool.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* tool: shapes checked, made, their distances, skeletons and motion. */
+#include <string.h>
+
 
 #define SBI_TOOL_COOKIE 0x7001u
 
@@ -71027,6 +71031,7 @@ SBI_API void sbi_tool_destroy(sbi_tool *tool)
 SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool) { return tool->shape; }
 SBI_API int sbi_tool_point_count(const sbi_tool *tool) { return tool->point_count; }
 SBI_API sb_real sbi_tool_radius(const sbi_tool *tool) { return tool->radius; }
+SBI_API int sbi_tool_is_exact(const sbi_tool *tool) { return tool->shape != SB_TOOL_MESH; }
 SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool) { return tool->inner_radius; }
 
 /* ---- distances ---- */
@@ -71090,11 +71095,11 @@ static sb_real sbi_tool_plane_distance(sb_vec3 x, sb_vec3 fallback, sb_vec3 *nor
     return sb_v3_is_finite(x) ? x.z : SB_REAL_MAX;
 }
 
-/* Segments of a chain that replaces the tool's own, or these; memory[SB_TOOL_MAX_POINTS]. */
+/* Segments of a chain that replaces the tool's own, or these where it is the same; memory[SB_TOOL_MAX_POINTS]. */
 static const sbi_tool_segment *sbi_tool_find_segments(const sbi_tool *tool, const sb_vec3 *chain,
                                                       sbi_tool_segment *memory)
 {
-    if (!chain)
+    if (!chain || memcmp(chain, tool->points, (size_t)tool->point_count * sizeof *chain) == 0)
         return tool->segments;
     for (int i = 0; i + 1 < tool->point_count; i++)
         memory[i] = sbi_tool_make_segment(chain[i], chain[i + 1]);
@@ -71806,6 +71811,7 @@ typedef struct sbi_contact_rule {
     sb_real measure;  /* of each, in the face's parameters */
     sb_real *weights; /* [count][nodes] shape functions at the samples: they sum to 1 */
     sb_real *slopes;  /* [count][2][nodes] their derivatives by both parameters */
+    sb_real spread;   /* most that the weights of a sample sum to without their signs */
 } sbi_contact_rule;
 
 /* A face type; nodes 0: no face is of it. */
@@ -72029,18 +72035,21 @@ static void sbi_contact_layout_rules(sbi_contact_kind *kind, sbi_arena *arena)
     }
 }
 
-static void sbi_contact_fill_rule(const sbi_contact_kind *kind, int n)
+static void sbi_contact_fill_rule(sbi_contact_kind *kind, int n)
 {
-    const sbi_contact_rule *rule = &kind->rules[n];
+    sbi_contact_rule *rule = &kind->rules[n];
     sb_real *weights = rule->weights, *slopes = rule->slopes;
+    rule->spread = 1;
     for (int i = 0; i < rule->count; i++, weights += kind->nodes, slopes += 2 * kind->nodes) {
-        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3];
+        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3], sum = 0;
         sbi_contact_sample_point(kind, n, i, xi);
         sb_element_shape(kind->type, xi, weights, gradient);
         for (int a = 0; a < kind->nodes; a++) {
             slopes[a] = gradient[a][0];
             slopes[kind->nodes + a] = gradient[a][1];
+            sum += sb_abs(weights[a]);
         }
+        rule->spread = sb_max(rule->spread, sum);
     }
 }
 
@@ -73054,6 +73063,8 @@ typedef struct sbi_contact_tool {
     int face_count;              /* of its faces in sb_contact.near */
     sb_pose from;                /* at the start of the step, or of the increment of a static solve */
     sb_pose stage;               /* at the end of the last increment that was done */
+    sb_pose seen;                /* at the last evaluation */
+    sb_real shift;               /* m, its motion since the evaluation before that */
     sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
@@ -73088,9 +73099,10 @@ typedef struct sbi_contact_sum {
 /* A face near a tool. */
 typedef struct sbi_contact_patch {
     int tool, face, parts;
-    int first, count;             /* its samples */
-    int touching;                 /* of them at the last evaluation */
-    int nodes[SB_MAX_FACE_NODES]; /* places in the list of nodes */
+    int first, count;                /* its samples */
+    int touching;                    /* of them at the last evaluation */
+    int nodes[SB_MAX_FACE_NODES];    /* places in the list of nodes */
+    sb_vec3 seen[SB_MAX_FACE_NODES]; /* du of these at the last evaluation (m) */
 } sbi_contact_patch;
 
 typedef struct sbi_contact_sample {
@@ -73104,6 +73116,8 @@ typedef struct sbi_contact_sample {
     sb_vec3 normal;           /* of the last evaluation, out of the tool in space */
     sb_vec3 point;            /* m */
     sb_real gap, slip, bound; /* m, m, Pa */
+    sb_vec3 start;            /* m, at the start of the step */
+    sb_real clear;            /* m: the gap is no less now, see sbi_contact_clear */
     sbi_contact_answer answer;
 } sbi_contact_sample;
 
@@ -73267,10 +73281,21 @@ typedef struct sbi_contact_work {
     int renew;
     int first, last; /* patches */
 } sbi_contact_work;
-/* Patches from work->first to work->last. */
+/* Patches from work->first to work->last. Samples that cannot touch are left as they were. */
 SBI_API void sbi_contact_evaluate_patches(sbi_contact_work *work);
 /* The patches of a tool, at its pose of balance. */
 SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
+/* What of a gap (m) is left for a sample to come nearer by: 0 where that says nothing, since distances to a tool rise
+ * faster than ways, or a plane turns. */
+SBI_API sb_real sbi_contact_clear(const sbi_contact_tool *tool, sb_real gap);
+/* A sample as it was at the last evaluation, which may have left it out. */
+SBI_API void sbi_contact_evaluate_again(sb_contact *contact, sbi_contact_sample *sample);
+/* Gap (m) that no sample of a face has less of, to a tool at a pose; x: places of the face's nodes. */
+SBI_API sb_real sbi_contact_clearance(const sbi_contact_faces *faces, int face, const sb_vec3 *x, const sbi_tool *shape,
+                                      const sb_vec3 *chain, const sb_pose *pose);
+/* The same with nodes at x [rows]. */
+SBI_API sb_real sbi_contact_clearance_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x,
+                                         const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose);
 
 /* Stress (Pa) of a sample on the body. */
 SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
@@ -73386,28 +73411,95 @@ SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
     return contact->node_place[node];
 }
 
+/* ---- how near a face is ---- */
+
+SBI_API sb_real sbi_contact_clearance(const sbi_contact_faces *faces, int face, const sb_vec3 *x, const sbi_tool *shape,
+                                      const sb_vec3 *chain, const sb_pose *pose)
+{
+    int count = faces->sizes[face], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(shape));
+    sb_vec3 middle = sb_v3(0, 0, 0), normal;
+    sb_real square = 0;
+    if (!sbi_tool_is_exact(shape))
+        return -SB_REAL_MAX;
+    for (int a = 0; a < count; a++)
+        middle = sb_v3_madd(middle, 1 / (sb_real)count, x[a]);
+    for (int a = 0; a < count; a++) {
+        sb_vec3 arm = sb_v3_sub(x[a], middle);
+        square = sb_max(square, sb_v3_dot(arm, arm));
+    }
+    return sbi_tool_distance(shape, chain, sbi_pose_to_tool(pose, middle), middle, &normal) -
+           sbi_contact_face_rule(faces, face, parts)->spread * sb_sqrt(square);
+}
+
+SBI_API sb_real sbi_contact_clearance_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x,
+                                         const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose)
+{
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sb_vec3 own[SB_MAX_FACE_NODES];
+    for (int a = 0; a < faces->sizes[face]; a++)
+        own[a] = x[nodes[a]];
+    return sbi_contact_clearance(faces, face, own, shape, chain, pose);
+}
+
 /* ---- evaluation ---- */
 
-static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
+SBI_API sb_real sbi_contact_clear(const sbi_contact_tool *tool, sb_real gap)
+{
+    int turns = sbi_contact_is_hung(tool) && sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE;
+    return sbi_tool_is_exact(tool->shape) && !turns ? gap : 0;
+}
+
+/* u: [nodes of the face] */
+static void sbi_contact_evaluate_sample(const sbi_contact_tool *tool, const sb_vec3 *u, int count, int renew,
                                         sbi_contact_sample *s)
 {
-    const sb_contact *contact = work->contact;
-    const sbi_contact_tool *tool = contact->tools + patch->tool;
-    int count = contact->faces->sizes[patch->face];
-    sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
-    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
-    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
-    if (sbi_contact_is_hung(tool))
-        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
-    slip = sb_v3_sub(u, s->carried);
-    s->point = sb_v3_add(start, u);
-    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
-                               &normal);
-    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
-    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
-    if (work->renew)
+    const sb_vec3 none = {0, 0, 0};
+    sb_vec3 normal, way = none, slip = none;
+    for (int a = 0; a < count; a++)
+        way = sb_v3_madd(way, s->weights[a], u[a]);
+    s->point = sb_v3_add(s->start, way);
+    s->gap =
+        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), none, &normal);
+    s->clear = sbi_contact_clear(tool, s->gap);
+    if (sb_v3_dot(normal, normal) > 0) /* else it lies on the skeleton, and keeps the normal that it had */
+        s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
+    if (renew)
         s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    if (s->memory - s->k * s->gap > 0 || s->bound > 0) { /* it touches, or friction is still to be renewed */
+        if (sbi_contact_is_hung(tool))
+            s->carried =
+                sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, s->start)), s->start);
+        slip = sb_v3_sub(way, s->carried);
+    }
+    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
     s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
+}
+
+SBI_API void sbi_contact_evaluate_again(sb_contact *contact, sbi_contact_sample *s)
+{
+    const sbi_contact_patch *patch = contact->patches + s->patch;
+    sbi_contact_evaluate_sample(contact->tools + patch->tool, patch->seen, contact->faces->sizes[patch->face], 0, s);
+}
+
+/* Takes du of a patch; returns how far (m) its samples and the tool may have moved against each other since the last
+ * evaluation. What is no number makes it none. */
+static sb_real sbi_contact_take_motion(const sbi_contact_work *work, sbi_contact_patch *patch)
+{
+    const sb_contact *contact = work->contact;
+    sb_real square = 0;
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+        sb_vec3 u = work->du[patch->nodes[a]], way = sb_v3_sub(u, patch->seen[a]);
+        square += sb_v3_dot(way, way);
+        patch->seen[a] = u;
+    }
+    return sbi_contact_face_rule(contact->faces, patch->face, patch->parts)->spread * sb_sqrt(square) +
+           contact->tools[patch->tool].shift;
+}
+
+/* 1 when a sample did not touch and has not come near enough since. */
+static int sbi_contact_stays_off(const sbi_contact_sample *s)
+{
+    return s->answer.state == SBI_CONTACT_OFF && s->bound == 0 && s->k * s->clear > s->memory;
 }
 
 static void sbi_contact_evaluate_chunk(void *user, int chunk)
@@ -73417,17 +73509,41 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
     int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
     for (int p = first; p < last; p++) {
         sbi_contact_patch *patch = contact->patches + p;
+        const sbi_contact_tool *tool = contact->tools + patch->tool;
+        sb_real motion = sbi_contact_take_motion(work, patch);
+        int count = contact->faces->sizes[patch->face];
         patch->touching = 0;
         for (int i = patch->first; i < patch->first + patch->count; i++) {
-            sbi_contact_evaluate_sample(work, patch, contact->samples + i);
-            patch->touching += contact->samples[i].answer.state != SBI_CONTACT_OFF;
+            sbi_contact_sample *s = contact->samples + i;
+            s->clear -= motion;
+            if (sbi_contact_stays_off(s))
+                continue;
+            sbi_contact_evaluate_sample(tool, patch->seen, count, work->renew, s);
+            patch->touching += s->answer.state != SBI_CONTACT_OFF;
         }
+    }
+}
+
+/* How far tools that give way have gone since their last evaluation. */
+static void sbi_contact_follow_tools(const sbi_contact_work *work)
+{
+    sb_contact *contact = work->contact;
+    for (int p = work->first, last = -1; p < work->last; p++) {
+        sbi_contact_tool *tool = contact->tools + contact->patches[p].tool;
+        if (contact->patches[p].tool == last)
+            continue;
+        last = contact->patches[p].tool;
+        tool->shift = sbi_contact_is_hung(tool) ? sbi_tool_motion(tool->shape, tool->chain_balance, &tool->seen,
+                                                                  tool->chain_balance, &tool->balance)
+                                                : 0;
+        tool->seen = tool->balance;
     }
 }
 
 SBI_API void sbi_contact_evaluate_patches(sbi_contact_work *work)
 {
     int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
+    sbi_contact_follow_tools(work);
     sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
 }
 
@@ -75249,6 +75365,8 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
     for (int f = 0; f < count; f++) {
         int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
         const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        if (sbi_contact_clearance_at(faces, face, x, shape, chain, pose) > least)
+            continue;
         for (int s = 0; s < rule->count; s++) {
             sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)s * faces->sizes[face],
                                           sbi_contact_face_nodes(faces, face), faces->sizes[face], x);
@@ -75455,6 +75573,24 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
     return !(gap > before); /* a body that was put deep into a tool may come out */
 }
 
+/* 1 when no sample of a face can be crossing: none lies deep enough, nor goes far enough or comes near enough. */
+static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_tool *tool, int face,
+                                  const sbi_contact_rule *rule)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    sb_vec3 ends[SB_MAX_FACE_NODES];
+    sb_real square = 0, way, gap, inner = sbi_tool_inner_radius(tool->shape);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        sb_vec3 start = contact->x[nodes[a]], against;
+        ends[a] = sb_v3_add(start, contact->moved[nodes[a]]);
+        against = sb_v3_sub(sbi_pose_to_tool(&tool->balance, ends[a]), sbi_pose_to_tool(&tool->reached, start));
+        square += sb_v3_dot(against, against);
+    }
+    way = rule->spread * sb_sqrt(square);
+    gap = sbi_contact_clearance(contact->faces, face, ends, tool->shape, tool->chain_balance, &tool->balance);
+    return gap > -SBI_SWEEP_DEEPEST * inner && (way < SBI_SWEEP_FARTHEST * inner || gap > way);
+}
+
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
@@ -75468,6 +75604,8 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
         int count = faces->sizes[face];
         const int *nodes = sbi_contact_face_nodes(faces, face);
         const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        if (sbi_sweep_face_is_safe(contact, tool, face, rule))
+            continue;
         for (int s = 0; s < rule->count; s++) {
             const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
             sb_vec3 x1 =
@@ -76046,7 +76184,8 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
         sb_vec3 at = sbi_contact_mean(weights, nodes, count, x), normal, ahead, carried;
         sbi_contact_sample *sample = contact->samples + contact->sample_count;
         sb_real gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
-                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal);
+                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal),
+                clear = gap;
         if (gap >= view->reach && view->dt > 0) {
             ahead = sb_v3_madd(at, view->dt, sbi_contact_mean(weights, nodes, count, view->velocity));
             gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
@@ -76063,9 +76202,23 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
         sample->weights = weights;
         sample->carried = sb_v3_sub(carried, at);
         sample->normal = out;
+        sample->start = at;
+        sample->clear = sbi_contact_clear(view->tool, clear);
         contact->sample_count++;
     }
     return 1;
+}
+
+/* 1 when no sample of a face is near the tool, neither where it is nor where it would go. */
+static int sbi_contact_is_far(const sb_contact *contact, const sbi_contact_view *view)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, view->face);
+    sb_real square = 0, ahead;
+    for (int a = 0; a < contact->faces->sizes[view->face]; a++)
+        square += sb_v3_dot(view->velocity[nodes[a]], view->velocity[nodes[a]]);
+    ahead = sbi_contact_face_rule(contact->faces, view->face, view->parts)->spread * view->dt * sb_sqrt(square);
+    return sbi_contact_clearance_at(contact->faces, view->face, contact->x, view->tool->shape,
+                                    view->tool->chain_balance, &view->tool->balance) > view->reach + ahead;
 }
 
 /* A patch of a face with samples near the tool, if there are any. 0: no room is left. */
@@ -76075,6 +76228,8 @@ static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *vi
     sbi_contact_patch *patch = contact->patches + contact->patch_count;
     const int *nodes = sbi_contact_face_nodes(faces, view->face);
     int first = contact->sample_count;
+    if (sbi_contact_is_far(contact, view))
+        return 1;
     if (contact->patch_count == contact->patch_room)
         return 0;
     if (!sbi_contact_add_samples(contact, view))
@@ -76113,8 +76268,9 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
     const sbi_contact_faces *faces = contact->faces;
     sbi_contact_forget_nodes(contact);
     for (int t = 0; t < contact->max_tools; t++) {
-        const sbi_contact_tool *tool = contact->tools + t;
+        sbi_contact_tool *tool = contact->tools + t;
         const int *near = contact->near + (size_t)t * (size_t)faces->face_room;
+        tool->seen = tool->balance;
         for (int f = 0; tool->shape && f < tool->face_count; f++) {
             sbi_contact_view view;
             const sbi_contact_kind *kind = &faces->kinds[faces->sizes[near[f]]];
@@ -76458,10 +76614,13 @@ static void sbi_contact_sum_wrenches(sb_contact *contact)
     }
 }
 
-static void sbi_contact_keep_nearest(sb_contact *contact, const sbi_contact_sample *s)
+static void sbi_contact_keep_nearest(sb_contact *contact, sbi_contact_sample *s)
 {
     const sbi_contact_patch *patch = contact->patches + s->patch;
     sbi_contact_nearest *nearest = &contact->tools[patch->tool].nearest;
+    if (nearest->known && !(s->clear < nearest->gap))
+        return;
+    sbi_contact_evaluate_again(contact, s);
     if (nearest->known && !(s->gap < nearest->gap))
         return;
     nearest->known = 1;
@@ -76483,7 +76642,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
     contact->step_info.touching = contact->step_info.sticking = 0;
     contact->step_info.deepest = 0;
     for (int i = 0; i < contact->sample_count; i++) {
-        const sbi_contact_sample *s = contact->samples + i;
+        sbi_contact_sample *s = contact->samples + i;
         if (!(s->answer.pressure > 0)) {
             sbi_contact_keep_nearest(contact, s);
             continue;
