@@ -631,6 +631,7 @@
 #define sb_body_cell_share sb_body_cell_share_f32
 #define sb_body_rest_positions sb_body_rest_positions_f32
 #define sb_body_mesh_version sb_body_mesh_version_f32
+#define sb_body_find_cell sb_body_find_cell_f32
 #define sb_body_get_mesh sb_body_get_mesh_f32
 #define sb_body_live_check sb_body_live_check_f32
 #define sb_body_listen sb_body_listen_f32
@@ -2858,6 +2859,12 @@ typedef struct sb_mesh_change {
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
     const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
+
+    /* Where cells are pieces of elements, which all have the whole element's shape: the cell, as numbered after the
+     * change, with the material at xi of the element that `cell`, also as after it, is a piece of. NULL: nobody knows
+     */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]);
+    void *find_user;
 } sb_mesh_change;
 
 typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
@@ -4812,7 +4819,8 @@ SB_API const char *sb_check_string(unsigned warning);
  * Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
  * they were, to rounding. What a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
- *   a removed cell becomes the same material point of the cell made there. Points in space stay.
+ *   a removed cell becomes the same material point of the cell made there, of an element that is cut of the piece that
+ *   has it. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
  *   (SB_ERROR_ARGUMENT).
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
@@ -4924,6 +4932,10 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
 /* Rises with every change, and with every state loaded whose mesh is another; 0: none yet. */
 SB_API int sb_body_mesh_version(const sb_body *body);
+/* Where cells are pieces of elements, which all have the whole element's shape: the cell with the material at xi of the
+ * element that `cell` is a piece of (largest least barycentric coordinate, then the lowest piece), as the sb_cut that
+ * cut the body knows. The cell itself where it is none, or where nobody knows. -1: no such cell, or NULL. */
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3]);
 /* The mesh without free slots, in the order of the slots, with regions. nodes [sb_body_node_count] and cells
  * [sb_body_element_count] become their numbers in it, -1 of free ones; may be NULL. Release with sb_mesh_free.
  * SB_ERROR_ARGUMENT, SB_ERROR_MEMORY leave all untouched. */
@@ -5174,6 +5186,9 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
  *   (sb_embedding_kind), or by the nearest of all where these do not reach it; sb_embedded_point.lost and
  *   sb_embedding_report.lost say so. It is back inside when cells are made there again.
  * - Points outside that are held where the mesh changed are held anew from their places at rest.
+ * - In an element that is cut (sb_cut) a point goes with the piece that has its material, outside with the piece that
+ *   has its foot: it is where it was at the instant of the cut. After a state with another mesh was loaded nobody knows
+ *   which piece that is (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
@@ -5954,6 +5969,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   (sb_cut_node_origin). Cells likewise (sb_cut_cell_element).
  * - A link that is cut stays cut. What is cut twice, or along the same way again, is cut once.
  * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
+ * - Points in an element that is cut go with the piece that has their material: of embeddings that follow the body
+ *   (sb_embedding_follow), of rows of mappings; sb_body_find_cell says which piece that is.
  * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
  *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
@@ -5970,7 +5987,7 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side.
+ *   cut.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
@@ -47692,6 +47709,8 @@ SBI_API int sbi_slots_take(sbi_slots *slots);
 SBI_API void sbi_slots_give(sbi_slots *slots, int slot);
 SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot);
 
+typedef int sbi_cell_find(void *user, int cell, const sb_real xi[3]);
+
 typedef struct sbi_listener {
     int id;
     sb_body_listener calls;
@@ -47704,8 +47723,10 @@ typedef struct sbi_live {
     int piece_count;         /* cells that are pieces */
     sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sb_quadrature_kind rule; /* of the domain's points */
-    int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
-    double slack;            /* of the def */
+    sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
+    void *find_user;
+    int follows;          /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;         /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
                            */
     int *node_marks;      /* [nodes.capacity] zeros between calls */
@@ -47885,6 +47906,9 @@ SB_INLINE int sbi_live_has_material(const sb_body *body, int node)
 #define SB_LIVE_CHANGE_H
 
 
+/* In the log: a cell that a row of a mapping went over to. A commit has room for one of each row. */
+enum { SBI_CHANGE_FOUND = 12 };
+
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
@@ -47923,7 +47947,7 @@ struct sb_body_change {
     struct {
         int *items;
         int count, capacity;
-    } removed_cells, corners, log_ints;
+    } removed_cells, corners, log_ints, found; /* found: of a replay, see SBI_CHANGE_FOUND */
     struct {
         sbi_change_entry *items;
         int count, capacity;
@@ -47935,6 +47959,7 @@ struct sb_body_change {
     int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
     int reshaped_most;      /* upper bound of the cells reshaped */
     int version;            /* of the body's mesh at the beginning */
+    int found_next;
 };
 
 /* The arrays behind an sb_mesh_change. */
@@ -49532,6 +49557,13 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
     if (!sb_body_cell_in_use(body, cell))
         return 0;
     return body->live ? body->live->shares[cell] : 1;
+}
+
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3])
+{
+    if (!xi || !sb_body_cell_in_use(body, cell))
+        return -1;
+    return body->live && body->live->find ? body->live->find(body->live->find_user, cell, xi) : cell;
 }
 
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
@@ -53229,6 +53261,7 @@ static void sbi_change_clear(sb_body_change *change)
     change->made_cells.count = change->removed_cells.count = 0;
     change->entries.count = change->corners.count = 0;
     change->log_ints.count = change->log_reals.count = 0;
+    change->found.count = change->found_next = 0;
 }
 
 /* An empty change with room in its lists for so many cells, or NULL. */
@@ -53309,6 +53342,7 @@ SBI_API void sbi_change_destroy(sb_body_change *change)
     sbi_free(&allocator, change->corners.items);
     sbi_free(&allocator, change->log_ints.items);
     sbi_free(&allocator, change->log_reals.items);
+    sbi_free(&allocator, change->found.items);
     sbi_free(&allocator, change);
 }
 
@@ -53804,6 +53838,12 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
         (call >= SBI_CHANGE_ADD_PIECE && call <= SBI_CHANGE_REPLACE_PART))
         return sbi_change_replay_cell(change, reader, call, error);
     number = sbi_change_next_int(reader);
+    if (call == SBI_CHANGE_FOUND) {
+        if (!SBI_CHANGE_ROOM(change, found, 1))
+            return sbi_change_no_memory(error);
+        change->found.items[change->found.count++] = number;
+        return SB_OK;
+    }
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
         count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
@@ -54094,6 +54134,8 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->made_cell_nodes = lists->made_cell_nodes;
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
+    out->find_cell = change->body->live->find;
+    out->find_user = change->body->live->find_user;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;
     return SB_OK;
@@ -54181,22 +54223,39 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     return result;
 }
 
+/* Room to write down where rows of mappings go; 0: no memory. */
+static int sbi_change_reserve_found(sb_body_change *change)
+{
+    const sb_body *body = change->body;
+    int64_t rows = 0;
+    for (int i = 0; i < body->load_count; i++)
+        rows += body->loads[i].kind == SBI_LOAD_MAPPING ? body->loads[i].row_count : 0;
+    return rows < INT32_MAX / 4 && SBI_CHANGE_ROOM(change, log_ints, 2 * (int)rows);
+}
+
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
 {
     sbi_change_lists lists;
     sb_mesh_change out;
     sb_body *body;
     sb_result result;
+    int calls;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
     body = change->body;
+    calls = change->log_ints.count;
     if (change->version != body->live->version)
         return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
     result = sbi_change_list(change, &lists, &out, error);
+    if (result == SB_OK && !sbi_change_reserve_found(change))
+        result = sbi_change_no_memory(error);
     if (result == SB_OK && !sbi_live_follow(change, &lists, &out, &result, error))
         result = sbi_change_rebuild(change, &out, error);
-    if (result != SB_OK)
+    if (result != SB_OK) {
+        change->log_ints.count = calls; /* without what it found */
+        change->found_next = 0;
         return result;
+    }
     sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
                   change->log_reals.items, (size_t)change->log_reals.count);
     for (int i = 0; i < body->live->listener_count; i++)
@@ -55037,6 +55096,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->listener_count = live->listener_count;
     made->listener_capacity = live->listener_capacity;
     made->last_listener = live->last_listener;
+    made->find = live->find;
+    made->find_user = live->find_user;
     live->open = NULL;
     live->listeners = NULL;
     live->listener_count = 0;
@@ -55288,6 +55349,50 @@ static int sbi_live_relocate(sbi_live_rows *rows, const int *nodes, const sb_rea
     return 1;
 }
 
+/* sb_body_find_cell in the mesh to come; it is written down, and in a replay as it was written. */
+static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
+{
+    const sbi_live *live = change->body->live;
+    int found = cell;
+    if (change->found_next < change->found.count)
+        found = change->found.items[change->found_next++];
+    else if (live->find)
+        found = live->find(live->find_user, cell, xi);
+    if (!sbi_slots_is_used(&change->cells, found))
+        return cell;
+    change->log_ints.items[change->log_ints.count++] = SBI_CHANGE_FOUND;
+    change->log_ints.items[change->log_ints.count++] = found;
+    return found;
+}
+
+/* A row that is a point in an element that was cut goes over to the piece that has it. 1: done; 0: it is none, or its
+ * cell is no piece. */
+static int sbi_live_repoint(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
+{
+    const sbi_mesh_change *change = rows->change;
+    sb_real shares[4] = {0, 0, 0, 0}, sum = 0;
+    int corner[4], removed = -1, cell = -1, found;
+    if (!rows->next->live->piece_count || rows->body->domain.element_type != SB_TET4 || count > 4)
+        return 0;
+    removed = sbi_live_removed_cell(change, nodes, count);
+    for (int k = 0; k < count && removed >= 0; k++) {
+        corner[k] = 0;
+        while (change->removed_cell_nodes[4 * removed + corner[k]] != nodes[k])
+            corner[k]++;
+        shares[corner[k]] = weights[k];
+        sum += weights[k];
+    }
+    for (int i = 0; i < change->made_cell_count && removed >= 0 && cell < 0; i++)
+        if (change->made_parents[i] == change->removed_cells[removed])
+            cell = change->made_cells[i];
+    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell))
+        return 0;
+    found = sbi_live_find(rows->body->live->open, cell, shares + 1);
+    for (int k = 0; k < count; k++)
+        sbi_live_rows_add(rows, rows->next->domain.cells[4 * (size_t)found + (size_t)corner[k]], weights[k]);
+    return 1;
+}
+
 /* 1 when the row has a node that goes. */
 static int sbi_live_loses_node(const sbi_live_rows *rows, const int *nodes, int count)
 {
@@ -55317,6 +55422,10 @@ static sb_result sbi_live_carry_row(sbi_live_rows *rows, const sbi_load *load, i
     }
     if (!sbi_live_rows_room(rows, most))
         return sbi_live_rows_no_memory(error);
+    if (load->kind == SBI_LOAD_MAPPING && !lost && sbi_live_repoint(rows, nodes, weights, count)) {
+        sbi_live_rows_close(rows);
+        return SB_OK;
+    }
     if (load->kind == SBI_LOAD_MAPPING && (lost || (count <= 4 && !sbi_live_share_cell(rows->next, nodes, count))) &&
         sbi_live_relocate(rows, nodes, weights, count)) {
         sbi_live_rows_close(rows);
@@ -57209,9 +57318,11 @@ SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
 /* A mesh in slots. */
 typedef struct sbi_embed_slots {
     int node_end, cell_end;
-    const sb_vec3 *nodes;      /* [node_end] at rest (m) */
-    const int *cells;          /* [cell_end][nodes per element] */
-    const unsigned char *used; /* [cell_end] 0: a free slot */
+    const sb_vec3 *nodes;                                        /* [node_end] at rest (m) */
+    const int *cells;                                            /* [cell_end][nodes per element] */
+    const unsigned char *used;                                   /* [cell_end] 0: a free slot */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]); /* see sb_mesh_change; or NULL */
+    void *find_user;
 } sbi_embed_slots;
 
 /* Whom it follows. */
@@ -57265,8 +57376,10 @@ typedef struct sbi_embed_follower {
 
     sbi_embed_pool scratch;
 
-    const sb_mesh_change *change; /* between reserve and what ends it */
-    sb_vec3 *old_nodes;           /* [old_room] of the slots that made nodes take */
+    const sb_mesh_change *change;                                /* between reserve and what ends it */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]); /* of what is being followed; or NULL */
+    void *find_user;
+    sb_vec3 *old_nodes; /* [old_room] of the slots that made nodes take */
     int old_room, old_node_end, old_cell_end;
 } sbi_embed_follower;
 
@@ -58460,6 +58573,50 @@ static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, c
     return whole;
 }
 
+/* Holds a point by the frame of the face that its foot is on, as it would be without smooth normals. */
+static void sbi_embed_hold_by_frame(const sb_embedding *e, const sbi_embed_follower *f, int point,
+                                    sbi_embed_place *place, sb_embedded_point *info)
+{
+    const int *nodes = f->cells + place->cell / f->faces * f->width, *local = f->local[place->cell % f->faces];
+    sb_real shape[SB_MAX_FACE_NODES], slope[SB_MAX_FACE_NODES][3];
+    sb_vec3 at = sb_v3(0, 0, 0), r = at, s = at, offset;
+    sb_mat3 frame;
+    sb_element_shape(e->face.type, place->parameters, shape, slope);
+    for (int a = 0; a < f->face_nodes; a++) {
+        sb_vec3 x = f->nodes[nodes[local[a]]];
+        at = sb_v3_madd(at, shape[a], x);
+        r = sb_v3_madd(r, slope[a][0], x);
+        s = sb_v3_madd(s, slope[a][1], x);
+    }
+    frame = sbi_embed_face_frame(r, s);
+    offset = sb_m3_tapply(frame, sb_v3_sub(e->rest[point], at));
+    place->hold = info->hold = SB_EMBEDDED_FRAME;
+    place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
+    if (e->rest_normals) {
+        offset = sb_m3_tapply(frame, sbi_embed_unit(e->rest_normals[point]));
+        place->carried[0] = offset.x, place->carried[1] = offset.y, place->carried[2] = offset.z;
+    }
+}
+
+/* A place in an element that is cut goes over to the piece that has it: outside by the frame of its face, as the nodes
+ * of another piece have other smooth normals. */
+static void sbi_embed_find_piece(const sb_embedding *e, const sbi_embed_follower *f, int point, sbi_embed_place *place,
+                                 sb_embedded_point *info)
+{
+    int on_face = sbi_embed_is_on_face(place->hold), cell, face;
+    if (!f->find_cell)
+        return;
+    cell = f->find_cell(f->find_user, info->element, info->xi);
+    face = cell * f->faces + place->cell % f->faces;
+    if (cell < 0 || cell >= f->cell_end || cell == info->element || f->cells[cell * f->width] < 0 ||
+        (on_face && f->outer[face] < 0))
+        return;
+    info->element = cell;
+    place->cell = on_face ? face : cell;
+    if (place->hold == SB_EMBEDDED_OFFSET)
+        sbi_embed_hold_by_frame(e, f, point, place, info);
+}
+
 /* Places what has no place yet; returns how many are left. */
 static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                  const sbi_embed_volume *volume)
@@ -58479,6 +58636,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
             swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
         else
             swap->place.cell = swap->info.element;
+        sbi_embed_find_piece(e, f, swap->point, &swap->place, &swap->info);
         swap->done = sbi_embed_accepts(f, part, &swap->place);
         left += !swap->done;
     }
@@ -58798,6 +58956,8 @@ static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, con
 {
     sbi_embed_parts parts;
     sb_result result;
+    f->find_cell = mesh->find_cell;
+    f->find_user = mesh->find_user;
     if (!sbi_embed_live_room(e, f, mesh->node_end, mesh->cell_end, 0) || !sbi_embed_live_fill(e, f, mesh) ||
         !sbi_embed_reserve_swaps(e, f, e->report.point_count))
         return sbi_embed_follow_no_memory(e, error);
@@ -58875,6 +59035,8 @@ SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_chan
     if (result != SB_OK)
         return result;
     f->change = change;
+    f->find_cell = change->find_cell;
+    f->find_user = change->find_user;
     known = sbi_embed_reserve_mesh(e, f);
     e->elements = f->cells; /* they may have moved */
     if (!known)
@@ -59916,6 +60078,8 @@ static sb_result sbi_body_embed_load(sb_embedding *embedding, const sb_body *bod
     mesh.nodes = body->reference;
     mesh.cells = body->domain.cells;
     mesh.used = body->live->cells.used;
+    mesh.find_cell = body->live->find;
+    mesh.find_user = body->live->find_user;
     return sbi_embed_follower_load(embedding, &mesh, error);
 }
 
@@ -69268,6 +69432,9 @@ SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
+/* The cell of the body whose material is at xi of the tet that `cell` is of, see sb_body_find_cell: user is the cut.
+ * Within a change of its own it is as after it. */
+SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3]);
 /* Forgets what tets have been touched. */
 SBI_API void sbi_cut_clear(sb_cut *cut);
 
@@ -69896,7 +70063,6 @@ static void sbi_cut_keep_tet(sb_cut *cut, int first, int end)
     for (int i = first; i < end; i++, piece = cut->pieces[piece].next) {
         cut->pieces[piece].points = cut->cells[i].points;
         cut->pieces[piece].cell = cut->cells[i].cell;
-        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, tet);
     }
 }
 
@@ -69921,6 +70087,8 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         result = sbi_cut_put_cells(cut, change, error);
     if (result == SB_OK && !sbi_cut_reserve_pieces(cut))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
+        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         cut->changing = 1;
         result = sb_body_change_commit(change, error);
@@ -69955,6 +70123,78 @@ SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
     }
     sbi_cut_clear(cut);
     return result;
+}
+
+/* ==== src/softbody/cut/cut_find.c ==== */
+/* cut_find: which piece of an element has the material at a point. */
+
+/* Least of a point's barycentrics in a tet; -SB_REAL_MAX where it is flat. */
+static sb_real sbi_find_depth(const sb_vec3 corners[4], sb_vec3 x)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), p = sb_v3_sub(x, corners[0]);
+    sb_real volume = sb_v3_dot(a, sb_v3_cross(b, c)), first, second, third;
+    if (volume == 0)
+        return -SB_REAL_MAX;
+    first = sb_v3_dot(p, sb_v3_cross(b, c)) / volume;
+    second = sb_v3_dot(p, sb_v3_cross(c, a)) / volume;
+    third = sb_v3_dot(p, sb_v3_cross(a, b)) / volume;
+    return sb_min(sb_min(first, second), sb_min(third, 1 - first - second - third));
+}
+
+/* The micro-tet that a point is deepest in; the first of several. */
+static int sbi_find_micro(const sbi_lattice *lattice, sb_vec3 x)
+{
+    sb_real deepest = -SB_REAL_MAX;
+    int found = 0;
+    for (int micro = 0; micro < lattice->micro_count; micro++) {
+        sb_vec3 corners[4];
+        sb_real depth;
+        for (int v = 0; v < 4; v++) {
+            sb_real at[4];
+            sbi_lattice_point(lattice, lattice->micros[micro][v], at);
+            corners[v] = sb_v3(at[1], at[2], at[3]);
+        }
+        depth = sbi_find_depth(corners, x);
+        if (depth > deepest) {
+            deepest = depth;
+            found = micro;
+        }
+    }
+    return found;
+}
+
+/* The piece of a tet that has a point. */
+static int sbi_find_piece(const sbi_parted *parted, sb_vec3 x)
+{
+    sbi_flag flags[SBI_FLAGS];
+    sb_real deepest = -SB_REAL_MAX;
+    int count = sbi_parted_flags(parted, sbi_find_micro(parted->lattice, x), 0, flags), piece = flags[0].piece;
+    for (int k = 0; k < count && count > 1; k++) {
+        sb_real depth = sbi_find_depth(flags[k].corners, x);
+        if (depth > deepest) {
+            deepest = depth;
+            piece = flags[k].piece;
+        }
+    }
+    return piece;
+}
+
+SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
+{
+    const sb_cut *cut = (const sb_cut *)user;
+    int tet = cell >= 0 && cell < cut->elements.count && !cut->stale ? cut->elements.items[cell] : -1, piece, at;
+    int records = tet >= 0 && cut->changing ? cut->cell_of[tet] : 0;
+    sbi_parted parted;
+    if (tet < 0 || (!records && cut->pieces[tet].next < 0))
+        return cell;
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    piece = parted.piece_count > 1 ? sbi_find_piece(&parted, sb_v3(xi[0], xi[1], xi[2])) : 0;
+    if (records)
+        return cut->cells[records - 1 + piece].cell;
+    for (at = tet; piece > 0 && cut->pieces[at].next >= 0; piece--)
+        at = cut->pieces[at].next;
+    return cut->pieces[at].cell;
 }
 
 /* ==== src/softbody/cut/cut.c ==== */
@@ -70105,6 +70345,8 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
         sb_cut_destroy(made);
         return result;
     }
+    made->body->live->find = sbi_cut_find_cell;
+    made->body->live->find_user = made;
     *cut = made;
     return SB_OK;
 }
@@ -70117,6 +70359,8 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     allocator = cut->allocator;
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    if (cut->body && cut->body->live->find_user == cut)
+        cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
     sbi_free(&allocator, cut->tets);
