@@ -1,6 +1,11 @@
-/* A block that is cut, and what holds after every cut: for the tests of cuts. Include behind the private headers. */
+/* cut_block.h: a block that tests cut, the cuts, and what holds after each. */
 #ifndef CUT_BLOCK_H
 #define CUT_BLOCK_H
+
+#ifndef SB_SPLIT_BUILD
+#define SB_SPLIT_BUILD
+#endif
+#include "../src/softbody/cut/cut_private.h"
 
 #include "check.h"
 #include "scene.h"
@@ -205,6 +210,27 @@ static inline void check_totals(const totals *before, const totals *after)
     CHECK_NEAR(after->elastic, before->elastic, scene_tolerance(1e-11, 1e5) * before->elastic);
 }
 
+/* A blade's way: a strip of quads about a random line. */
+static inline int strip_random(sb_vec3 *triangles, unsigned long long *seed)
+{
+    enum { QUADS = 3 };
+    sb_vec3 from = vector_in(-0.01, 0.06, seed), along = vector_in(-0.02, 0.02, seed);
+    sb_vec3 edge = vector_in(-0.04, 0.04, seed);
+    for (int q = 0; q < QUADS; q++) {
+        sb_vec3 turn = sb_v3_add(edge, vector_in(-0.004, 0.004, seed)), to = sb_v3_add(from, along);
+        sb_vec3 corners[4];
+        corners[0] = from;
+        corners[1] = to;
+        corners[2] = sb_v3_add(to, turn);
+        corners[3] = sb_v3_add(from, edge);
+        for (int k = 0; k < 6; k++)
+            triangles[6 * q + k] = corners[k < 3 ? k : k == 3 ? 0 : k - 2];
+        from = to;
+        edge = turn;
+    }
+    return 2 * QUADS;
+}
+
 /* Volumes of the parts, in the order of their first cells; returns how many. */
 static inline int part_volumes(const block *b, double *volumes, int capacity)
 {
@@ -226,27 +252,6 @@ static inline int part_volumes(const block *b, double *volumes, int capacity)
         volumes[at] += (double)sb_body_cell_share(body, e) * (double)sb_mesh_element_volume(&b->mesh, tet);
     }
     return parts;
-}
-
-/* A blade's way: a strip of quads about a random line. */
-static inline int strip_random(sb_vec3 *triangles, unsigned long long *seed)
-{
-    enum { QUADS = 3 };
-    sb_vec3 from = vector_in(-0.01, 0.06, seed), along = vector_in(-0.02, 0.02, seed);
-    sb_vec3 edge = vector_in(-0.04, 0.04, seed);
-    for (int q = 0; q < QUADS; q++) {
-        sb_vec3 turn = sb_v3_add(edge, vector_in(-0.004, 0.004, seed)), to = sb_v3_add(from, along);
-        sb_vec3 corners[4];
-        corners[0] = from;
-        corners[1] = to;
-        corners[2] = sb_v3_add(to, turn);
-        corners[3] = sb_v3_add(from, edge);
-        for (int k = 0; k < 6; k++)
-            triangles[6 * q + k] = corners[k < 3 ? k : k == 3 ? 0 : k - 2];
-        from = to;
-        edge = turn;
-    }
-    return 2 * QUADS;
 }
 
 /* A small block whose memory is counted. */

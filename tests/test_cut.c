@@ -1,8 +1,5 @@
 /* Cuts of a body while it runs: parts, volumes, mass, motion and energy, against planes, closed forms and themselves.
  */
-#define SB_SPLIT_BUILD
-#include "../src/softbody/cut/cut_private.h"
-
 #include "cut_block.h"
 
 /* ---- planes ------------------------------------------------------------------------------------------------------ */

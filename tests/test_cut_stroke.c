@@ -2,7 +2,6 @@
  * again from states and recordings. */
 #define SB_SPLIT_BUILD
 #include "../src/softbody/base/bytes.h"
-#include "../src/softbody/cut/cut_private.h"
 
 #include "cut_block.h"
 

@@ -176,7 +176,18 @@ SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part
 /* Cuts links of touched tets that are ringed by cut ones, among them one cut from number `first` on. 0: no memory. */
 SBI_API int sbi_cut_close_rings(sb_cut *cut, int first);
 
-/* ---- cut.c ---- */
+/* ---- cut_tell.c ---- */
+
+#define SBI_CUT_PART "cut" /* of the body's state */
+/* What a recording holds of a cut. Calls of strokes: the stroke, and the edge. */
+enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4 };
+SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
+
+/* ---- cut_along.c ---- */
+
+/* The box at x of the nodes in use of a part, or of all parts, and its diagonal (m). */
+SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part);
+SBI_API double sbi_cut_size_of(const sbi_cut_box *box);
 
 /* Lists the tets near the box of points in space, or no farther from it than that (m), in cut->near. */
 SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin);
@@ -190,6 +201,9 @@ SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error);
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
+/* The cell of the body whose material is at xi of the tet that `cell` is of, see sb_body_find_cell: user is the cut.
+ * Within a change of its own it is as after it. */
+SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3]);
 /* Forgets what tets have been touched. */
 SBI_API void sbi_cut_clear(sb_cut *cut);
 
@@ -206,8 +220,4 @@ SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, in
 /* The cut becomes a part of its body's state and recordings, or is no longer one. */
 SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error);
 SBI_API void sbi_cut_leave_state(const sb_cut *cut);
-/* What a recording holds of it. Calls of strokes: the stroke, and the edge. */
-enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4 };
-SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
-
 #endif /* SB_CUT_PRIVATE_H */

@@ -8,7 +8,6 @@
 
 #include "../base/bytes.h"
 
-static const char sbi_cut_part_name[] = "cut";
 enum { SBI_CUT_STATE_VERSION = 1, SBI_CUT_LINK_BYTES = 5 * 4 + 8, SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8 };
 
 /* ---- numbers ---- */
@@ -417,14 +416,6 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
 
 /* ---- recording ---- */
 
-SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count)
-{
-    int ints[2];
-    ints[0] = command;
-    ints[1] = stroke;
-    sbi_body_tell_part(cut->body, sbi_cut_part_name, ints, 2, (const sb_real *)(const void *)points, 3 * (size_t)count);
-}
-
 static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
                                 sb_error *error)
 {
@@ -458,7 +449,7 @@ SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error)
     sbi_state_part part;
     sb_result result;
     memset(&part, 0, sizeof part);
-    memcpy(part.name, sbi_cut_part_name, sizeof sbi_cut_part_name);
+    memcpy(part.name, SBI_CUT_PART, sizeof SBI_CUT_PART);
     part.version = SBI_CUT_STATE_VERSION;
     part.user = cut;
     part.save = sbi_cut_save;
@@ -473,5 +464,5 @@ SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error)
 SBI_API void sbi_cut_leave_state(const sb_cut *cut)
 {
     if (cut->joined && cut->body)
-        sbi_body_leave(cut->body, sbi_cut_part_name);
+        sbi_body_leave(cut->body, SBI_CUT_PART);
 }
