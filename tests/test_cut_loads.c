@@ -340,7 +340,7 @@ static void test_static(void)
 static uint64_t run_loaded(loaded *l)
 {
     unsigned long long seed = 19;
-    for (int i = 0; i < (check_quick() ? 8 : 16); i++) {
+    for (int i = 0; i < 16; i++) {
         sb_vec3 triangles[18];
         int count = strip_random(triangles, &seed);
         block_cut(&l->b, triangles, count);

@@ -158,6 +158,7 @@ static void sbi_change_clear(sb_body_change *change)
     change->made_cells.count = change->removed_cells.count = 0;
     change->entries.count = change->corners.count = 0;
     change->log_ints.count = change->log_reals.count = 0;
+    change->found.count = change->found_next = 0;
 }
 
 /* An empty change with room in its lists for so many cells, or NULL. */
@@ -238,6 +239,7 @@ SBI_API void sbi_change_destroy(sb_body_change *change)
     sbi_free(&allocator, change->corners.items);
     sbi_free(&allocator, change->log_ints.items);
     sbi_free(&allocator, change->log_reals.items);
+    sbi_free(&allocator, change->found.items);
     sbi_free(&allocator, change);
 }
 
@@ -733,6 +735,12 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
         (call >= SBI_CHANGE_ADD_PIECE && call <= SBI_CHANGE_REPLACE_PART))
         return sbi_change_replay_cell(change, reader, call, error);
     number = sbi_change_next_int(reader);
+    if (call == SBI_CHANGE_FOUND) {
+        if (!SBI_CHANGE_ROOM(change, found, 1))
+            return sbi_change_no_memory(error);
+        change->found.items[change->found.count++] = number;
+        return SB_OK;
+    }
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
         count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
@@ -1023,6 +1031,8 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->made_cell_nodes = lists->made_cell_nodes;
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
+    out->find_cell = change->body->live->find;
+    out->find_user = change->body->live->find_user;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;
     return SB_OK;
@@ -1110,22 +1120,39 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     return result;
 }
 
+/* Room to write down where rows of mappings go; 0: no memory. */
+static int sbi_change_reserve_found(sb_body_change *change)
+{
+    const sb_body *body = change->body;
+    int64_t rows = 0;
+    for (int i = 0; i < body->load_count; i++)
+        rows += body->loads[i].kind == SBI_LOAD_MAPPING ? body->loads[i].row_count : 0;
+    return rows < INT32_MAX / 4 && SBI_CHANGE_ROOM(change, log_ints, 2 * (int)rows);
+}
+
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
 {
     sbi_change_lists lists;
     sb_mesh_change out;
     sb_body *body;
     sb_result result;
+    int calls;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
     body = change->body;
+    calls = change->log_ints.count;
     if (change->version != body->live->version)
         return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
     result = sbi_change_list(change, &lists, &out, error);
+    if (result == SB_OK && !sbi_change_reserve_found(change))
+        result = sbi_change_no_memory(error);
     if (result == SB_OK && !sbi_live_follow(change, &lists, &out, &result, error))
         result = sbi_change_rebuild(change, &out, error);
-    if (result != SB_OK)
+    if (result != SB_OK) {
+        change->log_ints.count = calls; /* without what it found */
+        change->found_next = 0;
         return result;
+    }
     sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
                   change->log_reals.items, (size_t)change->log_reals.count);
     for (int i = 0; i < body->live->listener_count; i++)

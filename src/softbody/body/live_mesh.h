@@ -38,7 +38,8 @@
  * Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
  * they were, to rounding. What a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
- *   a removed cell becomes the same material point of the cell made there. Points in space stay.
+ *   a removed cell becomes the same material point of the cell made there, of an element that is cut of the piece that
+ *   has it. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
  *   (SB_ERROR_ARGUMENT).
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
@@ -154,6 +155,10 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
 /* Rises with every change, and with every state loaded whose mesh is another; 0: none yet. */
 SB_API int sb_body_mesh_version(const sb_body *body);
+/* Where cells are pieces of elements, which all have the whole element's shape: the cell with the material at xi of the
+ * element that `cell` is a piece of (largest least barycentric coordinate, then the lowest piece), as the sb_cut that
+ * cut the body knows. The cell itself where it is none, or where nobody knows. -1: no such cell, or NULL. */
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3]);
 /* The mesh without free slots, in the order of the slots, with regions. nodes [sb_body_node_count] and cells
  * [sb_body_element_count] become their numbers in it, -1 of free ones; may be NULL. Release with sb_mesh_free.
  * SB_ERROR_ARGUMENT, SB_ERROR_MEMORY leave all untouched. */

@@ -1,5 +1,5 @@
 /* live_rows: loads and constraints follow a change of the mesh: their next form is made on the body that comes. */
-#include "live_private.h"
+#include "live_change.h"
 
 #include <string.h>
 
@@ -242,6 +242,50 @@ static int sbi_live_relocate(sbi_live_rows *rows, const int *nodes, const sb_rea
     return 1;
 }
 
+/* sb_body_find_cell in the mesh to come; it is written down, and in a replay as it was written. */
+static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
+{
+    const sbi_live *live = change->body->live;
+    int found = cell;
+    if (change->found_next < change->found.count)
+        found = change->found.items[change->found_next++];
+    else if (live->find)
+        found = live->find(live->find_user, cell, xi);
+    if (!sbi_slots_is_used(&change->cells, found))
+        return cell;
+    change->log_ints.items[change->log_ints.count++] = SBI_CHANGE_FOUND;
+    change->log_ints.items[change->log_ints.count++] = found;
+    return found;
+}
+
+/* A row that is a point in an element that was cut goes over to the piece that has it. 1: done; 0: it is none, or its
+ * cell is no piece. */
+static int sbi_live_repoint(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
+{
+    const sbi_mesh_change *change = rows->change;
+    sb_real shares[4] = {0, 0, 0, 0}, sum = 0;
+    int corner[4], removed = -1, cell = -1, found;
+    if (!rows->next->live->piece_count || rows->body->domain.element_type != SB_TET4 || count > 4)
+        return 0;
+    removed = sbi_live_removed_cell(change, nodes, count);
+    for (int k = 0; k < count && removed >= 0; k++) {
+        corner[k] = 0;
+        while (change->removed_cell_nodes[4 * removed + corner[k]] != nodes[k])
+            corner[k]++;
+        shares[corner[k]] = weights[k];
+        sum += weights[k];
+    }
+    for (int i = 0; i < change->made_cell_count && removed >= 0 && cell < 0; i++)
+        if (change->made_parents[i] == change->removed_cells[removed])
+            cell = change->made_cells[i];
+    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell))
+        return 0;
+    found = sbi_live_find(rows->body->live->open, cell, shares + 1);
+    for (int k = 0; k < count; k++)
+        sbi_live_rows_add(rows, rows->next->domain.cells[4 * (size_t)found + (size_t)corner[k]], weights[k]);
+    return 1;
+}
+
 /* 1 when the row has a node that goes. */
 static int sbi_live_loses_node(const sbi_live_rows *rows, const int *nodes, int count)
 {
@@ -271,6 +315,10 @@ static sb_result sbi_live_carry_row(sbi_live_rows *rows, const sbi_load *load, i
     }
     if (!sbi_live_rows_room(rows, most))
         return sbi_live_rows_no_memory(error);
+    if (load->kind == SBI_LOAD_MAPPING && !lost && sbi_live_repoint(rows, nodes, weights, count)) {
+        sbi_live_rows_close(rows);
+        return SB_OK;
+    }
     if (load->kind == SBI_LOAD_MAPPING && (lost || (count <= 4 && !sbi_live_share_cell(rows->next, nodes, count))) &&
         sbi_live_relocate(rows, nodes, weights, count)) {
         sbi_live_rows_close(rows);

@@ -402,7 +402,6 @@ static void sbi_cut_keep_tet(sb_cut *cut, int first, int end)
     for (int i = first; i < end; i++, piece = cut->pieces[piece].next) {
         cut->pieces[piece].points = cut->cells[i].points;
         cut->pieces[piece].cell = cut->cells[i].cell;
-        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, tet);
     }
 }
 
@@ -427,6 +426,8 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         result = sbi_cut_put_cells(cut, change, error);
     if (result == SB_OK && !sbi_cut_reserve_pieces(cut))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
+        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         cut->changing = 1;
         result = sb_body_change_commit(change, error);
