@@ -631,6 +631,7 @@
 #define sb_body_cell_share sb_body_cell_share_f32
 #define sb_body_rest_positions sb_body_rest_positions_f32
 #define sb_body_mesh_version sb_body_mesh_version_f32
+#define sb_body_find_cell sb_body_find_cell_f32
 #define sb_body_get_mesh sb_body_get_mesh_f32
 #define sb_body_live_check sb_body_live_check_f32
 #define sb_body_listen sb_body_listen_f32
@@ -2858,6 +2859,12 @@ typedef struct sb_mesh_change {
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
     const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
+
+    /* Where cells are pieces of elements, which all have the whole element's shape: the cell, as numbered after the
+     * change, with the material at xi of the element that `cell`, also as after it, is a piece of. NULL: nobody knows
+     */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]);
+    void *find_user;
 } sb_mesh_change;
 
 typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
@@ -4812,7 +4819,8 @@ SB_API const char *sb_check_string(unsigned warning);
  * Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
  * they were, to rounding. What a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
- *   a removed cell becomes the same material point of the cell made there. Points in space stay.
+ *   a removed cell becomes the same material point of the cell made there, of an element that is cut of the piece that
+ *   has it. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
  *   (SB_ERROR_ARGUMENT).
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
@@ -4926,6 +4934,10 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
 /* Rises with every change, and with every state loaded whose mesh is another; 0: none yet. */
 SB_API int sb_body_mesh_version(const sb_body *body);
+/* Where cells are pieces of elements, which all have the whole element's shape: the cell with the material at xi of the
+ * element that `cell` is a piece of (largest least barycentric coordinate, then the lowest piece), as the sb_cut that
+ * cut the body knows. The cell itself where it is none, or where nobody knows. -1: no such cell, or NULL. */
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3]);
 /* The mesh without free slots, in the order of the slots, with regions. nodes [sb_body_node_count] and cells
  * [sb_body_element_count] become their numbers in it, -1 of free ones; may be NULL. Release with sb_mesh_free.
  * SB_ERROR_ARGUMENT, SB_ERROR_MEMORY leave all untouched. */
@@ -5176,6 +5188,9 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
  *   (sb_embedding_kind), or by the nearest of all where these do not reach it; sb_embedded_point.lost and
  *   sb_embedding_report.lost say so. It is back inside when cells are made there again.
  * - Points outside that are held where the mesh changed are held anew from their places at rest.
+ * - In an element that is cut (sb_cut) a point goes with the piece that has its material, outside with the piece that
+ *   has its foot: it is where it was at the instant of the cut. After a state with another mesh was loaded nobody knows
+ *   which piece that is (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
@@ -5321,8 +5336,8 @@ typedef struct sb_step_info {
  *
  * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
  * is found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff
- * ones make substeps short. Substeps that go bad all the same (an element inverted, more
- * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
+ * ones make substeps short, and so does a tool that is near (contact.h). Substeps that go bad all the same (an element
+ * inverted, more energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
  * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
  * otherwise. Where a material that may turn inside out is nearly flat (det F < 0.05) they remember less, and inside out
@@ -5694,8 +5709,15 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * that Newmark and generalised alpha find before a body's first step are without it.
  *
  * Friction needs damping in the integrator: implicit Euler, or generalised alpha with a spectral radius of 0.5 or less;
- * Newmark's average acceleration rings where the surface touches. Bodies with explicit steps are refused.
- * Source: Wriggers, Computational Contact Mechanics (return mapping, augmented Lagrangian). */
+ * Newmark's average acceleration rings where the surface touches.
+ *
+ * Bodies with explicit steps (SB_CENTRAL_DIFFERENCE) are touched by tools, not by their own organs. Forces act beside
+ * the loads, with `stiffness` over the body's own bounded by the nodes' masses; where a tool is near, substeps are
+ * shorter by 1.8 sqrt(stiffness / 3), with the default 3.3 times. No pressure is remembered: overlap stays, and takes
+ * some tenth of a tool's way. Readings are those of the last substep. Momentum is exact; energy is right to a few per
+ * cent of a hit, since what first touches within a substep does so at its end. sb_contact_stiffness and hands
+ * (sb_haptic) need the system of an implicit step. Source: Wriggers, Computational Contact Mechanics (return mapping,
+ * augmented Lagrangian). */
 #ifndef SB_CONTACT_H
 #define SB_CONTACT_H
 
@@ -5727,8 +5749,8 @@ typedef struct sb_contact_def {
 SB_API sb_contact_def sb_default_contact_def(void);
 
 /* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
- * are explicit; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched. Nothing allocates
- * afterwards but sb_contact_add_tool. */
+ * are explicit, and def.pairs is not 0; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.
+ * Nothing allocates afterwards but sb_contact_add_tool. */
 SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
 SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
 
@@ -5949,6 +5971,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   (sb_cut_node_origin). Cells likewise (sb_cut_cell_element).
  * - A link that is cut stays cut. What is cut twice, or along the same way again, is cut once.
  * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
+ * - Points in an element that is cut go with the piece that has their material: of embeddings that follow the body
+ *   (sb_embedding_follow), of rows of mappings; sb_body_find_cell says which piece that is.
  * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
  *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
@@ -5965,7 +5989,7 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side.
+ *   cut.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
@@ -46995,11 +47019,14 @@ typedef struct sbi_touch_step {
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
     int parts_left; /* of a divided step, with this one: it asks for one of so many parts of what is left; else 1 */
+    const sb_real *masses; /* [rows] of an explicit substep (kg), whose matrix is NULL; NULL: the step is implicit */
+    sb_real rate; /* of one: 1/s^2, no pattern of motion may have more stiffness of contact than so much of its mass */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
     void *user;
     int max_iterations; /* of a step of one iteration, >= 1 */
+    sb_real stiffening; /* of explicit substeps: `rate` over the square of the body's own highest frequency */
 
     /* from begin to the end of the step, written by the owner */
     int node_count;
@@ -47690,6 +47717,8 @@ SBI_API int sbi_slots_take(sbi_slots *slots);
 SBI_API void sbi_slots_give(sbi_slots *slots, int slot);
 SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot);
 
+typedef int sbi_cell_find(void *user, int cell, const sb_real xi[3]);
+
 typedef struct sbi_listener {
     int id;
     sb_body_listener calls;
@@ -47702,8 +47731,10 @@ typedef struct sbi_live {
     int piece_count;         /* cells that are pieces */
     sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sb_quadrature_kind rule; /* of the domain's points */
-    int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
-    double slack;            /* of the def */
+    sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
+    void *find_user;
+    int follows;          /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;         /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
                            */
     int *node_marks;      /* [nodes.capacity] zeros between calls */
@@ -47883,6 +47914,9 @@ SB_INLINE int sbi_live_has_material(const sb_body *body, int node)
 #define SB_LIVE_CHANGE_H
 
 
+/* In the log: a cell that a row of a mapping went over to. A commit has room for one of each row. */
+enum { SBI_CHANGE_FOUND = 12 };
+
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
@@ -47921,7 +47955,7 @@ struct sb_body_change {
     struct {
         int *items;
         int count, capacity;
-    } removed_cells, corners, log_ints;
+    } removed_cells, corners, log_ints, found; /* found: of a replay, see SBI_CHANGE_FOUND */
     struct {
         sbi_change_entry *items;
         int count, capacity;
@@ -47933,6 +47967,7 @@ struct sb_body_change {
     int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
     int reshaped_most;      /* upper bound of the cells reshaped */
     int version;            /* of the body's mesh at the beginning */
+    int found_next;
 };
 
 /* The arrays behind an sb_mesh_change. */
@@ -49544,6 +49579,13 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
     if (!sb_body_cell_in_use(body, cell))
         return 0;
     return body->live ? body->live->shares[cell] : 1;
+}
+
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3])
+{
+    if (!xi || !sb_body_cell_in_use(body, cell))
+        return -1;
+    return body->live && body->live->find ? body->live->find(body->live->find_user, cell, xi) : cell;
 }
 
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
@@ -53242,6 +53284,7 @@ static void sbi_change_clear(sb_body_change *change)
     change->made_cells.count = change->removed_cells.count = 0;
     change->entries.count = change->corners.count = 0;
     change->log_ints.count = change->log_reals.count = 0;
+    change->found.count = change->found_next = 0;
 }
 
 /* An empty change with room in its lists for so many cells, or NULL. */
@@ -53322,6 +53365,7 @@ SBI_API void sbi_change_destroy(sb_body_change *change)
     sbi_free(&allocator, change->corners.items);
     sbi_free(&allocator, change->log_ints.items);
     sbi_free(&allocator, change->log_reals.items);
+    sbi_free(&allocator, change->found.items);
     sbi_free(&allocator, change);
 }
 
@@ -53817,6 +53861,12 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
         (call >= SBI_CHANGE_ADD_PIECE && call <= SBI_CHANGE_REPLACE_PART))
         return sbi_change_replay_cell(change, reader, call, error);
     number = sbi_change_next_int(reader);
+    if (call == SBI_CHANGE_FOUND) {
+        if (!SBI_CHANGE_ROOM(change, found, 1))
+            return sbi_change_no_memory(error);
+        change->found.items[change->found.count++] = number;
+        return SB_OK;
+    }
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
         count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
@@ -54107,6 +54157,8 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->made_cell_nodes = lists->made_cell_nodes;
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
+    out->find_cell = change->body->live->find;
+    out->find_user = change->body->live->find_user;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;
     return SB_OK;
@@ -54194,22 +54246,39 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     return result;
 }
 
+/* Room to write down where rows of mappings go; 0: no memory. */
+static int sbi_change_reserve_found(sb_body_change *change)
+{
+    const sb_body *body = change->body;
+    int64_t rows = 0;
+    for (int i = 0; i < body->load_count; i++)
+        rows += body->loads[i].kind == SBI_LOAD_MAPPING ? body->loads[i].row_count : 0;
+    return rows < INT32_MAX / 4 && SBI_CHANGE_ROOM(change, log_ints, 2 * (int)rows);
+}
+
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
 {
     sbi_change_lists lists;
     sb_mesh_change out;
     sb_body *body;
     sb_result result;
+    int calls;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
     body = change->body;
+    calls = change->log_ints.count;
     if (change->version != body->live->version)
         return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
     result = sbi_change_list(change, &lists, &out, error);
+    if (result == SB_OK && !sbi_change_reserve_found(change))
+        result = sbi_change_no_memory(error);
     if (result == SB_OK && !sbi_live_follow(change, &lists, &out, &result, error))
         result = sbi_change_rebuild(change, &out, error);
-    if (result != SB_OK)
+    if (result != SB_OK) {
+        change->log_ints.count = calls; /* without what it found */
+        change->found_next = 0;
         return result;
+    }
     sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
                   change->log_reals.items, (size_t)change->log_reals.count);
     for (int i = 0; i < body->live->listener_count; i++)
@@ -55050,6 +55119,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->listener_count = live->listener_count;
     made->listener_capacity = live->listener_capacity;
     made->last_listener = live->last_listener;
+    made->find = live->find;
+    made->find_user = live->find_user;
     live->open = NULL;
     live->listeners = NULL;
     live->listener_count = 0;
@@ -55301,6 +55372,50 @@ static int sbi_live_relocate(sbi_live_rows *rows, const int *nodes, const sb_rea
     return 1;
 }
 
+/* sb_body_find_cell in the mesh to come; it is written down, and in a replay as it was written. */
+static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
+{
+    const sbi_live *live = change->body->live;
+    int found = cell;
+    if (change->found_next < change->found.count)
+        found = change->found.items[change->found_next++];
+    else if (live->find)
+        found = live->find(live->find_user, cell, xi);
+    if (!sbi_slots_is_used(&change->cells, found))
+        return cell;
+    change->log_ints.items[change->log_ints.count++] = SBI_CHANGE_FOUND;
+    change->log_ints.items[change->log_ints.count++] = found;
+    return found;
+}
+
+/* A row that is a point in an element that was cut goes over to the piece that has it. 1: done; 0: it is none, or its
+ * cell is no piece. */
+static int sbi_live_repoint(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
+{
+    const sbi_mesh_change *change = rows->change;
+    sb_real shares[4] = {0, 0, 0, 0}, sum = 0;
+    int corner[4], removed = -1, cell = -1, found;
+    if (!rows->next->live->piece_count || rows->body->domain.element_type != SB_TET4 || count > 4)
+        return 0;
+    removed = sbi_live_removed_cell(change, nodes, count);
+    for (int k = 0; k < count && removed >= 0; k++) {
+        corner[k] = 0;
+        while (change->removed_cell_nodes[4 * removed + corner[k]] != nodes[k])
+            corner[k]++;
+        shares[corner[k]] = weights[k];
+        sum += weights[k];
+    }
+    for (int i = 0; i < change->made_cell_count && removed >= 0 && cell < 0; i++)
+        if (change->made_parents[i] == change->removed_cells[removed])
+            cell = change->made_cells[i];
+    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell))
+        return 0;
+    found = sbi_live_find(rows->body->live->open, cell, shares + 1);
+    for (int k = 0; k < count; k++)
+        sbi_live_rows_add(rows, rows->next->domain.cells[4 * (size_t)found + (size_t)corner[k]], weights[k]);
+    return 1;
+}
+
 /* 1 when the row has a node that goes. */
 static int sbi_live_loses_node(const sbi_live_rows *rows, const int *nodes, int count)
 {
@@ -55330,6 +55445,10 @@ static sb_result sbi_live_carry_row(sbi_live_rows *rows, const sbi_load *load, i
     }
     if (!sbi_live_rows_room(rows, most))
         return sbi_live_rows_no_memory(error);
+    if (load->kind == SBI_LOAD_MAPPING && !lost && sbi_live_repoint(rows, nodes, weights, count)) {
+        sbi_live_rows_close(rows);
+        return SB_OK;
+    }
     if (load->kind == SBI_LOAD_MAPPING && (lost || (count <= 4 && !sbi_live_share_cell(rows->next, nodes, count))) &&
         sbi_live_relocate(rows, nodes, weights, count)) {
         sbi_live_rows_close(rows);
@@ -57222,9 +57341,11 @@ SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
 /* A mesh in slots. */
 typedef struct sbi_embed_slots {
     int node_end, cell_end;
-    const sb_vec3 *nodes;      /* [node_end] at rest (m) */
-    const int *cells;          /* [cell_end][nodes per element] */
-    const unsigned char *used; /* [cell_end] 0: a free slot */
+    const sb_vec3 *nodes;                                        /* [node_end] at rest (m) */
+    const int *cells;                                            /* [cell_end][nodes per element] */
+    const unsigned char *used;                                   /* [cell_end] 0: a free slot */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]); /* see sb_mesh_change; or NULL */
+    void *find_user;
 } sbi_embed_slots;
 
 /* Whom it follows. */
@@ -57278,8 +57399,10 @@ typedef struct sbi_embed_follower {
 
     sbi_embed_pool scratch;
 
-    const sb_mesh_change *change; /* between reserve and what ends it */
-    sb_vec3 *old_nodes;           /* [old_room] of the slots that made nodes take */
+    const sb_mesh_change *change;                                /* between reserve and what ends it */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]); /* of what is being followed; or NULL */
+    void *find_user;
+    sb_vec3 *old_nodes; /* [old_room] of the slots that made nodes take */
     int old_room, old_node_end, old_cell_end;
 } sbi_embed_follower;
 
@@ -58473,6 +58596,50 @@ static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, c
     return whole;
 }
 
+/* Holds a point by the frame of the face that its foot is on, as it would be without smooth normals. */
+static void sbi_embed_hold_by_frame(const sb_embedding *e, const sbi_embed_follower *f, int point,
+                                    sbi_embed_place *place, sb_embedded_point *info)
+{
+    const int *nodes = f->cells + place->cell / f->faces * f->width, *local = f->local[place->cell % f->faces];
+    sb_real shape[SB_MAX_FACE_NODES], slope[SB_MAX_FACE_NODES][3];
+    sb_vec3 at = sb_v3(0, 0, 0), r = at, s = at, offset;
+    sb_mat3 frame;
+    sb_element_shape(e->face.type, place->parameters, shape, slope);
+    for (int a = 0; a < f->face_nodes; a++) {
+        sb_vec3 x = f->nodes[nodes[local[a]]];
+        at = sb_v3_madd(at, shape[a], x);
+        r = sb_v3_madd(r, slope[a][0], x);
+        s = sb_v3_madd(s, slope[a][1], x);
+    }
+    frame = sbi_embed_face_frame(r, s);
+    offset = sb_m3_tapply(frame, sb_v3_sub(e->rest[point], at));
+    place->hold = info->hold = SB_EMBEDDED_FRAME;
+    place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
+    if (e->rest_normals) {
+        offset = sb_m3_tapply(frame, sbi_embed_unit(e->rest_normals[point]));
+        place->carried[0] = offset.x, place->carried[1] = offset.y, place->carried[2] = offset.z;
+    }
+}
+
+/* A place in an element that is cut goes over to the piece that has it: outside by the frame of its face, as the nodes
+ * of another piece have other smooth normals. */
+static void sbi_embed_find_piece(const sb_embedding *e, const sbi_embed_follower *f, int point, sbi_embed_place *place,
+                                 sb_embedded_point *info)
+{
+    int on_face = sbi_embed_is_on_face(place->hold), cell, face;
+    if (!f->find_cell)
+        return;
+    cell = f->find_cell(f->find_user, info->element, info->xi);
+    face = cell * f->faces + place->cell % f->faces;
+    if (cell < 0 || cell >= f->cell_end || cell == info->element || f->cells[cell * f->width] < 0 ||
+        (on_face && f->outer[face] < 0))
+        return;
+    info->element = cell;
+    place->cell = on_face ? face : cell;
+    if (place->hold == SB_EMBEDDED_OFFSET)
+        sbi_embed_hold_by_frame(e, f, point, place, info);
+}
+
 /* Places what has no place yet; returns how many are left. */
 static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                  const sbi_embed_volume *volume)
@@ -58492,6 +58659,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
             swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
         else
             swap->place.cell = swap->info.element;
+        sbi_embed_find_piece(e, f, swap->point, &swap->place, &swap->info);
         swap->done = sbi_embed_accepts(f, part, &swap->place);
         left += !swap->done;
     }
@@ -58811,6 +58979,8 @@ static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, con
 {
     sbi_embed_parts parts;
     sb_result result;
+    f->find_cell = mesh->find_cell;
+    f->find_user = mesh->find_user;
     if (!sbi_embed_live_room(e, f, mesh->node_end, mesh->cell_end, 0) || !sbi_embed_live_fill(e, f, mesh) ||
         !sbi_embed_reserve_swaps(e, f, e->report.point_count))
         return sbi_embed_follow_no_memory(e, error);
@@ -58888,6 +59058,8 @@ SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_chan
     if (result != SB_OK)
         return result;
     f->change = change;
+    f->find_cell = change->find_cell;
+    f->find_user = change->find_user;
     known = sbi_embed_reserve_mesh(e, f);
     e->elements = f->cells; /* they may have moved */
     if (!known)
@@ -59929,6 +60101,8 @@ static sb_result sbi_body_embed_load(sb_embedding *embedding, const sb_body *bod
     mesh.nodes = body->reference;
     mesh.cells = body->domain.cells;
     mesh.used = body->live->cells.used;
+    mesh.find_cell = body->live->find;
+    mesh.find_user = body->live->find_user;
     return sbi_embed_follower_load(embedding, &mesh, error);
 }
 
@@ -60874,6 +61048,8 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
 #ifndef SB_STEP_EXPLICIT_H
 #define SB_STEP_EXPLICIT_H
 
+#include <math.h>
+
 
 /* Times that a call is done again with shorter substeps. */
 enum { SBI_EXPLICIT_CAUTION = 3 };
@@ -60883,11 +61059,33 @@ enum { SBI_EXPLICIT_CAUTION = 3 };
  * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
 
+/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
+SB_INLINE double sbi_explicit_count(sb_real left, sb_real longest)
+{
+    double count = ceil((double)left / (double)longest - 1e-3);
+    return count < 1 ? 1 : count;
+}
+
 /* Takes note of a call that went well; after a run of them the next may be bolder. */
 SBI_API void sbi_explicit_calm(sb_body *body, int caution);
 /* The stable step (s) of a stiffness with the masses of all axes (kg; 0: the axis stays out), NULL: the body's lumped
  * ones; not positive or not finite when there is none. Overwrites the body's work vectors. */
 SBI_API sb_real sbi_explicit_bound(sb_body *body, const sb_matrix *matrix, const sb_vec3 *masses);
+
+/* ---- step_explicit_touch.c: of a body with something that touches it, in the order of calls ---- */
+/* Begins a substep of what is left (s) of a call; *count: substeps that it takes, of at most `longest` (s) each, and of
+ * less where something is near. tries: caution. */
+SBI_API sb_result sbi_explicit_begin_touch(sb_body *body, sb_real left, sb_real longest, int tries, double *count,
+                                           sb_error *error);
+/* The body has moved by body->increment: forces of contact there. SB_ERROR_DIVERGED: something may have passed
+ * through. */
+SBI_API sb_result sbi_explicit_meet_touch(sb_body *body, sb_error *error);
+/* body->follower += forces of contact: as they were met; before the first substep, as the last step left them. */
+SBI_API void sbi_explicit_add_touch(sb_body *body, int met);
+/* Energy (J) of the velocity that forces of contact, as they were met, give in half a substep of h (s): what they may
+ * bring without a way to work on, where they are new. */
+SBI_API double sbi_explicit_touch_swing(const sb_body *body, sb_real h);
+SBI_API void sbi_explicit_commit_touch(sb_body *body);
 
 #endif /* SB_STEP_EXPLICIT_H */
 
@@ -61153,13 +61351,18 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 
 /* ---- motion ---- */
 
-/* Forces at the present displacement: internal, and follower those of the loads that depend on it. */
-static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
+/* Forces at the present displacement: internal, and follower those of contact and of the loads that depend on it. met:
+ * contact was met there, else it was left there by the last step. */
+static sb_result sbi_explicit_force(sb_body *b, int met, sb_step_info *info)
 {
     double begin = sbi_explicit_now(b);
     int bad = -1;
     if (b->load_count)
         sbi_loads_force(b, b->displacement, 1);
+    else if (b->touch)
+        memset(b->follower, 0, (size_t)b->domain.node_count * sizeof *b->follower);
+    if (b->touch)
+        sbi_explicit_add_touch(b, met);
     if (!b->force_current)
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
     b->force_current = bad < 0;
@@ -61173,7 +61376,7 @@ static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
 /* All loads on a node. */
 static sb_vec3 sbi_explicit_load(const sb_body *b, int i)
 {
-    return b->load_count ? sb_v3_add(b->external[i], b->follower[i]) : b->external[i];
+    return b->load_count || b->touch ? sb_v3_add(b->external[i], b->follower[i]) : b->external[i];
 }
 
 /* Acceleration of a node whose velocity so far is v, when it takes `share` (s) more of it: M a + alpha M (v + share a)
@@ -61307,7 +61510,9 @@ static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
     double work = sbi_explicit_move(x, done), springs;
     sb_result result;
     sbi_assembly_end_step(&b->assembly, b->displacement, x->h);
-    result = sbi_explicit_force(b, x->info);
+    result = b->touch ? sbi_explicit_meet_touch(b, &x->info->error) : SB_OK;
+    if (result == SB_OK)
+        result = sbi_explicit_force(b, 1, x->info);
     if (result != SB_OK)
         return result;
     work += sbi_explicit_half_work(b);
@@ -61322,14 +61527,11 @@ static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
     b->guard.energy += work > 0 ? work : 0;
     b->guard.age++;
     x->info->substeps++;
+    if (b->touch) {
+        b->guard.energy += sbi_explicit_touch_swing(b, x->h);
+        sbi_explicit_commit_touch(b);
+    }
     return sbi_explicit_audit(x, sbi_explicit_kinetic(b));
-}
-
-/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
-static double sbi_explicit_count(sb_real left, sb_real longest)
-{
-    double count = ceil((double)left / (double)longest - 1e-3);
-    return count < 1 ? 1 : count;
 }
 
 /* Substeps as this plan would make them at the stable step last known; 0: none is. */
@@ -61371,6 +61573,11 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
                             "dt %g s takes more than max_substeps %d: the stable step is %g s", (double)dt,
                             b->max_substeps, (double)b->guard.stable_step);
         count = sbi_explicit_count(left, x->plan->margin * b->guard.stable_step);
+        if (b->touch)
+            result = sbi_explicit_begin_touch(b, left, x->plan->margin * b->guard.stable_step,
+                                              (int)(x->plan - sbi_explicit_plans), &count, &x->info->error);
+        if (result != SB_OK)
+            return result;
         x->h = (sb_real)((double)left / count);
         left = count > 1 ? left - x->h : 0;
         result = sbi_explicit_substep(x, 1 - left / dt);
@@ -61412,7 +61619,7 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
         memset(&body->guard, 0, sizeof body->guard);
     if (caution > 0)
         body->guard.stable_step = 0;
-    result = sbi_explicit_force(body, info);
+    result = sbi_explicit_force(body, 0, info);
     if (result != SB_OK)
         return result;
     sbi_explicit_begin(body, dt);
@@ -61426,6 +61633,97 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     body->acceleration_known = 1;
     return SB_OK;
 }
+
+/* ==== src/softbody/body/step_explicit_touch.c ==== */
+/* step_explicit_touch: contact in explicit steps. Each substep is a step of contact: what is near is found where the
+ * body is, and pushes where it has gone to, beside the loads. Its stiffness is bounded by the nodes' masses: with
+ * `rate` lambda_c = c lambda, lambda the square of the body's highest frequency, substeps that are shorter by sqrt(1 +
+ * c) are as stable as those without contact: no eigenvalue of a sum is more than the largest of both together. */
+#include <limits.h>
+#include <string.h>
+
+
+static sbi_touch_step sbi_explicit_tell_touch(const sb_body *b, sb_real left, double count, int tries)
+{
+    const sb_real stable = b->guard.stable_step;
+    sbi_touch_step told;
+    memset(&told, 0, sizeof told);
+    told.start = b->displacement;
+    told.velocity = b->velocity;
+    told.dt = (sb_real)((double)left / count);
+    told.level = told.factor = 1;
+    told.tries = tries;
+    told.parts_left = count < (double)INT_MAX ? (int)count : INT_MAX;
+    told.masses = b->lumped_mass;
+    told.rate = b->touch->stiffening * 4 / (stable * stable);
+    return told;
+}
+
+/* Longest substep h (s) where something is near: stable, and with lambda_c h^2 <= 1. What comes into touch within a
+ * substep does so at its end, with up to lambda_c h^2 / 2 of its energy too much or too little. */
+static sb_real sbi_explicit_near(const sb_body *b, sb_real longest)
+{
+    const sb_real c = b->touch->stiffening;
+    return sb_min(longest / sb_sqrt(1 + c), b->guard.stable_step / (2 * sb_sqrt(c)));
+}
+
+SBI_API sb_result sbi_explicit_begin_touch(sb_body *b, sb_real left, sb_real longest, int tries, double *count,
+                                           sb_error *error)
+{
+    sbi_touch *touch = b->touch;
+    sb_result result = SB_OK;
+    sbi_body_update_positions(b);
+    for (int near = 0; near < 2; near++) {
+        sbi_touch_step told;
+        *count = sbi_explicit_count(left, near ? sbi_explicit_near(b, longest) : longest);
+        told = sbi_explicit_tell_touch(b, left, *count, tries);
+        touch->iterations = touch->capped = 0;
+        touch->residual = 0;
+        touch->coupling.node_count = 0;
+        result = touch->begin(touch->user, &told, error);
+        if (result != SB_OK && error->result != result)
+            return sbi_fail(error, result, "contact cannot begin a step");
+        if (result != SB_OK || near || touch->node_count == 0)
+            break;
+        touch->undo(touch->user);
+    }
+    return result;
+}
+
+SBI_API sb_result sbi_explicit_meet_touch(sb_body *b, sb_error *error)
+{
+    sbi_touch *touch = b->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = b->increment[touch->nodes[k]];
+    touch->evaluate(touch->user, touch->du, 1);
+    touch->refused = !touch->accept(touch->user, b->displacement);
+    if (touch->refused)
+        return sbi_fail(error, SB_ERROR_DIVERGED,
+                        "the body moves so far in a substep that a tool may have passed through it");
+    return SB_OK;
+}
+
+SBI_API void sbi_explicit_add_touch(sb_body *b, int met)
+{
+    const sbi_touch *touch = b->touch;
+    if (!met)
+        touch->add_done(touch->user, 1, b->follower);
+    for (int k = 0; met && k < touch->node_count; k++)
+        b->follower[touch->nodes[k]] = sb_v3_add(b->follower[touch->nodes[k]], touch->force[k]);
+}
+
+SBI_API double sbi_explicit_touch_swing(const sb_body *b, sb_real h)
+{
+    const sbi_touch *touch = b->touch;
+    double sum = 0;
+    for (int k = 0; k < touch->node_count; k++) {
+        double mass = (double)b->lumped_mass[touch->nodes[k]];
+        sum += mass > 0 ? (double)sb_v3_dot(touch->force[k], touch->force[k]) / mass : 0;
+    }
+    return (double)h * (double)h / 8 * sum;
+}
+
+SBI_API void sbi_explicit_commit_touch(sb_body *b) { b->touch->commit(b->touch->user); }
 
 /* ==== src/softbody/body/step_private.h ==== */
 /* step_private: what the files of the step share: the Newton iteration, its line search, the integrators. Floor 3. */
@@ -63660,6 +63958,9 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
 static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sbi_step_guard guard = body->guard;
+    sbi_touch *touch = body->touch;
+    if (touch)
+        touch->keep(touch->user);
     for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_dead_loads(body);
@@ -63671,6 +63972,11 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
         sbi_step_restore(body);
         sbi_step_watch_knots(body, 0);
         body->guard = guard;
+        if (touch) {
+            sbi_body_update_positions(body);
+            touch->undo(touch->user);
+            touch->rewind(touch->user);
+        }
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
             return result;
     }
@@ -66911,7 +67217,7 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
     sb_step_info own;
     sb_result result;
     double begun;
-    if (!body || !body->touch || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
+    if (!body || !body->touch || !sbi_body_is_implicit(body) || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
         return sbi_step_whole(body, dt, guests, guest_count, 1, info);
     info = info ? info : &own;
     begun = sbi_body_now(body);
@@ -69151,6 +69457,9 @@ SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
+/* The cell of the body whose material is at xi of the tet that `cell` is of, see sb_body_find_cell: user is the cut.
+ * Within a change of its own it is as after it. */
+SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3]);
 /* Forgets what tets have been touched. */
 SBI_API void sbi_cut_clear(sb_cut *cut);
 
@@ -69779,7 +70088,6 @@ static void sbi_cut_keep_tet(sb_cut *cut, int first, int end)
     for (int i = first; i < end; i++, piece = cut->pieces[piece].next) {
         cut->pieces[piece].points = cut->cells[i].points;
         cut->pieces[piece].cell = cut->cells[i].cell;
-        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, tet);
     }
 }
 
@@ -69804,6 +70112,8 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         result = sbi_cut_put_cells(cut, change, error);
     if (result == SB_OK && !sbi_cut_reserve_pieces(cut))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
+        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         cut->changing = 1;
         result = sb_body_change_commit(change, error);
@@ -69838,6 +70148,78 @@ SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
     }
     sbi_cut_clear(cut);
     return result;
+}
+
+/* ==== src/softbody/cut/cut_find.c ==== */
+/* cut_find: which piece of an element has the material at a point. */
+
+/* Least of a point's barycentrics in a tet; -SB_REAL_MAX where it is flat. */
+static sb_real sbi_find_depth(const sb_vec3 corners[4], sb_vec3 x)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), p = sb_v3_sub(x, corners[0]);
+    sb_real volume = sb_v3_dot(a, sb_v3_cross(b, c)), first, second, third;
+    if (volume == 0)
+        return -SB_REAL_MAX;
+    first = sb_v3_dot(p, sb_v3_cross(b, c)) / volume;
+    second = sb_v3_dot(p, sb_v3_cross(c, a)) / volume;
+    third = sb_v3_dot(p, sb_v3_cross(a, b)) / volume;
+    return sb_min(sb_min(first, second), sb_min(third, 1 - first - second - third));
+}
+
+/* The micro-tet that a point is deepest in; the first of several. */
+static int sbi_find_micro(const sbi_lattice *lattice, sb_vec3 x)
+{
+    sb_real deepest = -SB_REAL_MAX;
+    int found = 0;
+    for (int micro = 0; micro < lattice->micro_count; micro++) {
+        sb_vec3 corners[4];
+        sb_real depth;
+        for (int v = 0; v < 4; v++) {
+            sb_real at[4];
+            sbi_lattice_point(lattice, lattice->micros[micro][v], at);
+            corners[v] = sb_v3(at[1], at[2], at[3]);
+        }
+        depth = sbi_find_depth(corners, x);
+        if (depth > deepest) {
+            deepest = depth;
+            found = micro;
+        }
+    }
+    return found;
+}
+
+/* The piece of a tet that has a point. */
+static int sbi_find_piece(const sbi_parted *parted, sb_vec3 x)
+{
+    sbi_flag flags[SBI_FLAGS];
+    sb_real deepest = -SB_REAL_MAX;
+    int count = sbi_parted_flags(parted, sbi_find_micro(parted->lattice, x), 0, flags), piece = flags[0].piece;
+    for (int k = 0; k < count && count > 1; k++) {
+        sb_real depth = sbi_find_depth(flags[k].corners, x);
+        if (depth > deepest) {
+            deepest = depth;
+            piece = flags[k].piece;
+        }
+    }
+    return piece;
+}
+
+SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
+{
+    const sb_cut *cut = (const sb_cut *)user;
+    int tet = cell >= 0 && cell < cut->elements.count && !cut->stale ? cut->elements.items[cell] : -1, piece, at;
+    int records = tet >= 0 && cut->changing ? cut->cell_of[tet] : 0;
+    sbi_parted parted;
+    if (tet < 0 || (!records && cut->pieces[tet].next < 0))
+        return cell;
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    piece = parted.piece_count > 1 ? sbi_find_piece(&parted, sb_v3(xi[0], xi[1], xi[2])) : 0;
+    if (records)
+        return cut->cells[records - 1 + piece].cell;
+    for (at = tet; piece > 0 && cut->pieces[at].next >= 0; piece--)
+        at = cut->pieces[at].next;
+    return cut->pieces[at].cell;
 }
 
 /* ==== src/softbody/cut/cut.c ==== */
@@ -69988,6 +70370,8 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
         sb_cut_destroy(made);
         return result;
     }
+    made->body->live->find = sbi_cut_find_cell;
+    made->body->live->find_user = made;
     *cut = made;
     return SB_OK;
 }
@@ -70000,6 +70384,8 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     allocator = cut->allocator;
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    if (cut->body && cut->body->live->find_user == cut)
+        cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
     sbi_free(&allocator, cut->tets);
@@ -72919,7 +73305,7 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
-    int is_static;
+    int is_static, is_explicit;
     const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
     sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
     int *near;        /* [max_tools][face_room] faces by tool */
@@ -76115,6 +76501,57 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
     }
 }
 
+/* Least of rate m_a / S_a of a patch's nodes, by which no node would have more than its share alone. */
+static sb_real sbi_contact_light(const sb_contact *contact, const sbi_contact_patch *patch, const sbi_touch_step *step)
+{
+    sb_real least = SB_REAL_MAX;
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+        int node = contact->nodes[patch->nodes[a]];
+        sb_real area = sbi_contact_node_area(contact->faces, node);
+        least = sb_min(least, area > 0 ? step->rate * step->masses[node] / area : 0);
+    }
+    return least;
+}
+
+/* stiffness_by_node += what a patch loads its nodes with (N/m), which no pattern of motion exceeds:
+ *     x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
+static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *patch)
+{
+    int count = contact->faces->sizes[patch->face];
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real sum = 0;
+        for (int a = 0; a < count; a++)
+            sum += sb_abs(s->weights[a]);
+        for (int a = 0; a < count; a++)
+            contact->stiffness_by_node[patch->nodes[a]] += s->area * s->k * sum * sb_abs(s->weights[a]);
+    }
+}
+
+/* Of an explicit substep: as stiff as the nodes' masses admit, of all tools together. */
+static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_step *step)
+{
+    memset(contact->stiffness_by_node, 0, (size_t)contact->touch.node_count * sizeof *contact->stiffness_by_node);
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real k = sbi_contact_light(contact, patch, step);
+        for (int i = patch->first; i < patch->first + patch->count; i++)
+            contact->samples[i].k = k;
+        sbi_contact_add_load(contact, patch);
+    }
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real share = 1;
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+            sb_real load = contact->stiffness_by_node[patch->nodes[a]];
+            sb_real most = step->rate * step->masses[contact->nodes[patch->nodes[a]]];
+            share = load > most ? sb_min(share, most / load) : share;
+        }
+        for (int i = patch->first; i < patch->first + patch->count; i++)
+            contact->samples[i].k *= share;
+    }
+}
+
 /* Forces that rounding of places makes (N): the norm of those of all samples. */
 static double sbi_contact_noise(const sb_contact *contact)
 {
@@ -76176,6 +76613,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     int thin = 0;
     sb_result result = sbi_contact_update_faces(contact, error);
     contact->is_solved = 0;
+    contact->is_explicit = step->masses != NULL;
     if (result == SB_OK && !(step->dt > 0) && !contact->kept) {
         sbi_contact_keep_before(contact);
         contact->kept = 1;
@@ -76198,9 +76636,13 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         return result;
     }
     sbi_contact_begin_hung(contact);
-    sbi_contact_stiffen(contact, step->matrix);
+    if (contact->is_explicit)
+        sbi_contact_stiffen_explicit(contact, step);
+    else
+        sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
-    sbi_contact_remember_pressures(contact);
+    if (!contact->is_explicit)
+        sbi_contact_remember_pressures(contact);
     sbi_pairs_stiffen(contact);
     sbi_pairs_remember(contact);
     contact->touch.nodes = contact->nodes;
@@ -76542,11 +76984,14 @@ static void sbi_contact_commit(void *user)
     if (contact->is_static) {
         sbi_contact_take_stage(contact);
     } else {
-        sbi_contact_keep_pressures(contact, 1);
+        if (contact->is_explicit)
+            contact->pressure_count = 0; /* by substeps they would swing up: the matrix is too stiff for them */
+        else
+            sbi_contact_keep_pressures(contact, 1);
         sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
         sbi_contact_keep_springs(contact);
-        contact->is_solved = 1;
+        contact->is_solved = !contact->is_explicit;
     }
     sbi_contact_commit_springs(contact);
     sbi_contact_sum_wrenches(contact);
@@ -77657,6 +78102,8 @@ SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact)
 
 #define SBI_CONTACT_COOKIE 0xc0117ac7u
 enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+/* Squares of the highest frequency of a mesh over those of its nodes held alone, tr K_aa / 3 m_a: some 2 to 4. */
+#define SBI_CONTACT_SHARE ((sb_real)3)
 
 SB_API sb_contact_def sb_default_contact_def(void)
 {
@@ -77701,9 +78148,11 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
                         (double)def->pair_distance);
     if (sbi_body_get_touch(def->body))
         return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
-    if (!sbi_body_is_implicit(def->body))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
+    if (!sbi_body_is_implicit(def->body) && def->pairs)
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): tools touch it, but not its organs each "
+            "other (def.pairs)");
     return SB_OK;
 }
 
@@ -77778,6 +78227,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
     c->region_room = c->faces->region_count;
     c->touch.max_iterations = def->max_iterations;
+    c->touch.stiffening = def->stiffness / SBI_CONTACT_SHARE;
     c->pairs.kinds = def->pairs;
     c->pairs.friction = def->pair_friction;
     c->pairs.distance = def->pair_distance;
@@ -79452,6 +79902,11 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.contact is NULL: a hand needs the contact of its tool");
     if (sb_contact_reached(def->contact, def->tool, pose, NULL) != SB_OK)
         return sbi_fail(error, SB_ERROR_INDEX, "def.tool is %d: the contact has no such tool", def->tool);
+    if (!sbi_body_is_implicit(def->contact->body))
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): a hand feels the stiffness of the system "
+            "that an implicit step solves");
     if (sbi_contact_is_hung(def->contact->tools + def->tool))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);
