@@ -445,13 +445,6 @@ static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
     return sbi_explicit_audit(x, sbi_explicit_kinetic(b));
 }
 
-/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
-SBI_API double sbi_explicit_count(sb_real left, sb_real longest)
-{
-    double count = ceil((double)left / (double)longest - 1e-3);
-    return count < 1 ? 1 : count;
-}
-
 /* Substeps as this plan would make them at the stable step last known; 0: none is. */
 static sb_real sbi_explicit_length(const sb_body *b, sb_real dt, int caution)
 {

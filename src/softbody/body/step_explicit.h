@@ -2,6 +2,8 @@
 #ifndef SB_STEP_EXPLICIT_H
 #define SB_STEP_EXPLICIT_H
 
+#include <math.h>
+
 #include "body_private.h"
 #include "step.h"
 
@@ -12,6 +14,13 @@ enum { SBI_EXPLICIT_CAUTION = 3 };
  * shorter and the looks at the stable step more frequent. body->start and the dead loads in body->external are up to
  * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
+
+/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
+SB_INLINE double sbi_explicit_count(sb_real left, sb_real longest)
+{
+    double count = ceil((double)left / (double)longest - 1e-3);
+    return count < 1 ? 1 : count;
+}
 
 /* Takes note of a call that went well; after a run of them the next may be bolder. */
 SBI_API void sbi_explicit_calm(sb_body *body, int caution);
@@ -33,7 +42,5 @@ SBI_API void sbi_explicit_add_touch(sb_body *body, int met);
  * bring without a way to work on, where they are new. */
 SBI_API double sbi_explicit_touch_swing(const sb_body *body, sb_real h);
 SBI_API void sbi_explicit_commit_touch(sb_body *body);
-/* Substeps that a length (s) asks for. */
-SBI_API double sbi_explicit_count(sb_real left, sb_real longest);
 
 #endif /* SB_STEP_EXPLICIT_H */
