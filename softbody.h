@@ -4836,11 +4836,13 @@ SB_API const char *sb_check_string(unsigned warning);
  * or get another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells
  * in one change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and
  * cuts the coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the
- * body was made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything
- * is made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
- * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
- * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
- * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
+ * body was made from), so iterations, states and changes taken back are those of a body made with that mesh.
+ * SB_PRECOND_MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), FSAI and CHOLESKY are made anew with
+ * the change, which allocates and takes time by the mesh (of 86,000 cells 35 ms); where there is no memory for them the
+ * change holds, and steps say SB_ERROR_MEMORY until there is. Everything is made anew instead, at the cost of creation
+ * (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4, there are constraints or mappings that
+ * couple beyond cells, or a load is on what changes. The bits are the same either way. Consistent masses cost a pass
+ * over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
  * half as much again, and they have to be asked for anew. */
@@ -6496,13 +6498,14 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
                                      const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
                                      sb_error *error);
 /* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
- * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
+ * SSOR, IC(0); others are to be made anew. 0: it would have to have the memory for what sbi_matrix_reserve has planned,
+ * and has not. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
  * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
-/* Does so now, if that is still to be done. */
-SBI_API void sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* Does so now, if that is still to be done. 0: it is of a kind that does not follow, and of the pattern of before. */
+SBI_API int sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* Another Poisson's ratio than that of the def, for all updates to come. */
 SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson);
 /* 1: z of one connected part of the pattern depends on r of another, as the user's levels may have it. */
@@ -37255,36 +37258,39 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 
 SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *matrix)
 {
-    if (!sbi_precond_kind_follows(p->kind))
-        return 0;
-    return p->kind == SB_PRECOND_NONE ||
+    return p->kind == SB_PRECOND_NONE || !sbi_precond_kind_follows(p->kind) ||
            (sbi_matrix_row_capacity(matrix) <= p->row_room && sbi_matrix_capacity(matrix) <= p->block_room &&
             matrix->live->longest <= p->longest_room);
 }
 
 SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
 {
+    p->ready = p->turned = 0;
+    p->coarse.ready = 0;
+    p->stale = 1;
+    if (!sbi_precond_kind_follows(p->kind))
+        return;
     p->row_count = matrix->row_count;
     p->block_count = sbi_matrix_used_blocks(matrix);
     p->lower_count = (p->block_count - p->row_count) / 2;
     p->pattern_version = sbi_matrix_version(matrix);
     p->rest = rest;
     p->pattern_hash = 0; /* for images of a factor, which nobody makes of these */
-    p->ready = p->turned = 0;
-    p->coarse.ready = 0;
-    p->stale = 1;
 }
 
-SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
+SBI_API int sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
 {
     int pieces = sbi_precond_pieces(p, p->row_count);
     if (!p->stale)
-        return;
+        return 1;
+    if (!sbi_precond_kind_follows(p->kind))
+        return 0;
     p->stale = 0;
     if (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0)
         sbi_precond_shape_lower(p, matrix, p->kind == SB_PRECOND_IC0 && pieces > 0);
     if (p->coarse.piece_room)
         sbi_precond_shape_coarse(p, matrix, pieces);
+    return 1;
 }
 
 /* ---- update -------------------------------------------------------------------------------------------- */
@@ -37387,7 +37393,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;
-    sbi_precond_settle(p, matrix);
+    (void)sbi_precond_settle(p, matrix); /* what cannot has not the matrix' pattern */
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;
@@ -47625,6 +47631,8 @@ SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_m
 SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
 /* One like that of the body before its mesh became another: what sbi_body_make_preconditioner gives a body made so. */
 SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error);
+/* After a change of the mesh in place: one that does not follow is made anew. A failure leaves it to the next call. */
+SBI_API sb_result sbi_body_settle_preconditioner(sb_body *body, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. young: [material_count] (Pa); NULL: those of the materials now. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,
@@ -48992,6 +49000,20 @@ SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_precond
     return result;
 }
 
+SBI_API sb_result sbi_body_settle_preconditioner(sb_body *body, sb_error *error)
+{
+    sb_preconditioner *before = body->precond;
+    sb_result result;
+    if (sbi_precond_settle(before, &body->matrix))
+        return SB_OK;
+    result = sbi_body_remake_preconditioner(body, before, error);
+    if (result != SB_OK)
+        return result;
+    sbi_precond_set_memory(body->precond, sbi_precond_get_memory(before));
+    sb_preconditioner_free(before);
+    return SB_OK;
+}
+
 /* ==== src/softbody/body/body_support.c ==== */
 /* body_support: nodes that are held, faces by their corners, and what holds the parts of a body. */
 
@@ -49557,7 +49579,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
         memset(&none, 0, sizeof none);
         return none;
     }
-    sbi_precond_settle(body->precond, &body->matrix);
+    (void)sbi_precond_settle(body->precond, &body->matrix);
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
@@ -52847,6 +52869,7 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
+    (void)sbi_body_settle_preconditioner(work.body, NULL); /* without memory for it the next step tries again */
     return 1;
 }
 
@@ -61057,6 +61080,8 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
 #ifndef SB_STEP_EXPLICIT_H
 #define SB_STEP_EXPLICIT_H
 
+#include <math.h>
+
 
 /* Times that a call is done again with shorter substeps. */
 enum { SBI_EXPLICIT_CAUTION = 3 };
@@ -61065,6 +61090,13 @@ enum { SBI_EXPLICIT_CAUTION = 3 };
  * shorter and the looks at the stable step more frequent. body->start and the dead loads in body->external are up to
  * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
+
+/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
+SB_INLINE double sbi_explicit_count(sb_real left, sb_real longest)
+{
+    double count = ceil((double)left / (double)longest - 1e-3);
+    return count < 1 ? 1 : count;
+}
 
 /* Takes note of a call that went well; after a run of them the next may be bolder. */
 SBI_API void sbi_explicit_calm(sb_body *body, int caution);
@@ -61086,8 +61118,6 @@ SBI_API void sbi_explicit_add_touch(sb_body *body, int met);
  * bring without a way to work on, where they are new. */
 SBI_API double sbi_explicit_touch_swing(const sb_body *body, sb_real h);
 SBI_API void sbi_explicit_commit_touch(sb_body *body);
-/* Substeps that a length (s) asks for. */
-SBI_API double sbi_explicit_count(sb_real left, sb_real longest);
 
 #endif /* SB_STEP_EXPLICIT_H */
 
@@ -61534,13 +61564,6 @@ static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
         sbi_explicit_commit_touch(b);
     }
     return sbi_explicit_audit(x, sbi_explicit_kinetic(b));
-}
-
-/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
-SBI_API double sbi_explicit_count(sb_real left, sb_real longest)
-{
-    double count = ceil((double)left / (double)longest - 1e-3);
-    return count < 1 ? 1 : count;
 }
 
 /* Substeps as this plan would make them at the stable step last known; 0: none is. */
@@ -62880,6 +62903,8 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
         sbi_step_evaluate_touch(step, b->increment, 1, 1);
     sbi_step_fill_system(step);
     result = sbi_step_begin_guests(step, matrix);
+    if (result == SB_OK)
+        result = sbi_body_settle_preconditioner(b, &step->info->error);
     if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
     step->info->seconds_precond += sbi_body_now(b) - begin;
@@ -65808,7 +65833,7 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
 {
     int used = walk->pass == SBI_STATE_WRITE || walk->pass == SBI_STATE_CHECK;
     sb_preconditioner_info precond;
-    sbi_precond_settle(body->precond, &body->matrix);
+    (void)sbi_precond_settle(body->precond, &body->matrix);
     precond = sb_preconditioner_get_info(body->precond);
     sbi_state_same(walk, (uint64_t)body->domain.node_count, "the number of nodes");
     sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");
