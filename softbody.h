@@ -69757,6 +69757,7 @@ struct sb_cut {
     int *blade_scratch;
     unsigned char *is_near; /* [tet_count] */
     sbi_cut_list near, near_hits, blade_hits;
+    sbi_cut_box reach; /* of the triangles */
     sbi_cut_hit *hits, *sorted_hits;
     int hit_capacity, sorted_capacity;
     sbi_cut_list around; /* tets around a link */
@@ -70194,6 +70195,8 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
 {
     const sb_cut *cut = work->cut;
     int count = 0;
+    if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
+        return 0;
     for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
         const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
         sbi_cut_crossings found;
@@ -70957,7 +70960,10 @@ SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count,
     const double rounding = 1.0 / (1 << 14); /* of the body's size: more than places are rounded by */
     sbi_cut_box now = sbi_cut_box_of(cut, sb_body_positions(cut->body), SBI_CUT_ALL_PARTS);
     sbi_cut_box reach = sbi_cut_box_around(points, count);
-    sbi_cut_box_widen(&reach, sb_max(margin, (sb_real)(rounding * sbi_cut_size_of(&now))));
+    sb_real rounded = (sb_real)(rounding * sbi_cut_size_of(&now));
+    cut->reach = reach;
+    sbi_cut_box_widen(&cut->reach, rounded);
+    sbi_cut_box_widen(&reach, sb_max(margin, rounded));
     sbi_cut_list_near(cut, &now, &reach);
 }
 

@@ -69,7 +69,10 @@ SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count,
     const double rounding = 1.0 / (1 << 14); /* of the body's size: more than places are rounded by */
     sbi_cut_box now = sbi_cut_box_of(cut, sb_body_positions(cut->body), SBI_CUT_ALL_PARTS);
     sbi_cut_box reach = sbi_cut_box_around(points, count);
-    sbi_cut_box_widen(&reach, sb_max(margin, (sb_real)(rounding * sbi_cut_size_of(&now))));
+    sb_real rounded = (sb_real)(rounding * sbi_cut_size_of(&now));
+    cut->reach = reach;
+    sbi_cut_box_widen(&cut->reach, rounded);
+    sbi_cut_box_widen(&reach, sb_max(margin, rounded));
     sbi_cut_list_near(cut, &now, &reach);
 }
 

@@ -114,6 +114,7 @@ struct sb_cut {
     int *blade_scratch;
     unsigned char *is_near; /* [tet_count] */
     sbi_cut_list near, near_hits, blade_hits;
+    sbi_cut_box reach; /* of the triangles */
     sbi_cut_hit *hits, *sorted_hits;
     int hit_capacity, sorted_capacity;
     sbi_cut_list around; /* tets around a link */

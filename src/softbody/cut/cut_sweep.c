@@ -226,6 +226,8 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
 {
     const sb_cut *cut = work->cut;
     int count = 0;
+    if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
+        return 0;
     for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
         const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
         sbi_cut_crossings found;
