@@ -5877,7 +5877,9 @@ typedef struct sb_haptic_def {
     double max_damping;      /* figures. With a larger stiffness it hums in a light hand */
     double max_slew;         /* N/s that the force changes by at most; default -1: max_force in 2 ms */
     double coupling;         /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
-                              * softer than the device can render; default -1: 0.5 max_stiffness */
+                              * softer than the device can render; default -1: 0.5 max_stiffness. Of a tool that hangs
+                              * on a spring (sb_tool_def.coupling_stiffness) that spring is the coupling, and no force
+                              * exceeds its max_force: leave both at -1 */
     double coupling_turning; /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
                               * square of max_torque/max_force */
     double resolution;       /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
@@ -5917,14 +5919,15 @@ typedef struct sb_haptic_info {
 typedef struct sb_haptic sb_haptic;
 
 /* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
- * contact has no such tool; SB_ERROR_UNSUPPORTED: the tool hangs on a spring, or the compiler has no atomics that are
- * known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY.
- * *haptic is then untouched. */
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the body's steps are explicit, or the compiler has no atomics that
+ * are known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation;
+ * SB_ERROR_MEMORY. *haptic is then untouched. */
 SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
 /* NULL is fine. Neither thread may be in a call. */
 SB_API void sb_haptic_destroy(sb_haptic *haptic);
 
-/* Simulation, before the step: the tool is to go where the hand drew it by its last call (sb_contact_move_tool).
+/* Simulation, before the step: the tool is to go where the hand drew it by its last call (sb_contact_move_tool); of a
+ * tool on a spring the spring's other end goes where the hand is.
  * wanted (NULL: not asked for): that pose, and the hand's velocities, time and buttons; 0 before the first call. What
  * sb_contact_move_tool returns; SB_ERROR_ARGUMENT: NULL. */
 SB_API sb_result sb_haptic_take(sb_haptic *haptic, sb_tool_state *wanted);
@@ -78690,9 +78693,9 @@ SBI_API int sbi_servo_is_sound(const sb_tool_state *in);
  * in. Returns 1 while the wrench follows the hand, 0 while it fades or there is none. */
 SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out);
 
-/* What the simulation is to move its tool to: the last pose on the tool's side of the coupling, the hand's velocities,
- * time and buttons. */
-SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in);
+/* What the simulation is to move its tool to: the last pose on the tool's side of the coupling, or on the hand's where
+ * the simulation has the spring itself; the hand's velocities, time and buttons. */
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, int of_hand, const sb_tool_state *in);
 
 SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo);
 
@@ -79379,11 +79382,12 @@ SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_
     return follows;
 }
 
-SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in)
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, int of_hand, const sb_tool_state *in)
 {
     sb_tool_state wanted = *in;
-    sbi_d_put(wanted.position, servo->tool.position);
-    sbi_turn_to_matrix(servo->tool.rotation, wanted.rotation);
+    sbi_d_pose pose = of_hand ? sbi_servo_in_tissue(servo, &servo->hand) : servo->tool;
+    sbi_d_put(wanted.position, pose.position);
+    sbi_turn_to_matrix(pose.rotation, wanted.rotation);
     for (int i = 0; i < 3; i++)
         wanted.velocity[i] *= servo->def.scale_motion;
     return wanted;
@@ -79427,6 +79431,7 @@ struct sb_haptic {
     sb_allocator allocator;
     sb_contact *contact;
     int tool;
+    int hangs; /* 1: the tool's own spring couples it to the hand */
 
     sbi_servo servo; /* of the device's thread */
     sbi_mailbox frame_box, report_box;
@@ -79882,10 +79887,28 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
             error, SB_ERROR_UNSUPPORTED,
             "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): a hand feels the stiffness of the system "
             "that an implicit step solves");
-    if (sbi_contact_is_hung(def->contact->tools + def->tool))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);
+    if (sbi_contact_is_hung(def->contact->tools + def->tool) && (def->coupling >= 0 || def->coupling_turning >= 0))
+        return sbi_fail(
+            error, SB_ERROR_ARGUMENT,
+            "tool %d hangs on a spring, which couples it to the hand: def.coupling and def.coupling_turning "
+            "must be left at their defaults",
+            def->tool);
     return SB_OK;
+}
+
+/* With the spring that a tool hangs on as its coupling, as the hand feels it. */
+static sb_haptic_def sbi_haptic_couple(const sb_haptic_def *def)
+{
+    const sbi_contact_tool *tool = def->contact->tools + def->tool;
+    sb_haptic_def full = *def;
+    double most = (double)tool->spring.most;
+    if (!sbi_contact_is_hung(tool) || !(def->scale_force > 0) || !(def->scale_motion > 0)) /* these are refused */
+        return full;
+    full.coupling = (double)tool->spring.stiffness * def->scale_force * def->scale_motion;
+    full.coupling_turning = (double)tool->spring.turning * def->scale_force / def->scale_motion;
+    if (most < def->max_force / def->scale_force)
+        full.max_force = most * def->scale_force;
+    return full;
 }
 
 /* A device that does not turn holds the tool as it stands. */
@@ -79900,6 +79923,7 @@ SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, 
 {
     sb_pose pose;
     sb_haptic *made;
+    sb_haptic_def full;
     sb_result result = sbi_haptic_check_def(def, &pose, error);
     if (result == SB_OK && !haptic)
         result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for what is made");
@@ -79911,7 +79935,9 @@ SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, 
     made->allocator = def->contact->allocator;
     made->contact = def->contact;
     made->tool = def->tool;
-    result = sbi_servo_begin(&made->servo, def, error);
+    made->hangs = sbi_contact_is_hung(def->contact->tools + def->tool);
+    full = sbi_haptic_couple(def);
+    result = sbi_servo_begin(&made->servo, &full, error);
     if (result == SB_OK && !sbi_haptic_take_memory(made))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for a hand at a tool");
     if (result != SB_OK) {
@@ -80002,7 +80028,7 @@ SB_API int sb_haptic_force(sb_haptic *haptic, const sb_tool_state *in, sb_wrench
     follows = sbi_servo_call(&haptic->servo, in, frame, out);
     if (sbi_servo_is_sound(in)) {
         report = haptic->reports + sbi_mailbox_back(&haptic->report_box);
-        report->wanted = sbi_servo_wanted(&haptic->servo, in);
+        report->wanted = sbi_servo_wanted(&haptic->servo, haptic->hangs, in);
         report->info = sbi_servo_info(&haptic->servo);
         sbi_mailbox_post(&haptic->report_box);
     }
