@@ -420,11 +420,15 @@ static int sbi_precond_kind_follows(sb_precond_kind kind)
 /* Scratch for the patterns to come of a matrix that follows; 0: no memory. */
 static int sbi_precond_take_following(sb_preconditioner *p, const sb_matrix *a)
 {
+    int times; /* as many rows as there are may come; where they are copies, rows grow with them */
     if (!a->live || !sbi_precond_kind_follows(p->kind))
         return 1;
     p->row_room = sbi_matrix_row_capacity(a);
     p->block_room = sbi_matrix_capacity(a);
-    p->longest_room = 2 * a->live->longest + SBI_LIVE_PIECE;
+    times = a->row_count > 0 ? 1 + (p->row_room - 1) / a->row_count : 1;
+    if (times > INT_MAX / 16 / (2 * a->live->longest + SBI_LIVE_PIECE))
+        return 0;
+    p->longest_room = times * (2 * a->live->longest + SBI_LIVE_PIECE);
     if (p->row_room > INT_MAX / 16 || p->block_room > INT_MAX / 2)
         return 0;
     p->scratch = sbi_owned_take_ints(&p->owned, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
