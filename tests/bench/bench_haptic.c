@@ -6,7 +6,9 @@
  *
  * A hand that strokes, and every tenth call a new frame. One line per workload:
  *     name calls median_us p99_us p99.9_us p99.99_us checksum
- * of single calls, less what reading the clock takes; the checksum is the sum of the forces' sizes. Asserts nothing. */
+ * of single calls, less what reading the clock takes; the checksum is the sum of the forces' sizes. After each the same
+ * of a plain loop as long as the median call, which takes turns with the calls: what of the tail is the machine's own.
+ * It reads and writes nothing and always does the same. Asserts nothing. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -51,13 +53,39 @@ static sbi_haptic_frame dent(int count, double time)
     return frame;
 }
 
+/* `rounds` multiplications in a row. */
+static double plain_loop(int rounds)
+{
+    volatile double factor = 1.0000001;
+    double product = factor, step = factor;
+    for (int i = 0; i < rounds; i++)
+        product *= step;
+    return product;
+}
+
+/* Rounds that take so long (s). */
+static int rounds_for(double seconds)
+{
+    enum { MANY = 20000000 };
+    double begun = instant(), sum = plain_loop(MANY), each = (instant() - begun) / MANY;
+    return sum > 0 && each > 0 ? (int)(seconds / each) : 1;
+}
+
+static void tell(const char *name, double *values, double sum)
+{
+    qsort(values, CALLS, sizeof values[0], ascending);
+    printf("%-22s %d %.3f %.3f %.3f %.3f %.9g\n", name, (int)CALLS, 1e6 * values[CALLS / 2],
+           1e6 * values[CALLS / 100 * 99], 1e6 * values[CALLS / 1000 * 999], 1e6 * values[CALLS / 10000 * 9999], sum);
+}
+
 static void run(const char *name, int clusters, double max_torque, double coupling)
 {
-    static double times[CALLS];
+    static double times[CALLS], loops[CALLS];
     sb_haptic_def def = sb_default_haptic_def();
     sb_wrench_d out;
     sbi_servo servo;
-    double sum = 0, clock_takes;
+    double sum = 0, product = 0, clock_takes, length;
+    int rounds = 0;
     def.max_force = 8;
     def.max_torque = max_torque;
     def.max_stiffness = 2000;
@@ -83,11 +111,19 @@ static void run(const char *name, int clusters, double max_torque, double coupli
         begun = instant();
         sbi_servo_call(&servo, &state, i % 10 ? NULL : &frame, &out);
         times[i] = instant() - begun - clock_takes;
+        if (i == CALLS / 100) {
+            memcpy(loops, times, (size_t)i * sizeof *times);
+            length = median(loops, i);
+            rounds = rounds_for(length);
+            memset(loops, 0, (size_t)i * sizeof *loops);
+        }
+        begun = instant();
+        product += plain_loop(rounds);
+        loops[i] = instant() - begun - clock_takes;
         sum += sqrt(out.force[0] * out.force[0] + out.force[1] * out.force[1] + out.force[2] * out.force[2]);
     }
-    qsort(times, CALLS, sizeof times[0], ascending);
-    printf("%s %d %.3f %.3f %.3f %.3f %.9g\n", name, (int)CALLS, 1e6 * times[CALLS / 2], 1e6 * times[CALLS / 100 * 99],
-           1e6 * times[CALLS / 1000 * 999], 1e6 * times[CALLS / 10000 * 9999], sum);
+    tell(name, times, sum);
+    tell("  a plain loop", loops, product);
 }
 
 int main(void)

@@ -125,7 +125,7 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
-    int is_static;
+    int is_static, is_explicit;
     const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
     sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
     int *near;        /* [max_tools][face_room] faces by tool */

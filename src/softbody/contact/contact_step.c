@@ -202,6 +202,57 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
     }
 }
 
+/* Least of rate m_a / S_a of a patch's nodes, by which no node would have more than its share alone. */
+static sb_real sbi_contact_light(const sb_contact *contact, const sbi_contact_patch *patch, const sbi_touch_step *step)
+{
+    sb_real least = SB_REAL_MAX;
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+        int node = contact->nodes[patch->nodes[a]];
+        sb_real area = sbi_contact_node_area(contact->faces, node);
+        least = sb_min(least, area > 0 ? step->rate * step->masses[node] / area : 0);
+    }
+    return least;
+}
+
+/* stiffness_by_node += what a patch loads its nodes with (N/m), which no pattern of motion exceeds:
+ *     x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
+static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *patch)
+{
+    int count = contact->faces->sizes[patch->face];
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real sum = 0;
+        for (int a = 0; a < count; a++)
+            sum += sb_abs(s->weights[a]);
+        for (int a = 0; a < count; a++)
+            contact->stiffness_by_node[patch->nodes[a]] += s->area * s->k * sum * sb_abs(s->weights[a]);
+    }
+}
+
+/* Of an explicit substep: as stiff as the nodes' masses admit, of all tools together. */
+static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_step *step)
+{
+    memset(contact->stiffness_by_node, 0, (size_t)contact->touch.node_count * sizeof *contact->stiffness_by_node);
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real k = sbi_contact_light(contact, patch, step);
+        for (int i = patch->first; i < patch->first + patch->count; i++)
+            contact->samples[i].k = k;
+        sbi_contact_add_load(contact, patch);
+    }
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real share = 1;
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+            sb_real load = contact->stiffness_by_node[patch->nodes[a]];
+            sb_real most = step->rate * step->masses[contact->nodes[patch->nodes[a]]];
+            share = load > most ? sb_min(share, most / load) : share;
+        }
+        for (int i = patch->first; i < patch->first + patch->count; i++)
+            contact->samples[i].k *= share;
+    }
+}
+
 /* Forces that rounding of places makes (N): the norm of those of all samples. */
 static double sbi_contact_noise(const sb_contact *contact)
 {
@@ -263,6 +314,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     int thin = 0;
     sb_result result = sbi_contact_update_faces(contact, error);
     contact->is_solved = 0;
+    contact->is_explicit = step->masses != NULL;
     if (result == SB_OK && !(step->dt > 0) && !contact->kept) {
         sbi_contact_keep_before(contact);
         contact->kept = 1;
@@ -285,9 +337,13 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         return result;
     }
     sbi_contact_begin_hung(contact);
-    sbi_contact_stiffen(contact, step->matrix);
+    if (contact->is_explicit)
+        sbi_contact_stiffen_explicit(contact, step);
+    else
+        sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
-    sbi_contact_remember_pressures(contact);
+    if (!contact->is_explicit)
+        sbi_contact_remember_pressures(contact);
     sbi_pairs_stiffen(contact);
     sbi_pairs_remember(contact);
     contact->touch.nodes = contact->nodes;
@@ -629,11 +685,14 @@ static void sbi_contact_commit(void *user)
     if (contact->is_static) {
         sbi_contact_take_stage(contact);
     } else {
-        sbi_contact_keep_pressures(contact, 1);
+        if (contact->is_explicit)
+            contact->pressure_count = 0; /* by substeps they would swing up: the matrix is too stiff for them */
+        else
+            sbi_contact_keep_pressures(contact, 1);
         sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
         sbi_contact_keep_springs(contact);
-        contact->is_solved = 1;
+        contact->is_solved = !contact->is_explicit;
     }
     sbi_contact_commit_springs(contact);
     sbi_contact_sum_wrenches(contact);
