@@ -336,7 +336,7 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
  * they give way. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
-    return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
+    return result != SB_OK && step->touch_begun && !step->touch->apart && step->tries < SBI_STEP_TRIES;
 }
 
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)

@@ -93,6 +93,16 @@ static sb_result sbi_substeps_run(sb_body *b, sb_real dt, int parts, size_t snap
     return result;
 }
 
+/* After a step in so many parts: twice as many, or as many times as contact asked for. */
+static int sbi_substeps_next(const sb_body *b, int parts)
+{
+    int wanted = parts * sbi_max_int(2, b->touch->parts);
+    do
+        parts *= 2;
+    while (parts < wanted && parts < SBI_SUBSTEPS_MOST);
+    return parts;
+}
+
 /* A step failed that may succeed in parts. *info: of the whole step. */
 static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, sb_step_info *info)
 {
@@ -101,12 +111,16 @@ static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, s
     if (sbi_body_reserve_substeps(b, NULL) != SB_OK)
         return result;
     sbi_substeps_keep(b, snapshot);
-    for (int parts = 2; parts <= SBI_SUBSTEPS_MOST; parts *= 2) {
+    for (int parts = sbi_substeps_next(b, 1);; parts = sbi_substeps_next(b, parts)) {
+        b->touch->divided = parts;
+        b->touch->is_last = parts == SBI_SUBSTEPS_MOST;
         if (sbi_substeps_run(b, dt, parts, snapshot, &sum) == SB_OK) {
             *info = sum;
             return SB_OK;
         }
         sbi_substeps_rewind(b, snapshot);
+        if (parts == SBI_SUBSTEPS_MOST)
+            break;
     }
     sum.error = info->error;
     sum.load_factor = info->load_factor;
@@ -127,12 +141,13 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
         return sbi_step_whole(body, dt, guests, guest_count, 1, info);
     info = info ? info : &own;
     begun = sbi_body_now(body);
-    body->touch->refused = 0;
+    body->touch->refused = body->touch->is_last = 0;
     sbi_body_mute(body);
     result = sbi_step_whole(body, dt, NULL, 0, 1, info);
     if (result == SB_ERROR_DIVERGED && body->touch->refused)
         result = sbi_substeps_divide(body, dt, result, info);
     sbi_body_unmute(body);
+    body->touch->divided = body->touch->is_last = 1;
     info->seconds_total = sbi_body_now(body) - begun;
     sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
     return result;

@@ -41,7 +41,11 @@ typedef struct sbi_touch {
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
     int links;   /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
-    int refused; /* 1: accept refused the last end of a step; written by the step */
+    int refused; /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
+    int apart;   /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
+    int parts;   /* what begin would have a step divided into that it refuses; the owner's */
+    int divided; /* parts that the step under way is divided into, >= 1; the step's */
+    int is_last; /* 1: what is refused now will not be divided (any further); the step's */
     sb_vec3 *force; /* on the nodes (N), at the last evaluation */
     double noise;   /* N: norm of what rounding of places makes in them; from begin on */
     /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
@@ -78,6 +82,9 @@ typedef struct sbi_touch {
     void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
     /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
     int (*accept)(void *user, const sb_vec3 *u);
+    /* Takes out of u [rows] the motion by which parts of the body pass through each other, momentum left as it is, so
+     * that accept refuses it only for tools; whole: that of whole organs, which changes no shapes. 1: u has changed. */
+    int (*mend)(void *user, sb_vec3 *u, int whole);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);

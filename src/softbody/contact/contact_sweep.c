@@ -223,6 +223,7 @@ static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *ste
     const sb_vec3 *rest = sb_body_rest_positions(contact->body);
     contact->x = sb_body_positions(contact->body);
     contact->is_static = !(step->dt > 0);
+    contact->level = step->level;
     if (!contact->is_static)
         return;
     for (int i = 0; i < sb_body_node_count(contact->body); i++)

@@ -1,0 +1,222 @@
+/* test_contact_thrown: organs of random shapes, meshes and materials are thrown at each other: no node ever lies half a
+ * cell deep in another organ, no step is refused, and no energy comes from nowhere. */
+#include "contact_scene.h"
+
+enum { MOST_ORGANS = 5 };
+
+/* ---- scenes that nobody chose ---------------------------------------------------------------------------------- */
+
+typedef struct organs {
+    press p;
+    int count, first[MOST_ORGANS + 1]; /* node of each organ, and the end */
+    sb_surface *surfaces[MOST_ORGANS];
+    double cell[MOST_ORGANS]; /* m, mean edge of its cells */
+} organs;
+
+/* A block, or an ellipsoid, about the origin, with cells that are even, graded or shaken. */
+static sb_mesh organ_mesh(sb_element_type type, unsigned long long *seed, double scale, double *cell)
+{
+    const double graded = check_random_in(seed, 1, 1.4);
+    const int round = check_random(seed) < 0.6, cells = sb_element_straight(type) == type ? 4 : 3;
+    const double shake = check_random(seed) < 0.3 ? 0.15 : 0;
+    sb_mesh mesh, curved;
+    double size[3], mean = 0;
+    memset(&mesh, 0, sizeof mesh);
+    for (int k = 0; k < 3; k++)
+        mean += (size[k] = scale * check_random_in(seed, 0.04, 0.1)) / 3;
+    *cell = mean / cells;
+    if (round)
+        CHECK_OK(sb_mesh_ellipsoid(sb_element_straight(type),
+                                   sb_v3(REAL(size[0] / 2), REAL(size[1] / 2), REAL(size[2] / 2)), cells + 1, NULL,
+                                   &mesh, NULL));
+    else
+        mesh = scene_box(sb_element_straight(type), cells, cells - 1, cells - 1,
+                         sb_v3(REAL(size[0]), REAL(size[1]), REAL(size[2])), shake);
+    for (int i = 0; !round && i < mesh.node_count; i++) {
+        sb_vec3 *x = mesh.nodes + i;
+        x->x = REAL(size[0] * (pow(fmax(0, (double)x->x / size[0]), graded) - 0.5));
+        x->y -= REAL(size[1] / 2);
+        x->z -= REAL(size[2] / 2);
+    }
+    if (mesh.element_type == type)
+        return mesh;
+    memset(&curved, 0, sizeof curved);
+    CHECK_OK(sb_mesh_to_tet10(&mesh, NULL, &curved, NULL));
+    sb_mesh_free(&mesh);
+    return curved;
+}
+
+static sb_vec3 random_vector(unsigned long long *seed, double most)
+{
+    sb_vec3 v;
+    v.x = REAL(check_random_in(seed, -most, most));
+    v.y = REAL(check_random_in(seed, -most, most));
+    v.z = REAL(check_random_in(seed, -most, most));
+    return v;
+}
+
+static double reach_of(const sb_mesh *mesh)
+{
+    double most = 0;
+    for (int i = 0; i < mesh->node_count; i++)
+        most = fmax(most, (double)sb_v3_norm(mesh->nodes[i]));
+    return most;
+}
+
+/* A surface of each organ: the faces of the whole that have its nodes. */
+static void organs_watch(organs *o)
+{
+    for (int k = 0; k < o->count; k++) {
+        sb_mesh whole = o->p.mesh, *mesh = &whole;
+        sb_boundary boundary;
+        int kept = 0;
+        memset(&boundary, 0, sizeof boundary);
+        CHECK_OK(sb_mesh_boundary(mesh, 0, NULL, &boundary, NULL));
+        for (int e = 0; e < boundary.surface.element_count; e++) {
+            int width = sb_element_node_count(boundary.surface.element_type);
+            int *nodes = boundary.surface.elements + (size_t)e * (size_t)width;
+            if (nodes[0] < o->first[k] || nodes[0] >= o->first[k + 1])
+                continue;
+            memmove(boundary.surface.elements + (size_t)kept++ * (size_t)width, nodes, (size_t)width * sizeof *nodes);
+        }
+        boundary.surface.element_count = kept;
+        CHECK_OK(sb_surface_create(&boundary.surface, NULL, &o->surfaces[k], NULL));
+        sb_boundary_free(&boundary);
+    }
+}
+
+/* Organs about a middle, the first in it, that fly to it and spin. */
+static void organs_make(organs *o, sb_element_type type, int count, unsigned long long *seed, double scale,
+                        double speed, sb_material material, double beta)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_contact_def contact = sb_default_contact_def();
+    sb_mesh mesh;
+    sb_vec3 *velocity = NULL;
+    sb_vec3 at[MOST_ORGANS], spin[MOST_ORGANS], way[MOST_ORGANS];
+    double first = 0;
+    memset(o, 0, sizeof *o);
+    memset(&mesh, 0, sizeof mesh);
+    o->count = count;
+    for (int k = 0; k < count; k++) {
+        sb_quat turn = sb_quat_from_rotation_vector(random_vector(seed, 2));
+        sb_mesh one = organ_mesh(type, seed, scale, &o->cell[k]);
+        sb_vec3 aim = random_vector(seed, 1);
+        double reach = reach_of(&one);
+        first = k ? first : reach;
+        at[k] = way[k] = sb_v3(0, 0, 0);
+        spin[k] = random_vector(seed, 0.3 * speed / reach);
+        if (k > 0) {
+            double side = k == 4 ? -1 : 1; /* the fifth opposite the fourth, as the third is to the second */
+            sb_vec3 d = k == 2 ? sb_v3_scale(-1, at[1]) : k > 2 ? sb_v3_cross(at[1], sb_v3(1, 2, 3)) : aim;
+            d = sb_v3_scale(REAL(side) / sb_v3_norm(d), d);
+            at[k] = sb_v3_scale(REAL(1.02 * (first + reach)), d);
+            way[k] = sb_v3_madd(sb_v3_scale(REAL(-speed), d), REAL(0.2 * speed), random_vector(seed, 1));
+        }
+        for (int i = 0; i < one.node_count; i++)
+            one.nodes[i] = sb_v3_add(at[k], sb_quat_rotate(turn, one.nodes[i]));
+        o->first[k] = mesh.node_count;
+        if (k == 0) {
+            mesh = one;
+        } else {
+            CHECK_OK(sb_mesh_append(&mesh, &one, NULL));
+            sb_mesh_free(&one);
+        }
+        o->first[k + 1] = mesh.node_count;
+    }
+    velocity = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof *velocity);
+    for (int k = 0; k < count; k++)
+        for (int i = o->first[k]; i < o->first[k + 1]; i++)
+            velocity[i] = sb_v3_add(way[k], sb_v3_cross(spin[k], sb_v3_sub(mesh.nodes[i], at[k])));
+    def.material = material;
+    def.damping_stiffness = REAL(beta);
+    contact.pairs = SB_CONTACT_ORGANS;
+    contact.pair_friction = REAL(check_random_in(seed, 0, 0.5));
+    o->p = press_make(mesh, def, contact);
+    CHECK_OK(sb_body_set_velocities(o->p.body, velocity));
+    free(velocity);
+    organs_watch(o);
+}
+
+static void organs_free(organs *o)
+{
+    for (int k = 0; k < o->count; k++)
+        sb_surface_destroy(o->surfaces[k]);
+    press_free(&o->p);
+}
+
+/* How deep (of a cell's edge) the deepest node lies in another organ. */
+static double organs_overlap(const organs *o)
+{
+    const sb_vec3 *x = sb_body_positions(o->p.body);
+    double worst = 0;
+    for (int k = 0; k < o->count; k++) {
+        CHECK_OK(sb_surface_move(o->surfaces[k], x, NULL, NULL));
+        for (int i = 0; i < o->p.mesh.node_count; i++) {
+            double depth;
+            if (i >= o->first[k] && i < o->first[k + 1])
+                continue;
+            if (!sb_surface_inside(o->surfaces[k], x[i]))
+                continue;
+            depth = -(double)sb_surface_signed_distance_winding(o->surfaces[k], x[i], NULL) / o->cell[k];
+            worst = fmax(worst, depth);
+        }
+    }
+    return worst;
+}
+
+static double energy_of(sb_body *body)
+{
+    sb_energy energy = {0, 0, 0};
+    CHECK_OK(sb_body_energy(body, &energy));
+    return (double)energy.elastic + (double)energy.kinetic;
+}
+
+/* ---- thrown at each other -------------------------------------------------------------------------------------- */
+
+/* Speeds stay below those at which the tissue itself is turned inside out: rho v^2 = 3 E. */
+static void throw_organs(unsigned long long number)
+{
+    static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8};
+    unsigned long long seed = 977 * number + 3;
+    double scale, young, speed, dt, start, worst = 0, most = 0;
+    int count, touched = 0;
+    sb_material material;
+    sb_element_type type;
+    organs o;
+    for (int i = 0; i < 5; i++)
+        (void)check_random(&seed);
+    type = types[(int)(3 * check_random(&seed))];
+    count = 2 + (int)(4 * check_random(&seed));
+    scale = check_random(&seed) < 0.6 ? 1 : pow(10, check_random_in(&seed, -2, 2));
+    young = 1e3 * pow(50, check_random(&seed)) * scale * scale;
+    speed = fmin(check_random_in(&seed, 0.5, 3) * scale, sqrt(3 * young / 1000));
+    dt = check_random(&seed) < 0.7 ? 1.0 / 60 : 1.0 / 120;
+    material = check_random(&seed) < 0.6 ? sb_material_corotated(REAL(young), REAL(0.4), 1000)
+                                         : sb_material_stable_neo_hookean(REAL(young), REAL(0.4), 1000);
+    organs_make(&o, type, count, &seed, scale, speed, material, check_random(&seed) < 0.5 ? 0.01 : 0.002);
+    start = energy_of(o.p.body);
+    for (int i = 0; i < (int)(0.4 / dt + 0.5); i++) {
+        if (!CHECK_OK(sb_body_step(o.p.body, REAL(dt), NULL)))
+            break;
+        worst = fmax(worst, organs_overlap(&o));
+        touched |= sb_contact_get_info(o.p.contact).touching > 0;
+        if (touched)
+            most = fmax(most, energy_of(o.p.body) / start);
+        else
+            start = fmax(start, energy_of(o.p.body)); /* a linearised step makes what turns grow by itself */
+    }
+    if (!CHECK(touched && worst < 0.5 && most < 1.01))
+        printf("  scene %d: a node %.3f cells deep, energy %.4f of the start's\n", (int)number, worst, most);
+    CHECK(scene_all_finite(sb_body_positions(o.p.body), o.p.mesh.node_count));
+    organs_free(&o);
+}
+
+static void test_thrown(void)
+{
+    int scenes = check_quick() ? 2 : check_rounds(24);
+    for (int i = 0; i < scenes; i++)
+        throw_organs((unsigned long long)i);
+}
+
+CHECK_SUITE(contact_thrown, {"thrown at each other", test_thrown});
