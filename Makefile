@@ -2,7 +2,7 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double without the slowest, some 3 minutes on two cores
+#   make test       the tests in double without the slowest, 3 minutes on two cores
 #   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
@@ -187,18 +187,21 @@ SLOW = -step/10,000 -step/1,000 -reference -contact_series $(patsubst tests/test
 	-grid/badly -grid/weighted -grid/convergence -grid/stretched -grid/bars -match/livers -nicp/livers -loads/livers
 QUICK = $(or $(FILTER),$(SLOW))
 # Long too, and left to make check by make test.
-SLOWER = -body/quasi -bbar/violence -checkpoint/continues -cloud/smooth -contact/balance -contact/grip -contact/hertz -contact/slide \
-	-contact_hostile/fall -contact_hostile/materials -contact_hostile/squeezed -contact_hung/dragged -contact_hung/springs \
-	-contact_organ -contact_pairs/folded -contact_pairs/incline -contact_pairs/patch -contact_pairs/thrown \
-	-contact_pairs/undo -contact_pairs/weight -contact_state/forged -contact_state/no -contact_state/saved \
-	-contact_state/threads -contact_state/undo -contact_static/Hertz -contact_substeps/squeezed -contact_sweep/on \
-	-couple/rest -forged/changed -guest/joint -integrators/explicit -integrators/orders -live_mesh/iterations -load/1,000 \
-	-mesh/hostile -modes/references -multigrid/bodies -multigrid/jumps -multigrid/slivers -multigrid/weighted \
-	-needle/no -needle/steps -needle_control/random -needle_materials -needle_programs/the -needle_programs/a \
-	-parts/of -parts/parts -remesh/allocations -schemes/300 -schemes/one -state/continues -step/linearised \
-	-step/momentum -step/Newmark -step/scale -step_guest/elements -step_guest/materials -stuffing/plates \
-	-stuffing/random -stuffing/side -stuffing/surfaces -stuffing/thin -stuffing/threads -surface/check \
-	-viscoelastic/static -viscoelastic/violence
+SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoint/continues -checkpoint/forged \
+	-cloud/smooth -contact/balance -contact/grip -contact/hertz -contact/slide -contact_hostile/fall \
+	-contact_hostile/materials -contact_hostile/squeezed -contact_hung/dragged -contact_hung/springs \
+	-contact_needle/balance -contact_organ -contact_pairs/folded -contact_pairs/incline -contact_pairs/patch \
+	-contact_pairs/threads -contact_pairs/thrown -contact_pairs/undo -contact_pairs/weight -contact_state/forged \
+	-contact_state/no -contact_state/recorded -contact_state/saved -contact_state/threads -contact_state/undo \
+	-contact_static/Hertz -contact_substeps/random -contact_substeps/squeezed -contact_sweep/on -couple/rest \
+	-cpd/truncated -cut_lattice/planes -forged/changed -guest/joint -integrators/explicit -integrators/orders \
+	-live_mesh/iterations -live_pieces/slivers -load/1,000 -mesh/hostile -modes/leaves -modes/references \
+	-multigrid/bodies -multigrid/jumps -multigrid/slivers -multigrid/weighted -needle/capacity -needle/no -needle/steps \
+	-needle_control/random -needle_entry/entries -needle_materials -needle_programs/a -needle_programs/the -parts/of \
+	-parts/parts -remesh/allocations -schemes/300 -schemes/one -state/continues -steer/no -step/Newmark -step/linearised \
+	-step/momentum -step/same -step/scale -step_guest/elements -step_guest/materials -stuffing/plates -stuffing/random \
+	-stuffing/side -stuffing/surfaces -stuffing/thin -stuffing/threads -surface/check -viscoelastic/static \
+	-viscoelastic/violence
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
@@ -209,17 +212,20 @@ SNIPPET_CFLAGS = -O0
 SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
 
-PROGRAM_TESTS = "$(TOOL_TEST)" "$(SNIPPETS)" "tests/case.sh build/programs/case_solve build/case_test" \
-	"tests/examples.sh build/programs build/examples_test" $(CORPUS_TESTS)
+EXAMPLE_TEST = tests/examples.sh build/programs build/examples_test
+SHORT_PROGRAM_TESTS = "$(TOOL_TEST)" "$(SNIPPETS)" "tests/case.sh build/programs/case_solve build/case_test" $(CORPUS_TESTS)
+PROGRAM_TESTS = "$(EXAMPLE_TEST)" $(SHORT_PROGRAM_TESTS)
 tested: build/double/tests build/amalgamate build/fuzz/plain $(PROGRAMS)
 
-# What a user waits for: built and run on all cores, long loops cut short, the slowest tests left to make check. -O1 unless
-# CFLAGS are given: the implementation takes half as long to compile, tests hardly longer.
+# What a user waits for: built and run on all cores, the longest pieces first so that no core waits for another, long loops
+# cut short, the slowest tests left to make check. -O1 unless CFLAGS are given: the implementation takes half as long to
+# compile, tests hardly longer.
 ifeq ($(FILTER),)
 test:
 	@$(MAKE) --no-print-directory -j$$(nproc) tested $(if $(filter file,$(origin CFLAGS)),CFLAGS=-O1)
 	CHECK_QUICK=1 CHECK_SHORT=1 TOTAL_JOBS=$$(nproc) tests/total.sh \
-	    $(foreach part,1/4 2/4 3/4 4/4,"build/double/tests $(part) $(SLOW) $(SLOWER)") $(PROGRAM_TESTS)
+	    "$(EXAMPLE_TEST)" $(foreach part,1 2 3 4 5 6 7 8,"build/double/tests $(part)/8 $(SLOW) $(SLOWER)") \
+	    $(SHORT_PROGRAM_TESTS)
 else
 test: build/double/tests
 	build/double/tests $(FILTER)

@@ -219,5 +219,33 @@ static void test_recordings(void)
     }
 }
 
+/* ---- cuts ---- */
+
+/* Needles cannot follow pieces of elements: said by name, and the body can be stepped without them. */
+static void test_cut(void)
+{
+    scene s;
+    sb_cut_def def = sb_default_cut_def();
+    sb_cut *cut = NULL;
+    sb_vec3 plane[3];
+    uint64_t before;
+    int cells;
+    if (!make_scene(&s, 3))
+        return;
+    def.body = s.needles.body;
+    cells = sb_body_element_count(def.body);
+    plane[0] = placed(&s, 0.0153, -1, -1), plane[1] = placed(&s, 0.0153, 1, -1), plane[2] = placed(&s, 0.0153, 0, 2);
+    CHECK_OK(sb_cut_create(&def, &cut, NULL));
+    CHECK_OK(sb_cut_triangles(cut, plane, 1, NULL, NULL));
+    CHECK(sb_body_element_count(def.body) > cells);
+    before = sb_body_state_hash(def.body);
+    CHECK_RESULT(ndl_step(def.body, s.needles.needles, 1, REAL(0.02), NULL, NULL, &s.needles.error),
+                 SB_ERROR_UNSUPPORTED);
+    CHECK(strstr(s.needles.error.message, "cut") && sb_body_state_hash(def.body) == before);
+    CHECK_OK(sb_body_step(def.body, REAL(0.02), NULL));
+    sb_cut_destroy(cut);
+    free_scene(&s);
+}
+
 CHECK_SUITE(contact_needle, {"random", test_random}, {"balance", test_balance}, {"threads", test_threads},
-            {"states", test_states}, {"recordings", test_recordings});
+            {"states", test_states}, {"recordings", test_recordings}, {"cut", test_cut});

@@ -417,6 +417,43 @@ static void test_fall(void)
     block_free(&b);
 }
 
+/* However far a loose part has gone, what is left is cut as finely as ever, and the loose part, too, where it is. */
+static void test_far(void)
+{
+    for (int i = 0; i < 9; i++) {
+        block_options options = block_default(intervals_of[i % 3]);
+        const double away = i < 3 ? 0.3 : i < 6 ? 50 : 5000, yz = (double)(block_size.y * block_size.z);
+        const double at[3] = {0.0277, 0.0452, (double)block_size.x}; /* the first cut follows the second */
+        block b = block_make(&options);
+        sb_vec3 *u, middle = sb_v3(REAL(at[1]), REAL(0.02), REAL(0.025));
+        double volumes[4] = {0, 0, 0, 0}, close = scene_tolerance(5e-6, 200) * at[2] * yz;
+        int kept = 0, found[3] = {0, 0, 0};
+        scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+        CHECK_INT(block_cut_plane(&b, middle, sb_v3(1, 0, 0)).parts, 2);
+        u = (sb_vec3 *)calloc((size_t)sb_body_node_count(b.body), sizeof *u);
+        for (int n = 0; n < sb_body_node_count(b.body); n++)
+            if (side_of(&b, n, at[1]) == 2)
+                u[n] = sb_v3(REAL(away), REAL(0.3 * away), REAL(-2 * away));
+        CHECK_OK(sb_body_set_displacements(b.body, u));
+        middle.x = REAL(at[0]);
+        CHECK_INT(block_cut_plane(&b, middle, sb_v3(1, 0, 0)).parts, 3);
+        kept = part_volumes(&b, volumes, 4);
+        CHECK_INT(kept, 3);
+        for (int k = 0; k < kept; k++)
+            for (int part = 0; part < 3; part++)
+                found[part] += fabs(volumes[k] - (at[part] - (part ? at[part - 1] : 0)) * yz) < close;
+        CHECK(found[0] == 1 && found[1] == 1 && found[2] == 1);
+        if (away < 1000) { /* where its own places have the digits */
+            middle = sb_v3_add(sb_v3(REAL(0.052), REAL(0.02), REAL(0.025)),
+                               sb_v3(REAL(away), REAL(0.3 * away), REAL(-2 * away)));
+            CHECK_INT(block_cut_plane(&b, middle, sb_v3(1, 0, 0)).parts, 4);
+        }
+        check_pieces(&b);
+        free(u);
+        block_free(&b);
+    }
+}
+
 /* 1 when a piece with this corner keeps some of a face whose nodes all lie at x = 0. */
 static int keeps_held_face(const block *b, int node)
 {
@@ -459,6 +496,10 @@ static void test_supports(void)
             loose += !is_held;
         }
         CHECK(held > 3 && loose > 10);
+        block_cut_plane(&b, sb_v3(REAL(0.0047), REAL(0.02), REAL(0.025)), sb_v3(1, 0, 0)); /* and off it */
+        for (int n = b.mesh.node_count; n < sb_body_node_count(b.body); n++)
+            if (sb_cut_node_origin(b.cut, n) >= 0 && b.body->node_component[n] >= 0)
+                CHECK_INT(sb_body_supports(b.body)[n] == SB_XYZ, keeps_held_face(&b, n));
         block_free(&b);
         b = block_make(&options);
         scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
@@ -764,8 +805,9 @@ static void test_explicit(void)
 
 CHECK_SUITE(cut, {"a plane parts a shaking block", test_plane}, {"volumes and areas of clipped blocks", test_volumes},
             {"slabs and crossing planes", test_counts}, {"cut through, nothing resists", test_stretch},
-            {"a loose part falls as one", test_fall}, {"supports of copies", test_supports},
-            {"random cuts change no totals", test_random_cuts}, {"states and recordings", test_same_bits},
-            {"threads give the same bits", test_threads}, {"every allocation fails in turn", test_no_memory},
+            {"a loose part falls as one", test_fall}, {"parts far away", test_far},
+            {"supports of copies", test_supports}, {"random cuts change no totals", test_random_cuts},
+            {"states and recordings", test_same_bits}, {"threads give the same bits", test_threads},
+            {"every allocation fails in turn", test_no_memory},
             {"frames within the slack allocate nothing", test_no_allocation}, {"mistakes are named", test_mistakes},
             {"a body that is inside out", test_inverted}, {"explicit steps stay long", test_explicit});

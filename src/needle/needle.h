@@ -140,12 +140,12 @@ typedef struct ndl_step_info {
  * needles: [count], each needle of the body once, in any order; commands: [count] beside them, or NULL: zeros
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would
  * take over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element
- * (which are, is said), or a needle is at a node that constraints eliminate; SB_ERROR_DIVERGED (node named);
- * SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY; SB_ERROR_STATE, another change of the body is open. Where the
- * mesh has changed within a step that fails and there is no memory to take that back either, SB_ERROR_MEMORY says so:
- * body and needles are then between two states until the next call of ndl_step or ndl_needle_create, which takes the
- * step back first, or until a saved state is loaded. Steps that do without memory they asked for (info->blocked) are
- * not repeated by a recording that has it.
+ * (which are, is said), a needle is at a node that constraints eliminate, or the body is cut (sb_cut_triangles);
+ * SB_ERROR_DIVERGED (node named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY; SB_ERROR_STATE, another change of
+ * the body is open. Where the mesh has changed within a step that fails and there is no memory to take that back
+ * either, SB_ERROR_MEMORY says so: body and needles are then between two states until the next call of ndl_step or
+ * ndl_needle_create, which takes the step back first, or until a saved state is loaded. Steps that do without memory
+ * they asked for (info->blocked) are not repeated by a recording that has it.
  *
  * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its
  * tolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are

@@ -256,6 +256,10 @@ static sb_result ndli_step_check(const struct ndli_site *site, ndl_needle *const
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a body, its needles and dt > 0, not %g", (double)dt);
     if (!site || count != site->count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the body has %d", count, site ? site->count : 0);
+    if (sbi_body_has_pieces(site->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "the body is cut: needles cannot go through pieces of elements yet; destroy them, and go on "
+                        "with sb_body_step");
     for (int k = 0; k < count; k++) {
         double stride;
         if (!needles[k] || needles[k]->site != site)

@@ -74,6 +74,7 @@ SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes,
     return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, rows, unknowns, nodes, error);
 }
 
+SBI_API int sbi_body_has_pieces(const sb_body *body) { return body->live && body->live->piece_count > 0; }
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }

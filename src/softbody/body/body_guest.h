@@ -27,6 +27,7 @@ SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve sys
  * its slack. SB_ERROR_MEMORY changes nothing. */
 SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
+SBI_API int sbi_body_has_pieces(const sb_body *body); /* 1: cells of it are pieces of elements, as a cut leaves them */
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
 SBI_API const sb_vec3 *

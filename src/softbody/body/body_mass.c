@@ -85,6 +85,7 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
+    sbi_assembly_settle_maps(&body->assembly, &body->matrix);
     for (int e = 0; e < body->domain.cell_count; e++) {
         if (!sbi_live_has_cell(body, e))
             continue;
@@ -207,26 +208,29 @@ static void sbi_body_tilt_masses(sb_body *body)
 
 SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule)
 {
-    sb_real density = sbi_live_density(body, cell), *out = body->live->masses + 8 * (size_t)cell;
+    sb_real density = sbi_live_density(body, cell), (*out)[2] = body->live->masses + 4 * (size_t)cell;
+    sb_real lumps[4], loads[4];
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
     if (sbi_live_is_piece(body, cell))
-        sbi_piece_lumps(body->live->pieces + cell, 4, sbi_domain_tet_volume(x), out, out + 4);
+        sbi_piece_lumps(body->live->pieces + cell, 4, sbi_domain_tet_volume(x), lumps, loads);
     else
-        sbi_domain_tet_masses(rule, x, out, out + 4);
-    for (int a = 0; a < 8; a++)
-        out[a] = density * out[a];
+        sbi_domain_tet_masses(rule, x, lumps, loads);
+    for (int a = 0; a < 4; a++) {
+        out[a][0] = density * lumps[a];
+        out[a][1] = density * loads[a];
+    }
 }
 
 /* Adds what a cell of a body that follows weighs to its nodes. */
 static void sbi_body_add_cell_mass(sb_body *body, int cell)
 {
-    const sb_real *masses = body->live->masses + 8 * (size_t)cell;
+    const sb_real(*masses)[2] = (const sb_real(*)[2])body->live->masses + 4 * (size_t)cell;
     for (int a = 0; a < 4; a++) {
         int node = body->domain.cells[4 * (size_t)cell + (size_t)a];
-        body->lumped_mass[node] += masses[a];
-        body->load_mass[node] += masses[4 + a];
+        body->lumped_mass[node] += masses[a][0];
+        body->load_mass[node] += masses[a][1];
     }
 }
 
@@ -234,9 +238,8 @@ SBI_API void sbi_body_sum_node_mass(sb_body *body, int node)
 {
     sb_real mass = 0, load = 0;
     for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
-        const sb_real *masses = body->live->masses + 8 * (size_t)(at / 4) + at % 4;
-        mass += masses[0];
-        load += masses[4];
+        mass += body->live->masses[at][0];
+        load += body->live->masses[at][1];
     }
     body->lumped_mass[node] = mass;
     body->load_mass[node] = load;
@@ -253,8 +256,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
     memset(body->lumped_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->load_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->work, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
-    if (body->mass_blocks)
+    if (body->mass_blocks) {
         memset(body->mass_blocks, 0, (size_t)body->matrix.block_count * sizeof(sb_real));
+        sbi_assembly_settle_maps(&body->assembly, &body->matrix);
+    }
     for (int e = 0; e < body->domain.cell_count; e++) {
         const int *cell = body->domain.cells + (size_t)e * (size_t)n;
         sb_real density = sbi_live_density(body, e);

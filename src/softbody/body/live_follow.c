@@ -15,7 +15,7 @@ typedef struct sbi_live_following {
     const sbi_change_lists *lists;
     const sb_mesh_change *out;
     int old_nodes, old_cells; /* ends before */
-    sbi_live_balance velocity, acceleration;
+    sbi_live_balance before;
     int first;      /* see sbi_live_first_changed */
     int node_count; /* of lists->nodes */
     sbi_tet_rule rule;
@@ -295,9 +295,7 @@ static void sbi_live_read_momentum(sbi_live_following *work)
     sbi_live_mark_places(work, 1);
     about = sbi_live_position(work, node);
     sbi_live_mark_places(work, 0);
-    work->velocity = sbi_live_weigh(body, out, about, body->velocity);
-    if (body->acceleration_known)
-        work->acceleration = sbi_live_weigh(body, out, about, body->acceleration);
+    work->before = sbi_live_weigh(body, out, about);
 }
 
 /* ---- following ---- */
@@ -539,11 +537,8 @@ static void sbi_live_follow_all(sbi_live_following *work)
     body->pattern_version++;
     body->live->version++;
     sbi_live_forget(body, out);
-    if (work->first < 0)
-        return;
-    sbi_live_keep_momentum(body, out, &work->velocity, body->velocity);
-    if (body->acceleration_known)
-        sbi_live_keep_momentum(body, out, &work->acceleration, body->acceleration);
+    if (work->first >= 0)
+        sbi_live_keep_momentum(body, out, &work->before);
 }
 
 SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,

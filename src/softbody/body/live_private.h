@@ -43,8 +43,9 @@ typedef struct sbi_live {
     sb_quadrature_kind rule; /* of the domain's points */
     int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;            /* of the def */
-    sb_real *masses; /* [cells.capacity][8] of a body that follows: lumped mass and int rho N dV of each corner (kg) */
-    int *node_marks; /* [nodes.capacity] zeros between calls */
+    sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
+                           */
+    int *node_marks;      /* [nodes.capacity] zeros between calls */
     unsigned char *cell_marks; /* [cells.capacity] zeros between calls */
     sb_body_change *spare;     /* a change with its lists, for the next one; NULL while it is open */
     void *lists;               /* behind the lists of a change while it is made */
@@ -114,23 +115,28 @@ SBI_API void sbi_live_label_nodes(sb_body *body);
 /* The rest of those who follow. */
 SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error);
 
+/* ---- live_momentum.c ---- */
+
 /* Mass (kg), and sums of m v and (x - about) x m v of some cells; size: sums of the magnitudes. */
 typedef struct sbi_live_moment {
     double mass, linear[3], angular[3], linear_size, angular_size;
 } sbi_live_moment;
+enum { SBI_LIVE_MOTIONS = 2 }; /* velocity and acceleration */
 /* What the cells that a change takes or reshapes have, before it: all of them, and those reshaped or with children. */
 typedef struct sbi_live_balance {
     sb_vec3 about;
-    sbi_live_moment all, parents;
+    int motions; /* 1: velocity only */
+    sbi_live_moment all[SBI_LIVE_MOTIONS], parents[SBI_LIVE_MOTIONS];
 } sbi_live_balance;
 /* The cell made or reshaped that momentum is summed about (the place of its first node after the change), or -1: there
  * is none, and nothing to keep. */
 SBI_API int sbi_live_first_changed(const sbi_mesh_change *change);
-SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about,
-                                        const sb_vec3 *motion);
+SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about);
 /* Gives the nodes of the cells that changed what is missing of it. */
-SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
-                                    sb_vec3 *motion);
+SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before);
+/* Both, for a body with the next mesh. */
+SBI_API void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *change, sb_body *next);
+
 /* What has a value for each node that goes on from step to step. */
 enum { SBI_LIVE_CARRIED = 8 };
 SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED]);

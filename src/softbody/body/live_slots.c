@@ -180,7 +180,7 @@ SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
     live->node_marks = (int *)sbi_alloc_zeroed(allocator, nodes, sizeof(int));
     live->cell_marks = (unsigned char *)sbi_alloc_zeroed(allocator, cells, 1);
     if (live->follows)
-        live->masses = (sb_real *)sbi_alloc_zeroed(allocator, cells, 8 * sizeof(sb_real));
+        live->masses = (sb_real(*)[2])sbi_alloc_zeroed(allocator, cells, 4 * sizeof *live->masses);
     return live->node_marks && live->cell_marks && (live->masses || !live->follows)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells that may change", live->cells.capacity);

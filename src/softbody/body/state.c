@@ -1143,6 +1143,8 @@ static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
         while (!walk->store && cell < mesh->cells.end - 1 && mesh->pieces[cell].is == 0)
             cell++;
         cell = sbi_state_int(walk, cell, cell, mesh->cells.end - 1, "cell of a piece");
+        if (walk->result != SB_OK)
+            return;
         piece = mesh->pieces + cell;
         if (walk->store)
             piece->is = 1;

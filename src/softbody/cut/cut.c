@@ -196,22 +196,24 @@ static sb_result sbi_cut_check_call(const sb_cut *cut, const sb_vec3 *triangles,
     return SB_OK;
 }
 
-/* A frame about the body as it is now. */
-static void sbi_cut_take_frame(const sb_cut *cut, sbi_crossing_frame *frame)
+/* How many times as large as at rest a body may be for one frame to resolve all of it. */
+#define SBI_CUT_SPREAD ((sb_real)8)
+
+/* The box at x of the nodes in use of a part, or of all parts. */
+static sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part)
 {
-    const sb_vec3 *x = sb_body_positions(cut->body);
-    sb_vec3 low = {0, 0, 0}, high = {0, 0, 0};
+    sbi_cut_box box = {{0, 0, 0}, {0, 0, 0}};
     int first = 1;
     for (int i = 0; i < sb_body_node_count(cut->body); i++) {
-        if (!sb_body_node_in_use(cut->body, i))
+        if (!sb_body_node_in_use(cut->body, i) || !sbi_cut_is_of(cut, i, part))
             continue;
         if (first)
-            low = high = x[i];
+            box.low = box.high = x[i];
         first = 0;
-        low = sb_v3(sb_min(low.x, x[i].x), sb_min(low.y, x[i].y), sb_min(low.z, x[i].z));
-        high = sb_v3(sb_max(high.x, x[i].x), sb_max(high.y, x[i].y), sb_max(high.z, x[i].z));
+        box.low = sb_v3(sb_min(box.low.x, x[i].x), sb_min(box.low.y, x[i].y), sb_min(box.low.z, x[i].z));
+        box.high = sb_v3(sb_max(box.high.x, x[i].x), sb_max(box.high.y, x[i].y), sb_max(box.high.z, x[i].z));
     }
-    sbi_crossing_frame_make(low, high, frame);
+    return box;
 }
 
 static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, const sb_vec3 *triangles, int count)
@@ -229,16 +231,39 @@ static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, con
     return 1;
 }
 
-SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+/* Cuts the links of a part, or of all parts, in a frame about what lies in the box; 0: no memory. */
+static int sbi_cut_sweep_box(sb_cut *cut, const sbi_cut_box *box, int part, const sb_vec3 *triangles, int count)
 {
     sbi_crossing_frame frame;
+    sbi_crossing_frame_make(box->low, box->high, &frame);
+    return sbi_cut_take_blades(cut, &frame, triangles, count) && sbi_cut_sweep(cut, &frame, part);
+}
+
+/* Cuts links in one frame for all the body; where parts of it have gone far apart, in one for each part, which no link
+ * leaves: otherwise the distance between them would take the digits that a cut needs. 0: no memory. */
+static int sbi_cut_sweep_body(sb_cut *cut, const sb_vec3 *triangles, int count)
+{
+    const sb_vec3 *x = sb_body_positions(cut->body);
+    sbi_cut_box now = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
+    sbi_cut_box rest = sbi_cut_box_of(cut, sb_body_rest_positions(cut->body), SBI_CUT_ALL_PARTS);
+    int parts = cut->body->component_count, swept = 1;
+    if (sb_v3_norm(sb_v3_sub(now.high, now.low)) <= SBI_CUT_SPREAD * sb_v3_norm(sb_v3_sub(rest.high, rest.low)))
+        return sbi_cut_sweep_box(cut, &now, SBI_CUT_ALL_PARTS, triangles, count);
+    for (int part = 0; part < parts && swept; part++) {
+        now = sbi_cut_box_of(cut, x, part);
+        swept = sbi_cut_sweep_box(cut, &now, part, triangles, count);
+    }
+    return swept;
+}
+
+SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+{
     int links;
     sb_result result = sbi_cut_check_call(cut, triangles, count, error);
     if (result != SB_OK)
         return result;
     links = cut->links.count;
-    sbi_cut_take_frame(cut, &frame);
-    if (!sbi_cut_take_blades(cut, &frame, triangles, count) || !sbi_cut_sweep(cut, &frame)) {
+    if (!sbi_cut_sweep_body(cut, triangles, count)) {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
         sbi_cut_clear(cut);
     } else

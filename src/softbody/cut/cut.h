@@ -12,9 +12,9 @@
  * cut where the body is now; an element that its cut links part becomes one cell for each piece, with the shape
  * functions of the whole element and the mass and stiffness of the piece, and nodes are copied where pieces of the
  * elements around them do not touch. Whether a link is cut is decided in exact integers, the same for all elements
- * around it, so that no thread of tissue is left over, also where a triangle goes through a node, along an edge or a
- * face. Nothing is remeshed: the matrix stays as large as the mesh and its copies, however fine the cut, and steps take
- * about as long as before.
+ * around it, so that the triangles of one call leave no thread of tissue over, also where one goes through a node,
+ * along an edge or a face. Nothing is remeshed: the matrix stays as large as the mesh and its copies, however fine the
+ * cut, and steps take about as long as before.
  *
  * - What an element is not cut through yet holds: a cut opens up to the last element that it parts.
  * - A node keeps its number and stands for the material at its place; copies get new numbers
@@ -23,13 +23,27 @@
  * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
  * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
- *   it. All else that refers to nodes and cells follows as live_mesh.h says; a copy has no load of its own.
+ *   it. Dead loads, constraints and regions follow as live_mesh.h says; a copy has no load of its own.
  * - Recordings and states of the body contain its cuts (they are changes of its mesh). The sb_cut itself is not in
  *   them: after another mesh was loaded, or after others changed the mesh, its calls say SB_ERROR_STATE; make a new one
  *   then, of an uncut body.
  *
- * Limits: tet4. Slices much thinner than a link crumble. Slivers of mass make explicit steps short: bodies that step
- * explicitly have crossings kept off the points of the lattice by a sixteenth of an edge, in masses and stiffness. */
+ * Limits:
+ * - tet4. Slices much thinner than a link fall into crumbs.
+ * - A stroke that is made by several calls while the tissue moves may leave single links uncut between them, and so
+ *   threads of tissue. Cut in one call what must part.
+ * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
+ *   than 8 times as large as at rest, of the box around each part.
+ * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
+ *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
+ *   and a pressure on a face that is cut acts on each piece of its element in full.
+ * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
+ * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
+ *   cut.
+ * - A cut that parts no element is not in the body's state, and stays when an earlier state is loaded.
+ * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the
+ *   lattice by a sixteenth of an edge, for masses and stiffness (0.28 to 0.34 of the uncut step in eight random
+ *   planes). */
 #ifndef SB_CUT_H
 #define SB_CUT_H
 
@@ -63,7 +77,7 @@ SB_API void sb_cut_destroy(sb_cut *cut);
  * info       may be NULL
  * On failure body and cut are as they were: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above), and
  * what sb_body_change_commit says. Between steps only. Allocates nothing while slack and room last; costs a pass over
- * the cells and, where cells are parted, a change of the mesh. */
+ * the cells for each triangle (12,000 tets: 18 us for each) and, where cells are parted, a change of the mesh. */
 SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
 /* Node of the uncut mesh that a node is a copy of, or itself; -1: none. Of elements: the one that a cell is of. */
 SB_API int sb_cut_node_origin(const sb_cut *cut, int node);

@@ -76,6 +76,16 @@ struct sb_cut {
     int made_nodes, made_cells;
 };
 
+typedef struct sbi_cut_box {
+    sb_vec3 low, high;
+} sbi_cut_box;
+
+enum { SBI_CUT_ALL_PARTS = -1 };
+SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
+{
+    return part == SBI_CUT_ALL_PARTS || cut->body->node_component[node] == part;
+}
+
 enum { SBI_CUT_TOUCHED = 1, SBI_CUT_PARTED = 2, SBI_CUT_NEAR = 4 };
 
 /* Room for `more` items behind those that are there; 0: no memory. */
@@ -85,9 +95,9 @@ SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more);
 SBI_API void sbi_cut_list_set(sbi_cut_list *list, int at, int value);
 /* Room for so many more links; 0: no memory. */
 SBI_API int sbi_cut_reserve_links(sb_cut *cut, int more);
-/* Cuts the links that the blades cross in the body's present shape, and lists the tets around them as touched. 0: no
- * memory, and links are to be taken back. */
-SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame);
+/* Cuts the links of a connected part, or of all, that the blades cross in the body's present shape, and lists the tets
+ * around them as touched. 0: no memory, and links are to be taken back. */
+SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part);
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);

@@ -193,7 +193,7 @@ static int sbi_cut_is_within(const sb_vec3 x[4], const double low[3], const doub
            (double)to.x >= low[0] && (double)to.y >= low[1] && (double)to.z >= low[2];
 }
 
-SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame)
+SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part)
 {
     const sb_vec3 *x = sb_body_positions(cut->body);
     double low[3], high[3];
@@ -202,6 +202,8 @@ SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame)
         for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
             const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
             sbi_cut_shape shape;
+            if (!sbi_cut_is_of(cut, nodes[0], part))
+                continue;
             for (int a = 0; a < 4; a++)
                 shape.corners[a] = x[nodes[a]];
             if (!sbi_cut_is_within(shape.corners, low, high))

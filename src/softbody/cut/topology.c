@@ -226,7 +226,8 @@ static int sbi_cut_list_classes(sb_cut *cut, int node)
     return 1;
 }
 
-/* The class that keeps an old number: that with the material at the node's place, or the first. */
+/* The class that keeps an old number: that with the material at the node's place, or, of a copy, the first that has all
+ * of its supports; else the first. */
 static int sbi_cut_keeper(const sb_cut *cut, int node, int old)
 {
     int first = -1;
@@ -235,7 +236,7 @@ static int sbi_cut_keeper(const sb_cut *cut, int node, int old)
             continue;
         if (first < 0)
             first = k;
-        if (old == node && cut->classes[k].has)
+        if (old == node ? cut->classes[k].has : (cut->body->fixed[old] & ~cut->classes[k].held) == 0)
             return k;
     }
     return first;

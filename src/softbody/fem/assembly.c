@@ -68,14 +68,14 @@ SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix,
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
-    if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+    if (assembly->domain->cell_capacity == 0) { /* else see sbi_assembly_make_live */
         sbi_assembly_colour(assembly, node_colours);
-    sbi_assembly_map_blocks(assembly, matrix);
-    if (sbi_batch_fits(assembly->domain)) {
-        if (assembly->domain->cell_capacity == 0)
+        sbi_assembly_map_blocks(assembly, matrix);
+        if (sbi_batch_fits(assembly->domain))
             sbi_batch_list_pairs(assembly, matrix);
-        sbi_batch_fill(assembly);
     }
+    if (sbi_batch_fits(assembly->domain))
+        sbi_batch_fill(assembly);
     sbi_assembly_reset_rotations(assembly);
 }
 
@@ -704,6 +704,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
         bad = -1;
     } else {
         memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
+        sbi_assembly_settle_maps(assembly, matrix);
         bad = sbi_assembly_run(&job);
         sbi_matrix_set_free_rows(matrix);
     }

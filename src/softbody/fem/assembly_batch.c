@@ -776,16 +776,17 @@ SBI_FORCE_INLINE void sbi_batch_block_row(sb_real factor, sbi_batch_row l, sb_re
 }
 
 /* The block of an edge. */
-SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const sbi_batch_kind kind, sb_real factor,
-                                      sb_real *out)
+SBI_FORCE_INLINE void sbi_batch_block(const sbi_batch_job *job, int k, const sbi_batch_kind kind)
 {
+    const sbi_assembly *assembly = job->assembly;
+    sb_real factor = job->factor, *out = job->matrix->blocks[k];
     static const sb_real zeros[4] = {0, 0, 0, 0};
     sbi_batch_sum s, l;
     sb_real trace;
     s.r0 = s.r1 = s.r2 = sbi_batch_scale(0, zeros);
     l = s;
     if (kind.live)
-        for (int pair = assembly->live->pair_first[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
+        for (int pair = job->matrix->live->heads[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
             sbi_batch_add_pair(assembly, pair, kind, &s, &l);
     else
         for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++)
@@ -813,7 +814,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     kind.live = live;
     for (int row = begin; row < end; row++)
         for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
-            sbi_batch_block(job->assembly, k, kind, job->factor, matrix->blocks[k]);
+            sbi_batch_block(job, k, kind);
 }
 
 static void sbi_batch_upper(void *user, int index)

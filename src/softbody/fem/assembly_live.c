@@ -10,16 +10,14 @@ static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size,
 {
     size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
     live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
-    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->units = (sb_real *)sbi_arena_take(arena, cells / SBI_LIVE_UNIT + 1, sizeof(sb_real));
     live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
     live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
     live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
-    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
     live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
     live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->unmapped = (unsigned char *)sbi_arena_take(arena, nodes, 1);
     live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
     live->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
 }
@@ -73,58 +71,135 @@ static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
     *at = live->corner_next[corner];
 }
 
+/* Place in a ring's list of what comes at or after a pair: its block's, or the next of the pair before. */
+static int *sbi_ring_of_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int block, int pair)
+{
+    int *at = matrix->live->heads + block;
+    while (*at >= 0 && *at < pair)
+        at = live->pair_next + sbi_live_pair_index(*at);
+    return at;
+}
+
+/* The pair of two corners of a cell, and where in the matrix their block above the diagonal is, or -1. */
+static int sbi_live_pair_of(const sb_matrix *matrix, int e, const int *nodes, int a, int b, int *block)
+{
+    int flip = nodes[a] > nodes[b];
+    *block = flip ? sb_matrix_find(matrix, nodes[b], nodes[a]) : sb_matrix_find(matrix, nodes[a], nodes[b]);
+    return flip ? sbi_batch_pair(e, b, a) : sbi_batch_pair(e, a, b);
+}
+
+/* Takes the pairs of a cell out of their rings; kept: corners, as bits, that keep their node. */
+static void sbi_live_remove_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int e, const int *nodes,
+                                  int kept)
+{
+    for (int a = 0; a < 4; a++)
+        for (int b = a + 1; b < 4; b++) {
+            int block, pair, *at;
+            if ((kept >> a & kept >> b & 1) != 0)
+                continue;
+            pair = sbi_live_pair_of(matrix, e, nodes, a, b, &block);
+            at = block >= 0 ? sbi_ring_of_pairs(live, matrix, block, pair) : NULL;
+            if (at && *at == pair) /* else the coupling went, and another came */
+                *at = live->pair_next[sbi_live_pair_index(pair)];
+        }
+}
+
+/* Puts those in that are not there. */
+static void sbi_live_add_pairs(const sbi_assembly_live *live, const sb_matrix *matrix, int e, const int *nodes)
+{
+    for (int a = 0; a < 4; a++)
+        for (int b = a + 1; b < 4; b++) {
+            int block, pair = sbi_live_pair_of(matrix, e, nodes, a, b, &block);
+            int *at = sbi_ring_of_pairs(live, matrix, block, pair);
+            if (*at == pair)
+                continue;
+            live->pair_next[sbi_live_pair_index(pair)] = *at;
+            *at = pair;
+        }
+}
+
+/* ---- maps ------------------------------------------------------------------------------------------------- */
+
 /* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
 static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
 
-/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
-static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
+/* Where the blocks of row i are, for its cells. */
+static void sbi_assembly_map_row(const sbi_assembly *assembly, const sb_matrix *matrix, int i)
 {
     sbi_assembly_live *live = assembly->live;
-    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
         live->place[matrix->columns[q]] = q;
-        live->last[matrix->columns[q]] = -1;
-        live->pair_first[q] = -1;
-    }
     for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
         int e = corner / 4, a = corner % 4;
         const int *cell = assembly->domain->cells + 4 * (size_t)e;
-        for (int b = 0; b < 4; b++) {
-            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
-            if (b >= a)
-                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
-            if (j <= i)
-                continue;
-            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
-            *next = pair;
-            live->last[j] = sbi_live_pair_index(pair);
-            live->pair_next[live->last[j]] = -1;
-        }
+        for (int b = a; b < 4; b++)
+            assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = live->place[cell[b]];
     }
+    live->unmapped[i] = 0;
+}
+
+SBI_API void sbi_assembly_settle_maps(const sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly_live *live = assembly->live;
+    if (!live || !live->maps_are_old)
+        return;
+    for (int i = 0; i < matrix->row_count; i++)
+        if (live->unmapped[i])
+            sbi_assembly_map_row(assembly, matrix, i);
+    live->maps_are_old = 0;
+}
+
+/* All pairs and maps anew. */
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    sbi_assembly_live *live = assembly->live;
+    for (int q = 0; q < matrix->block_count; q++)
+        matrix->live->heads[q] = -1;
+    for (int e = domain->cell_count; e-- > 0;) /* the last first, so that none has to be passed */
+        if (!sbi_domain_is_free(domain, e))
+            sbi_live_add_pairs(live, matrix, e, domain->cells + 4 * (size_t)e);
+    memset(live->unmapped, 1, (size_t)matrix->row_count);
+    live->maps_are_old = 1;
 }
 
 /* ---- chunks ------------------------------------------------------------------------------------------------ */
 
-static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
+/* Groups of cells whose energy units are summed at once. */
+static int sbi_live_unit_count(const sbi_assembly *assembly)
 {
+    return (assembly->domain->cell_count - 1) / SBI_LIVE_UNIT + 1;
+}
+
+static sb_real sbi_assembly_weigh_group(const sbi_assembly *assembly, int group)
+{
+    int first = group * SBI_LIVE_UNIT, end = sbi_min_int(first + SBI_LIVE_UNIT, assembly->domain->cell_count);
     sb_real sum = 0;
-    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+    for (int e = first; e < end; e++) {
         const sb_material *material = assembly->materials + assembly->cell_material[e];
         sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
     }
-    assembly->live->units[chunk] = sum;
+    return sum;
 }
 
+/* The sum of all, with those anew that are marked. */
 static void sbi_assembly_sum_units(sbi_assembly *assembly)
 {
+    sb_real *units = assembly->live->units;
+    int count = sbi_live_unit_count(assembly);
     assembly->energy_unit = 0;
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        assembly->energy_unit += assembly->live->units[chunk];
+    for (int group = 0; group < count; group++) {
+        if (units[group] < 0)
+            units[group] = sbi_assembly_weigh_group(assembly, group);
+        assembly->energy_unit += units[group];
+    }
 }
 
 SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
 {
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        sbi_assembly_weigh_chunk(assembly, chunk);
+    int count = sbi_live_unit_count(assembly);
+    for (int group = 0; group < count; group++)
+        assembly->live->units[group] = -1;
     sbi_assembly_sum_units(assembly);
 }
 
@@ -145,12 +220,6 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
 }
 
 /* ---- making one ------------------------------------------------------------------------------------------- */
-
-SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_assembly_map_row(assembly, matrix, i);
-}
 
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
 {
@@ -177,7 +246,6 @@ SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix
             live->allocator = *allocator;
         live->node_capacity = matrix->live->row_capacity;
         live->cell_capacity = assembly->domain->cell_capacity;
-        live->block_capacity = matrix->live->block_capacity;
         live->cell_end = assembly->domain->cell_count;
     }
     if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
@@ -266,16 +334,15 @@ static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix
     size_t cells = (size_t)assembly->domain->cell_count;
     grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
     grown.cell_capacity = assembly->domain->cell_capacity;
-    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
     if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
         return 0;
     memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
     for (int i = live->node_capacity; i < grown.node_capacity; i++)
         grown.corner_first[i] = -1;
     memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
-    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
+    memcpy(grown.unmapped, live->unmapped, (size_t)live->node_capacity);
     memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
-    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    memcpy(grown.units, live->units, (size_t)sbi_live_unit_count(assembly) * sizeof(sb_real));
     memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
     memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
     sbi_free(&live->allocator, live->memory);
@@ -285,8 +352,7 @@ static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix
 
 SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
 {
-    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
-                                   assembly->live->node_capacity >= matrix->live->row_capacity);
+    int fits = !assembly->live || assembly->live->node_capacity >= matrix->live->row_capacity;
     return fits || sbi_assembly_grow_rings(assembly, matrix)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
@@ -332,8 +398,7 @@ SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *
     int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
     if (more_cells)
         made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
-    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
-                 live->block_capacity < matrix->live->block_capacity))
+    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity))
         made = sbi_assembly_grow_rings(assembly, matrix);
     if (made)
         made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
@@ -387,10 +452,8 @@ static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_cha
     const sb_domain *domain = assembly->domain;
     const sbi_assembly_live *live = assembly->live;
     size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    for (int e = old_end; e < domain->cell_count; e++) {
-        assembly->live->units[e / assembly->chunk_size] = -1;
+    for (int e = old_end; e < domain->cell_count; e++)
         sbi_assembly_blank(assembly, e);
-    }
     for (int k = 0; k < change->removed_cell_count; k++) /* others are made below */
         if (change->removed_cells[k] < domain->cell_count && sbi_domain_is_free(domain, change->removed_cells[k]))
             sbi_assembly_blank(assembly, change->removed_cells[k]);
@@ -403,15 +466,7 @@ static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_cha
         sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
 }
 
-static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
-{
-    if (live->marks[i])
-        return;
-    live->marks[i] = 1;
-    live->rows[live->row_count++] = i;
-}
-
-/* Takes a cell's corners out of the rings, but where one made in its slot has the same node. */
+/* Takes a cell's corners out of the rings of their nodes, but where one made in its slot has the same node. */
 static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *nodes)
 {
     const sb_domain *domain = assembly->domain;
@@ -421,7 +476,7 @@ static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *n
             assembly->live->kept[e] |= (unsigned char)(1 << a);
         else
             sbi_ring_remove(assembly->live, nodes[a], 4 * e + a);
-        sbi_assembly_mark_row(assembly->live, nodes[a]);
+        assembly->live->unmapped[nodes[a]] = 1;
     }
 }
 
@@ -430,50 +485,52 @@ static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *no
     for (int a = 0; a < 4; a++) {
         if (!(assembly->live->kept[e] >> a & 1))
             sbi_ring_add(assembly->live, nodes[a], 4 * e + a);
-        sbi_assembly_mark_row(assembly->live, nodes[a]);
+        assembly->live->unmapped[nodes[a]] = 1;
     }
     assembly->live->kept[e] = 0;
 }
 
-/* Rings of the nodes, and the list of rows whose maps change. */
+/* Rings, and which rows are to be mapped again. */
 static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
-    live->row_count = 0;
-    for (int k = 0; k < change->removed_cell_count; k++)
-        sbi_assembly_leave_rings(assembly, change->removed_cells[k], change->removed_cell_nodes + 4 * (size_t)k);
-    for (int k = 0; k < change->made_cell_count; k++)
-        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
-    for (int k = 0; k < matrix->live->touched_count; k++)
-        sbi_assembly_mark_row(live, matrix->live->touched[k]);
-    for (int k = 0; k < live->row_count; k++) {
-        live->marks[live->rows[k]] = 0;
-        if (live->rows[k] < matrix->row_count)
-            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
+    for (int k = 0; k < change->removed_cell_count; k++) {
+        int e = change->removed_cells[k];
+        const int *nodes = change->removed_cell_nodes + 4 * (size_t)k;
+        sbi_assembly_leave_rings(assembly, e, nodes);
+        sbi_live_remove_pairs(live, matrix, e, nodes, live->kept[e]);
     }
+    for (int k = 0; k < change->made_cell_count; k++) {
+        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
+        sbi_live_add_pairs(live, matrix, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
+    }
+    for (int k = 0; k < matrix->live->touched_count; k++)
+        live->unmapped[matrix->live->touched[k]] = 1;
+    live->maps_are_old = 1;
 }
 
-/* Marks the chunks of changed cells. */
-static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
+/* What is summed or listed of a cell's neighbours in memory is old. */
+static void sbi_assembly_mark_cell(sbi_assembly *assembly, int e)
 {
-    for (int k = 0; k < count; k++)
-        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
+    if (e >= assembly->domain->cell_count)
+        return;
+    assembly->live->units[e / SBI_LIVE_UNIT] = -1;
+    assembly->live->chunk_node_count[e / assembly->chunk_size] = -1;
 }
 
-/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
-static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
+/* Energy units; the nodes of chunks with changed cells, and all colours, are left to the next loop. */
+static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
 {
-    sbi_assembly_live *live = assembly->live;
-    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
-    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
-    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (live->units[chunk] < 0) {
-            sbi_assembly_weigh_chunk(assembly, chunk);
-            live->chunk_node_count[chunk] = -1;
-        }
+    for (int e = sbi_min_int(old_end, assembly->domain->cell_count) - 1; e < assembly->domain->cell_count; e++)
+        sbi_assembly_mark_cell(assembly, e);
+    for (int k = 0; k < change->removed_cell_count; k++)
+        sbi_assembly_mark_cell(assembly, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++)
+        sbi_assembly_mark_cell(assembly, change->made_cells[k]);
+    for (int k = 0; k < change->reshaped_cell_count; k++)
+        sbi_assembly_mark_cell(assembly, change->reshaped_cells[k]);
     sbi_assembly_sum_units(assembly);
-    live->colours_are_old = 1;
+    assembly->live->colours_are_old = 1;
 }
 
 SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
@@ -497,7 +554,7 @@ SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     sbi_assembly_follow_cells(assembly, change, old_end);
     sbi_assembly_follow_rings(assembly, matrix, change);
-    sbi_assembly_follow_chunks(assembly, change);
+    sbi_assembly_follow_chunks(assembly, change, old_end);
     if (assembly->viscous)
         sbi_assembly_begin_step(assembly, 0);
 }

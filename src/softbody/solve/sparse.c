@@ -445,19 +445,17 @@ SB_API sb_real sb_matrix_asymmetry(const sb_matrix *matrix)
     sb_real largest = 0, difference = 0;
     if (!matrix)
         return 0;
-    for (int q = 0; q < matrix->block_count; q++) {
-        const sb_real *a = matrix->blocks[q], *b = matrix->blocks[matrix->transpose[q]];
-        for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) {
-                sb_real gap = a[3 * r + c] - b[3 * c + r];
-                sb_real size = a[3 * r + c] < 0 ? -a[3 * r + c] : a[3 * r + c];
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+            const sb_real *a = matrix->blocks[q], *b = matrix->blocks[matrix->transpose[q]];
+            for (int k = 0; k < 9; k++) {
+                sb_real gap = sb_abs(a[k] - b[3 * (k % 3) + k / 3]), size = sb_abs(a[k]);
                 if (!sb_is_finite(size))
                     return size - size;
-                gap = gap < 0 ? -gap : gap;
-                largest = size > largest ? size : largest;
-                difference = gap > difference ? gap : difference;
+                largest = sb_max(size, largest);
+                difference = sb_max(gap, difference);
             }
-    }
+        }
     return largest > 0 ? difference / largest : 0;
 }
 

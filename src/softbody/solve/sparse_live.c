@@ -39,6 +39,7 @@ static void sbi_live_layout_pool(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->columns = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     matrix->transpose = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     live->uses = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    live->heads = (int *)sbi_arena_take(arena, blocks, sizeof(int));
     live->places = (int *)sbi_arena_take(arena, blocks, sizeof(int));
 }
 
@@ -113,6 +114,7 @@ static int sbi_live_grow_pool(sb_matrix *matrix, int blocks)
         return 0;
     sbi_live_copy_pool(matrix, &grown);
     memcpy(live.uses, matrix->live->uses, (size_t)matrix->block_count * sizeof(int));
+    memcpy(live.heads, matrix->live->heads, (size_t)matrix->block_count * sizeof(int));
     sbi_free(&matrix->allocator, live.pool_memory);
     live.pool_memory = memory;
     live.block_capacity = blocks;
@@ -140,22 +142,25 @@ SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 
 /* ---- places of the pool --------------------------------------------------------------------------------- */
 
-/* Leaves a place to no row. */
-static void sbi_live_clear(sb_matrix *matrix, int place)
+/* A coupling that nothing is known of yet. */
+static void sbi_live_set(sb_matrix *matrix, int place, int column, int uses)
 {
-    memset(matrix->blocks[place], 0, sizeof matrix->blocks[place]);
-    matrix->columns[place] = 0;
+    matrix->columns[place] = column;
     matrix->transpose[place] = place;
-    matrix->live->uses[place] = 0;
+    matrix->live->uses[place] = uses;
+    matrix->live->heads[place] = -1;
 }
 
-/* Brings a block of row i to another place. */
+/* Leaves a place to no row. */
+static void sbi_live_clear(sb_matrix *matrix, int place) { sbi_live_set(matrix, place, 0, 0); }
+
+/* Brings a coupling of row i to another place. */
 static void sbi_live_move(sb_matrix *matrix, int i, int from, int to)
 {
     int twin = matrix->transpose[from];
-    memcpy(matrix->blocks[to], matrix->blocks[from], sizeof matrix->blocks[to]);
     matrix->columns[to] = matrix->columns[from];
     matrix->live->uses[to] = matrix->live->uses[from];
+    matrix->live->heads[to] = matrix->live->heads[from];
     if (matrix->columns[to] == i) {
         matrix->diagonal[i] = matrix->transpose[to] = to;
         return;
@@ -228,56 +233,48 @@ static void sbi_live_touch(sb_matrix *matrix, int i)
 
 /* ---- pushing rows together ------------------------------------------------------------------------------ */
 
-/* Where each place of the pool goes when rows follow each other, as long as they are; -1: it is in no row. Rows get
- * their new places. Returns where they end. */
-static int sbi_live_plan_places(sb_matrix *matrix)
+/* Where each place of the pool goes when rows follow each other, as long as they are. Returns where they end. */
+static int sbi_live_plan_places(const sb_matrix *matrix)
 {
-    sbi_matrix_live *live = matrix->live;
-    int *to = live->places, end = 0;
-    memset(to, 0xff, (size_t)matrix->block_count * sizeof *to);
-    for (int i = 0; i < matrix->row_count; i++) {
-        int start = end;
+    int *to = matrix->live->places, end = 0;
+    for (int i = 0; i < matrix->row_count; i++)
         for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
             to[q] = end++;
-        matrix->diagonal[i] = to[matrix->diagonal[i]];
-        matrix->row_start[i] = start;
-        matrix->row_end[i] = end;
-        live->room[i] = end - start;
-    }
     return end;
 }
 
-static void sbi_live_swap(sb_matrix *matrix, int p, int q)
+/* Brings what an array has of the rows together, by way of the blocks, whose values are nobody's. */
+static void sbi_live_pack_array(sb_matrix *matrix, int *array)
 {
-    sb_real block[9];
-    int column = matrix->columns[p], twin = matrix->transpose[p], uses = matrix->live->uses[p];
-    memcpy(block, matrix->blocks[p], sizeof block);
-    memcpy(matrix->blocks[p], matrix->blocks[q], sizeof block);
-    memcpy(matrix->blocks[q], block, sizeof block);
-    matrix->columns[p] = matrix->columns[q];
-    matrix->columns[q] = column;
-    matrix->transpose[p] = matrix->transpose[q];
-    matrix->transpose[q] = twin;
-    matrix->live->uses[p] = matrix->live->uses[q];
-    matrix->live->uses[q] = uses;
+    unsigned char *packed = (unsigned char *)matrix->blocks;
+    size_t bytes = 0;
+    for (int i = 0; i < matrix->row_count; i++) {
+        size_t more = (size_t)(matrix->row_end[i] - matrix->row_start[i]) * sizeof *array;
+        memcpy(packed + bytes, array + matrix->row_start[i], more);
+        bytes += more;
+    }
+    memcpy(array, packed, bytes);
 }
 
 /* Pushes rows together in their order, so that loops over them run through memory as in a compact matrix. */
 static void sbi_live_pack(sb_matrix *matrix)
 {
     sbi_matrix_live *live = matrix->live;
-    int *to = live->places, end = sbi_live_plan_places(matrix), old_end = matrix->block_count;
-    for (int q = 0; q < old_end; q++)
-        if (to[q] >= 0)
-            matrix->transpose[q] = to[matrix->transpose[q]];
-    for (int q = 0; q < old_end; q++)
-        while (to[q] >= 0 && to[q] != q) { /* each turn brings one block home */
-            int home = to[q];
-            sbi_live_swap(matrix, q, home);
-            to[q] = to[home];
-            to[home] = home;
-        }
-    for (int q = end; q < old_end; q++)
+    int end = sbi_live_plan_places(matrix), at = 0;
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            matrix->transpose[q] = live->places[matrix->transpose[q]];
+    sbi_live_pack_array(matrix, matrix->columns);
+    sbi_live_pack_array(matrix, matrix->transpose);
+    sbi_live_pack_array(matrix, live->uses);
+    sbi_live_pack_array(matrix, live->heads);
+    for (int i = 0; i < matrix->row_count; i++) {
+        matrix->diagonal[i] = live->places[matrix->diagonal[i]];
+        live->room[i] = matrix->row_end[i] - matrix->row_start[i];
+        matrix->row_start[i] = at;
+        matrix->row_end[i] = at += live->room[i];
+    }
+    for (int q = end; q < matrix->block_count; q++)
         sbi_live_clear(matrix, q);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         live->free_pieces[size] = -1;
@@ -367,8 +364,9 @@ static void sbi_live_sort_pairs(const sb_matrix *matrix, int *made)
         sbi_live_pair pair = live->pairs[k];
         if (pair.uses == 0)
             continue;
+        pair.places[0] = sb_matrix_find(matrix, pair.low, pair.high);
         live->pairs[end] = pair;
-        if (sb_matrix_find(matrix, pair.low, pair.high) >= 0) {
+        if (pair.places[0] >= 0) {
             live->pairs[end] = live->pairs[count];
             live->pairs[count++] = pair;
         }
@@ -403,6 +401,7 @@ static void sbi_live_list_keys(sbi_matrix_live *live, int made)
         live->keys[at].row = i;
         live->keys[at].column = j;
         live->keys[at].uses = pair->uses;
+        live->keys[at].pair = live->pair_count + k / 2;
     }
     live->key_count = end;
 }
@@ -503,34 +502,20 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 
 /* ---- following ------------------------------------------------------------------------------------------- */
 
-/* Adds to the counts of a coupling that the pattern has. */
-static void sbi_live_count(sb_matrix *matrix, int i, int j, int uses)
-{
-    int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
-    if (q < 0)
-        return;
-    matrix->live->uses[q] += uses;
-    matrix->live->uses[matrix->transpose[q]] += uses;
-    if (matrix->live->uses[q] == 0) {
-        sbi_live_touch(matrix, i);
-        sbi_live_touch(matrix, j);
-    }
-}
-
-static void sbi_live_count_cells(sb_matrix *matrix, int count, int n, const int *cells, int uses)
-{
-    for (int c = 0; c < count; c++, cells += n)
-        for (int a = 0; a < n; a++)
-            for (int b = a + 1; b < n; b++)
-                sbi_live_count(matrix, cells[a], cells[b], uses);
-}
-
 /* The uses of couplings that there are, as planned. */
 static void sbi_live_count_planned(sb_matrix *matrix)
 {
     const sbi_matrix_live *live = matrix->live;
-    for (int k = 0; k < live->pair_count; k++)
-        sbi_live_count(matrix, live->pairs[k].low, live->pairs[k].high, live->pairs[k].uses);
+    for (int k = 0; k < live->pair_count; k++) {
+        const sbi_live_pair *pair = live->pairs + k;
+        int q = live->repacked ? live->places[pair->places[0]] : pair->places[0];
+        live->uses[q] += pair->uses;
+        live->uses[matrix->transpose[q]] += pair->uses;
+        if (live->uses[q] == 0) {
+            sbi_live_touch(matrix, pair->low);
+            sbi_live_touch(matrix, pair->high);
+        }
+    }
 }
 
 /* All couplings of a node that goes. */
@@ -602,21 +587,21 @@ static void sbi_live_move_row(sb_matrix *matrix, int i, int length)
 /* Merges planned couplings, all of row i, into it. */
 static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys, int count)
 {
+    sbi_matrix_live *live = matrix->live;
     int length = matrix->row_end[i] - matrix->row_start[i] + count, read, write;
-    if (length > matrix->live->room[i])
+    if (length > live->room[i])
         sbi_live_move_row(matrix, i, length);
     read = matrix->row_end[i] - 1;
     matrix->row_end[i] += count;
-    matrix->live->used_blocks += count;
+    live->used_blocks += count;
     for (write = matrix->row_end[i] - 1; count > 0; write--) {
         const sbi_live_key *key = keys + count - 1;
         if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
             sbi_live_move(matrix, i, read--, write);
             continue;
         }
-        sbi_live_clear(matrix, write);
-        matrix->columns[write] = key->column;
-        matrix->live->uses[write] = key->uses;
+        sbi_live_set(matrix, write, key->column, key->uses);
+        live->pairs[key->pair].places[key->row > key->column] = write;
         count--;
     }
 }
@@ -629,36 +614,46 @@ static void sbi_live_fill(sb_matrix *matrix)
             continue;
         sbi_live_fill_row(matrix, live->keys[k].row, live->keys + k, next - k);
     }
-    for (int k = 0; k < live->key_count; k++) {
-        int i = live->keys[k].row, j = live->keys[k].column, q, twin;
-        if (i > j)
-            continue;
-        q = sb_matrix_find(matrix, i, j);
-        twin = sb_matrix_find(matrix, j, i);
-        matrix->transpose[q] = twin;
-        matrix->transpose[twin] = q;
+    for (int k = 0; k < live->key_count / 2; k++) {
+        const int *places = live->pairs[live->pair_count + k].places;
+        matrix->transpose[places[0]] = places[1];
+        matrix->transpose[places[1]] = places[0];
     }
 }
 
 /* ---- parts ------------------------------------------------------------------------------------------------ */
+
+/* Joins, in `held`, rows with this mark that are coupled or have a neighbour in common. */
+static void sbi_live_join_neighbours(sb_matrix *matrix, int mark)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *owner = live->seen; /* a row that each column is in */
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        live->held[i] = i;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
+            owner[matrix->columns[q]] = -1;
+    }
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++) {
+            int *at = owner + matrix->columns[q];
+            if (*at < 0)
+                *at = i;
+            else
+                sbi_live_join(live->held, i, *at);
+        }
+    }
+}
 
 /* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
  * still hang together by couplings of rows with this mark. 0: that has to be looked into. */
 static int sbi_live_parts_hold_by(sb_matrix *matrix, int mark)
 {
     sbi_matrix_live *live = matrix->live;
-    for (int k = 0; k < live->touched_count; k++) {
-        int i = live->touched[k];
-        live->seen[i] = -1;
-        live->held[i] = i;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
-            live->held[matrix->columns[q]] = matrix->columns[q];
-    }
-    for (int k = 0; k < live->touched_count; k++) {
-        int i = live->touched[k];
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
-            sbi_live_join(live->held, i, matrix->columns[q]);
-    }
+    sbi_live_join_neighbours(matrix, mark);
+    for (int k = 0; k < live->touched_count; k++)
+        live->seen[live->touched[k]] = -1;
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k], group, held;
         if (!live->in_use[i] || live->marks[i] != SBI_LIVE_LOSER)
@@ -829,7 +824,6 @@ static void sbi_live_follow_nodes(sb_matrix *matrix, const sbi_mesh_change *chan
     for (int k = 0; k < change->made_node_count; k++) {
         int i = change->made_nodes[k];
         sbi_live_touch(matrix, i);
-        memset(matrix->blocks[matrix->diagonal[i]], 0, sizeof matrix->blocks[0]);
         matrix->fixed[i] = 0;
         live->in_use[i] = 1;
         live->part_of[i] = -1;
@@ -903,6 +897,8 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     }
     sbi_live_copy_rows(matrix, NULL, &made, live);
     sbi_live_copy_pool(matrix, &made);
+    for (int q = 0; q < matrix->block_count; q++)
+        live->heads[q] = -1;
     for (int i = 0; i < matrix->row_count; i++) {
         live->room[i] = made.row_end[i] - made.row_start[i];
         live->longest = sbi_max_int(live->longest, live->room[i]);
@@ -934,6 +930,16 @@ static int sbi_live_pool_capacity(int blocks, double slack)
     return sbi_live_capacity(blocks, slack > 0 ? 1.25 * (1 + slack) - 1 : 0);
 }
 
+/* One use more of a coupling, if the matrix has it. */
+static void sbi_live_count(const sb_matrix *matrix, int i, int j)
+{
+    int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
+    if (q < 0)
+        return;
+    matrix->live->uses[q]++;
+    matrix->live->uses[matrix->transpose[q]]++;
+}
+
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
                                        sb_error *error)
@@ -947,10 +953,11 @@ SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int no
     for (int i = 0; i < matrix->row_count; i++)
         live->in_use[i] = !in_use || in_use[i];
     for (int c = 0; c < cell_count; c++, cells += nodes_per_cell)
-        if (cells[0] >= 0)
-            sbi_live_count_cells(matrix, 1, nodes_per_cell, cells, 1);
+        for (int a = 0; a < nodes_per_cell && cells[0] >= 0; a++)
+            for (int b = a + 1; b < nodes_per_cell; b++)
+                sbi_live_count(matrix, cells[a], cells[b]);
     for (int k = 0; others && k < others->made_count; k++)
-        sbi_live_count(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1], 1);
+        sbi_live_count(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1]);
     for (int i = 0; i < matrix->row_count; i++)
         for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
             live->uses[q] += matrix->columns[q] != i && live->uses[q] == 0; /* needed for ever */

@@ -4,8 +4,8 @@
  * size it needs, or to the pool's end; pieces come in sizes of SBI_LIVE_PIECE places and wait in one list a size. When
  * the pool is full, or a quarter of the rows have moved, rows are pushed together in their order. Columns ascend in
  * every row whatever the history, so products, sums over rows and all that is made from them are functions of the
- * pattern alone; only positions in the pool are history. Places in no row hold zero blocks of column 0 that are their
- * own transposes: loops over all blocks need not know.
+ * pattern alone; only positions in the pool are history. Places in no row hold blocks of column 0 that are their own
+ * transposes. A change leaves the values of all blocks to chance: a matrix is filled anew after it.
  *
  * Each coupling counts the cells that have both its nodes, and the loads, mappings and constraints that need it
  * besides; it goes when the last of them does. A row that is not in use keeps its diagonal block, the identity, and is
@@ -32,23 +32,27 @@ typedef struct sbi_matrix_couplings {
 typedef struct sbi_live_key {
     int row, column;
     int uses;
+    int pair;
 } sbi_live_key;
 
 /* Two nodes that a change is about: by how much the uses of their coupling change in all. */
 typedef struct sbi_live_pair {
     int low, high;
     int uses;
-    int next; /* while the plan is made: the next one with the same low node, or -1 */
+    int next;      /* while the plan is made: the next one with the same low node, or -1 */
+    int places[2]; /* of its blocks above and below the diagonal; of a coupling that there is the first */
 } sbi_live_pair;
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
-    unsigned version;      /* how many changes there were, from 1 */
-    int *room;             /* [row_capacity] places of the row's piece */
-    int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
-    int *places;           /* [block_capacity] scratch */
-    unsigned char *in_use; /* [row_capacity] */
-    unsigned char *marks;  /* [row_capacity] zeros between calls */
+    unsigned version; /* how many changes there were, from 1 */
+    int *room;        /* [row_capacity] places of the row's piece */
+    int *uses;        /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    int *heads;  /* [block_capacity] for whoever lists what adds to a coupling: it goes with the coupling; -1 of new
+                  * ones,  and of places in no row */
+    int *places; /* [block_capacity] scratch */
+    unsigned char *in_use;                 /* [row_capacity] */
+    unsigned char *marks;                  /* [row_capacity] zeros between calls */
     int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
                                             * place has the next */
     /* what the last change did */
@@ -93,8 +97,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
                                      const sbi_matrix_couplings *others, sb_error *error);
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
-/* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet
+/* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks have any values
+ * then. Cost proportional to what changed, but a pass over all rows where parts come, go, meet
  * or get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
