@@ -80,7 +80,7 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
-    told.parts_left = step->dynamic ? step->parts_left : 1;
+    told.part = step->dynamic ? step->part : 1;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
@@ -188,6 +188,7 @@ static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
     sb_body *b = step->body;
     if (!step->touch->mend(step->touch->user, b->displacement, whole))
         return SB_OK;
+    step->touch->mended = 1;
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
     b->force_current = step->energy_known = 0;

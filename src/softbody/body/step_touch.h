@@ -29,7 +29,7 @@ typedef struct sbi_touch_step {
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
-    int parts_left; /* of a divided step, with this one: it asks for one of so many parts of what is left; else 1 */
+    sb_real part;   /* share of what is left of a divided step, and of its motion; else 1 */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
@@ -40,12 +40,13 @@ typedef struct sbi_touch {
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
-    int links;   /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
-    int refused; /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
-    int apart;   /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
-    int parts;   /* what begin would have a step divided into that it refuses; the owner's */
-    int divided; /* parts that the step under way is divided into, >= 1; the step's */
-    int is_last; /* 1: what is refused now will not be divided (any further); the step's */
+    int links;     /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
+    int refused;   /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
+    int apart;     /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
+    int parts;     /* what begin would have a step divided into that it refuses; the owner's */
+    sb_real share; /* of the caller's step that the one under way is; the step's */
+    int mended;    /* 1: motion was taken out of a part of the caller's step; the step's */
+    int is_last;   /* 1: what is refused now will not be divided (any further); the step's */
     sb_vec3 *force; /* on the nodes (N), at the last evaluation */
     double noise;   /* N: norm of what rounding of places makes in them; from begin on */
     /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without

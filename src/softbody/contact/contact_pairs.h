@@ -84,6 +84,8 @@ typedef struct sbi_pairs {
 
     /* of the step, likewise by face */
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
+    sb_vec3 *middles; /* m, there: no point of the face is farther from it than: */
+    sb_real *radii;   /* m */
     uint64_t *near;   /* a bit for each face that is near one that it looks at */
     int *found;
     int *slot_of; /* -1 between steps */

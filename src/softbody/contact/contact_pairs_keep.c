@@ -46,7 +46,7 @@ SBI_API void sbi_pairs_remember_pressures(sb_contact *contact)
  * And parts of a step divide its work to push out what was there before: else it would be thrown out in the first. */
 static sb_real sbi_pair_leave(const sb_contact *contact, sb_real gap, sb_real left)
 {
-    sb_real part = 1 / (sb_real)contact->touch.divided;
+    sb_real part = contact->touch.share;
     return sb_max(gap, sb_min(left * (1 - SBI_PAIR_LETS_OUT * part), gap * (1 - part)));
 }
 

@@ -603,6 +603,7 @@ static void sbi_contact_commit(void *user)
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
     contact->step_info.capped = contact->touch.capped;
+    contact->step_info.mended = contact->touch.mended;
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
     contact->is_solved = 1;
@@ -672,7 +673,8 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->multiply_links = sbi_pairs_multiply_links;
     touch->accept = sbi_contact_accept;
     touch->mend = sbi_contact_mend;
-    touch->divided = touch->is_last = 1;
+    touch->share = 1;
+    touch->is_last = 1;
     touch->balance = sbi_contact_balance;
     touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;

@@ -149,7 +149,7 @@ static sb_real sbi_sweep_free(sb_contact *contact, int number, sb_real way)
 static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step, sb_real *clear)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left, reach;
+    sb_real less = sbi_sweep_less(step), part = step->part, reach;
     sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
     *clear = 0;
     if (less == 0 || step->dt == 0)
@@ -175,7 +175,7 @@ static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
 static void sbi_sweep_hung(sbi_contact_tool *tool, const sbi_touch_step *step, sb_real clear)
 {
     sbi_contact_spring *spring = &tool->spring;
-    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left;
+    sb_real less = sbi_sweep_less(step), part = step->part;
     sb_real most =
         less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape); /* not `reach`: it may be pushed out */
     spring->hand_next = sbi_pose_between(&spring->hand, &tool->wanted, step->factor * part);
