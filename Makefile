@@ -16,7 +16,8 @@
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, SOAK_HOURS=24 per simulated hand, SOAK_SWEEPS=1000000 of tools through
-#                   bodies, or SOAK_SECONDS=20 for all of each
+#                   bodies, or SOAK_SECONDS=20 for all of each; SOAK_FIRST and SOAK_SEED give other ones, so that
+#                   processes and nights can share it
 #   make coverage   lines of the header that the suite runs, room by room
 #   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
@@ -414,11 +415,20 @@ build/soak: tests/soak.c $(HEADERS) tests/check.h tests/scene.h build/flags $(LI
 build/soak_haptic: tests/soak_haptic.c $(HEADERS) tests/check.h tests/haptic_hand.h build/flags
 	$(CC) -std=c99 $(CFLAGS) $(C_WARNINGS) $(INCLUDES) $< -lm -o $@
 
-SWEEP_KINDS = 12 # of tests/test_contact_sweep.c
-soak: build/soak build/soak_haptic build/double/tests
+# Processes share a soak by ranges: sweeps CHECK_FIRST .. CHECK_FIRST + CHECK_SLOW - 1 of each kind, as here by SOAK_FIRST
+# and SOAK_SWEEPS, and hours of other hands by SOAK_SEED. On N cores, for i of 0 .. N - 1 at a time:
+#     CHECK_FIRST=$((i * 83334 / N)) CHECK_SLOW=$((83334 / N + 1)) build/sweeps/tests      a million sweeps in all
+#     SOAK_SEED=$((2026 + i)) SOAK_HOURS=$((24 / N + 1)) build/soak_haptic                  a day of each hand
+# make build/sweeps/tests build/soak_haptic CFLAGS='-O3 -march=native' UNIT_CFLAGS= makes both as fast as they get; -static
+# too, to run them elsewhere.
+$(eval $(call suite,sweeps,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS),,,$(call some,contact_sweep)))
+SWEEP_KINDS = 12# of tests/test_contact_sweep.c
+SWEEPS = build/double/tests # as check has made it already
+soak: build/soak build/soak_haptic $(SWEEPS)
 	tests/total.sh "SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak" \
-	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak_haptic" \
-	    "CHECK_SLOW=$$(($(or $(SOAK_SWEEPS),1000000) / $(SWEEP_KINDS) + 1)) CHECK_SECONDS='$(SOAK_SECONDS)' build/double/tests contact_sweep"
+	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' SOAK_SEED='$(SOAK_SEED)' build/soak_haptic" \
+	    "CHECK_SLOW=$$(($(or $(SOAK_SWEEPS),1000000) / $(SWEEP_KINDS) + 1)) CHECK_FIRST='$(SOAK_FIRST)' \
+	    CHECK_SECONDS='$(SOAK_SECONDS)' $(SWEEPS) contact_sweep"
 
 # gcc's counters; functions that every unit has of its own count as run when one of them was.
 COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)

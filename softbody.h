@@ -631,6 +631,7 @@
 #define sb_body_cell_share sb_body_cell_share_f32
 #define sb_body_rest_positions sb_body_rest_positions_f32
 #define sb_body_mesh_version sb_body_mesh_version_f32
+#define sb_body_find_cell sb_body_find_cell_f32
 #define sb_body_get_mesh sb_body_get_mesh_f32
 #define sb_body_live_check sb_body_live_check_f32
 #define sb_body_listen sb_body_listen_f32
@@ -2858,6 +2859,12 @@ typedef struct sb_mesh_change {
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
     const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
+
+    /* Where cells are pieces of elements, which all have the whole element's shape: the cell, as numbered after the
+     * change, with the material at xi of the element that `cell`, also as after it, is a piece of. NULL: nobody knows
+     */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]);
+    void *find_user;
 } sb_mesh_change;
 
 typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
@@ -4806,11 +4813,14 @@ SB_API const char *sb_check_string(unsigned warning);
  *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
  *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
  *   (SB_ERROR_ARGUMENT): release it first.
- * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
- * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
- *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
+ * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it. Tractions on faces of tet4 are kept
+ *   by face besides, and go to its parts where it is cut.
+ * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded.
+ * Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
+ * they were, to rounding. What a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
- *   a removed cell becomes the same material point of the cell made there. Points in space stay.
+ *   a removed cell becomes the same material point of the cell made there, of an element that is cut of the piece that
+ *   has it. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
  *   (SB_ERROR_ARGUMENT).
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
@@ -4862,6 +4872,9 @@ typedef struct sb_change_cell {
                     * leaves part of a cell: stiffness and mass are its share of the whole cell's */
     const sb_cell_moments *moments; /* of the material of a piece of tet4 or straight tet10: mass and points are where
                                      * it is. NULL (default): spread over all of the cell */
+    const sb_real (*face_loads)[3]; /* [4] of a piece of tet4: int N dA over its part of each face (sb_element_face), by
+                                     * the face's corners, over the area of the face: they are >= 0 and sum to its
+                                     * share of the face. NULL (default): all of each face */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 
@@ -4919,6 +4932,10 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
 /* Rises with every change, and with every state loaded whose mesh is another; 0: none yet. */
 SB_API int sb_body_mesh_version(const sb_body *body);
+/* Where cells are pieces of elements, which all have the whole element's shape: the cell with the material at xi of the
+ * element that `cell` is a piece of (largest least barycentric coordinate, then the lowest piece), as the sb_cut that
+ * cut the body knows. The cell itself where it is none, or where nobody knows. -1: no such cell, or NULL. */
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3]);
 /* The mesh without free slots, in the order of the slots, with regions. nodes [sb_body_node_count] and cells
  * [sb_body_element_count] become their numbers in it, -1 of free ones; may be NULL. Release with sb_mesh_free.
  * SB_ERROR_ARGUMENT, SB_ERROR_MEMORY leave all untouched. */
@@ -5169,6 +5186,9 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
  *   (sb_embedding_kind), or by the nearest of all where these do not reach it; sb_embedded_point.lost and
  *   sb_embedding_report.lost say so. It is back inside when cells are made there again.
  * - Points outside that are held where the mesh changed are held anew from their places at rest.
+ * - In an element that is cut (sb_cut) a point goes with the piece that has its material, outside with the piece that
+ *   has its foot: it is where it was at the instant of the cut. After a state with another mesh was loaded nobody knows
+ *   which piece that is (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
@@ -5314,8 +5334,8 @@ typedef struct sb_step_info {
  *
  * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
  * is found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff
- * ones make substeps short. Substeps that go bad all the same (an element inverted, more
- * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
+ * ones make substeps short, and so does a tool that is near (contact.h). Substeps that go bad all the same (an element
+ * inverted, more energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
  * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
  * otherwise. Where a material that may turn inside out is nearly flat (det F < 0.05) they remember less, and inside out
@@ -5666,8 +5686,9 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
  * most, less the deeper it lies. What it could not make is its lag, made up in the steps to come. A step after which
  * something may have passed is taken back and done again with half the tools' way, then with tools that stay, then with
- * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
- * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
+ * tools that give way to what presses on them; where the tissue itself flies it is divided into up to 16
+ * steps (sb_step_info.substeps): what is refused is tried half as long, down to a sixteenth, and readings are those of
+ * the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
  * as it was.
  *
  * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
@@ -5679,20 +5700,27 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
  * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
  * surface that is folded from the start, do not. A step in which a point would end deeper in an organ than 0.4 of its
- * thickness or of a face's length, or pass through it, is divided, at once into as many parts as the organs' speed asks
- * for: at most 30 parts in all attempts together, with the systems of a step each. In the last attempt, of 16 parts,
- * what would still pass moves together, as far as it would have on the mean: momentum stays, kinetic energy is lost.
- * Overlap that was there without having been pressed in is let out by a fifth a step, so that it throws nothing out.
- * Where organs hit so hard that the tissue itself is turned inside out (rho v^2 above some 3 E) they may end entangled:
- * `deepest` stays large afterwards.
+ * thickness or of a face's length, or pass through it, is divided like one with tools, at once into parts as short as
+ * the organs' speed asks for. In parts of a sixteenth, what would still pass moves together, as far as it would have on
+ * the mean: momentum stays, kinetic energy is lost (sb_contact_info.mended). Overlap that was there without having been
+ * pressed in is let out by a fifth a step, so that it throws nothing out. Where organs hit so hard that the tissue
+ * itself is turned inside out (rho v^2 above some 2 E), sides are no longer sure and they may end entangled: `deepest`
+ * stays large afterwards.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
  * that Newmark and generalised alpha find before a body's first step are without it.
  *
  * Friction needs damping in the integrator: implicit Euler, or generalised alpha with a spectral radius of 0.5 or less;
- * Newmark's average acceleration rings where the surface touches. Bodies with explicit steps are refused.
- * Source: Wriggers, Computational Contact Mechanics (return mapping, augmented Lagrangian). */
+ * Newmark's average acceleration rings where the surface touches.
+ *
+ * Bodies with explicit steps (SB_CENTRAL_DIFFERENCE) are touched by tools, not by their own organs. Forces act beside
+ * the loads, with `stiffness` over the body's own bounded by the nodes' masses; where a tool is near, substeps are
+ * shorter by 1.8 sqrt(stiffness / 3), with the default 3.3 times. No pressure is remembered: overlap stays, and takes
+ * some tenth of a tool's way. Readings are those of the last substep. Momentum is exact; energy is right to a few per
+ * cent of a hit, since what first touches within a substep does so at its end. sb_contact_stiffness and hands
+ * (sb_haptic) need the system of an implicit step. Source: Wriggers, Computational Contact Mechanics (return mapping,
+ * augmented Lagrangian). */
 #ifndef SB_CONTACT_H
 #define SB_CONTACT_H
 
@@ -5724,8 +5752,8 @@ typedef struct sb_contact_def {
 SB_API sb_contact_def sb_default_contact_def(void);
 
 /* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
- * are explicit; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched. Nothing allocates
- * afterwards but sb_contact_add_tool. */
+ * are explicit, and def.pairs is not 0; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.
+ * Nothing allocates afterwards but sb_contact_add_tool. */
 SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
 SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
 
@@ -5808,6 +5836,7 @@ typedef struct sb_contact_info {
     int retries;      /* times that the step was taken back and done again */
     int capped;       /* 1: max_iterations ended the iteration; `residual` says how good it is */
     int thinned;      /* 1: faces had fewer samples than their size asks for */
+    int mended;       /* 1: organs would have passed through each other in the shortest part of a divided step */
     sb_real deepest;  /* m, overlap */
     sb_real residual; /* of contact's forces, of the largest force */
     sb_real lag;      /* m, largest of all tools' */
@@ -5946,9 +5975,13 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   (sb_cut_node_origin). Cells likewise (sb_cut_cell_element).
  * - A link that is cut stays cut. What is cut twice, or along the same way again, is cut once.
  * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
+ * - Points in an element that is cut go with the piece that has their material: of embeddings that follow the body
+ *   (sb_embedding_follow), of rows of mappings; sb_body_find_cell says which piece that is.
  * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
- *   it. Dead loads, constraints and regions follow as live_mesh.h says; a copy has no load of its own.
+ *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
+ * - Pressures and tractions on a face that is cut go to the parts of the face, each with what acts on it: force and
+ *   moment are what they were, to rounding, however often it is cut.
  * - Recordings and states of the body contain its cuts (they are changes of its mesh). The sb_cut itself is not in
  *   them: after another mesh was loaded, or after others changed the mesh, its calls say SB_ERROR_STATE; make a new one
  *   then, of an uncut body.
@@ -5960,8 +5993,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
- *   and a pressure on a face that is cut acts on each piece of its element in full.
+ *   cut.
+ * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
@@ -6277,11 +6310,15 @@ typedef struct sbi_piece {
     sb_real is; /* 1; 0: the cell is not one, and the rest 0 */
     sb_real centroid[3];
     sb_real covariance[6]; /* xx, yy, zz, yz, zx, xy */
+    sb_real faces[4][3];   /* int N dA over the piece's part of each face, over the face's area, by its corners */
 } sbi_piece;
-enum { SBI_PIECE_REALS = 10 };
+enum { SBI_PIECE_FACES = 12 };
 
-SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance);
-/* 0: the centroid is outside the tet, or the covariance is that of nothing in it. */
+/* What each corner has of a whole face. */
+SB_INLINE sb_real sbi_piece_whole_load(void) { return (sb_real)1 / 3; }
+/* face_loads: [4][3] or NULL: it has all of each face. */
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, const sb_real (*face_loads)[3]);
+/* 0: the centroid is outside the tet, the covariance is that of nothing in it, or a face's part of no part of it. */
 SBI_API int sbi_piece_is_sound(const sbi_piece *piece);
 /* The four points that stand for the piece, in the tet's coordinates. */
 SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3]);
@@ -6787,6 +6824,8 @@ SBI_API sb_real sbi_tool_radius(const sbi_tool *tool);
 /* Depth (m) of the skeleton: each of its points is at least so deep inside. SB_REAL_MAX for a plane. Mesh: the largest
  * of some depths up to 0.9 of the greatest, at which what is so deep is in one piece and reaches within twice the depth
  * of each side of the surface's box, or else one cell: a thin shaft between thick ends has its part of the skeleton. */
+/* 1: the distances of no two points differ by more than they lie apart. */
+SBI_API int sbi_tool_is_exact(const sbi_tool *tool);
 SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool);
 /* A box around the tool in space (m); that of a plane is all of it. */
 SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,
@@ -40932,6 +40971,16 @@ SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
 {
     const sb_real slack = (sb_real)1e-3; /* rounding of places far from the origin */
     sb_real rest = 1;
+    for (int face = 0; face < 4; face++) {
+        sb_real share = 0;
+        for (int k = 0; k < 3; k++) {
+            if (!(piece->faces[face][k] >= 0))
+                return 0;
+            share += piece->faces[face][k];
+        }
+        if (!(share <= 1 + slack))
+            return 0;
+    }
     for (int k = 0; k < 3; k++) {
         sb_real variance = piece->covariance[k]; /* of numbers in [0, 1] it is a quarter at most */
         if (!(piece->centroid[k] >= -slack) || !(variance >= -slack) || !(variance <= (sb_real)0.25 + slack) ||
@@ -40942,7 +40991,7 @@ SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
     return piece->is == 1 && rest >= -slack;
 }
 
-SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance)
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, const sb_real (*face_loads)[3])
 {
     sbi_piece piece;
     piece.is = 1;
@@ -40952,6 +41001,9 @@ SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance)
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++)
             piece.covariance[sbi_piece_entry(i, j)] = covariance->m[i][j];
+    for (int face = 0; face < 4; face++)
+        for (int k = 0; k < 3; k++)
+            piece.faces[face][k] = face_loads ? face_loads[face][k] : sbi_piece_whole_load();
     return piece;
 }
 
@@ -46967,22 +47019,26 @@ typedef struct sbi_touch_step {
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
     sb_real part;   /* share of what is left of a divided step, and of its motion; else 1 */
+    const sb_real *masses; /* [rows] of an explicit substep (kg), whose matrix is NULL; NULL: the step is implicit */
+    sb_real rate; /* of one: 1/s^2, no pattern of motion may have more stiffness of contact than so much of its mass */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
     void *user;
     int max_iterations; /* of a step of one iteration, >= 1 */
+    sb_real stiffening; /* of explicit substeps: `rate` over the square of the body's own highest frequency */
 
     /* from begin to the end of the step, written by the owner */
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
-    int links;   /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
-    int refused; /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
-    int apart;   /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
-    int parts;   /* what begin would have a step divided into that it refuses; the owner's */
+    int links;     /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
+    int refused;   /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
+    int apart;     /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
+    int parts;     /* what begin would have a step divided into that it refuses; the owner's */
     sb_real share; /* of the caller's step that the one under way is; the step's */
-    int is_last; /* 1: what is refused now will not be divided (any further); the step's */
+    int mended;    /* 1: motion was taken out of a part of the caller's step; the step's */
+    int is_last;   /* 1: what is refused now will not be divided (any further); the step's */
     sb_vec3 *force; /* on the nodes (N), at the last evaluation */
     double noise;   /* N: norm of what rounding of places makes in them; from begin on */
     /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
@@ -47260,8 +47316,9 @@ typedef struct sbi_load {
 
     sb_element_type *face_types;         /* [row_count] of a pressure */
     sb_real pressure, balanced_pressure; /* Pa */
+    int has_parts;                       /* 1: some of its faces are cut */
 
-    sb_real *weights;                        /* [row_start[row_count]]; rows only, as all below */
+    sb_real *weights; /* [row_start[row_count]] of rows; of a pressure see sbi_body_face_loads, where it has parts */
     sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                         * and not as a position, the force has the displacement's precision */
@@ -47274,6 +47331,12 @@ typedef struct sbi_load {
     void *fill_user;
     double net[6]; /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
+
+/* A traction on a face, or on a piece's part of it. */
+typedef struct sbi_traction {
+    int nodes[3];
+    sb_vec3 stress; /* Pa on undeformed area */
+} sbi_traction;
 
 /* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
 typedef struct sbi_step_guard {
@@ -47405,10 +47468,12 @@ struct sb_body {
     sb_real *load_mass;   /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
 
     /* supports and loads */
-    unsigned char *fixed; /* [node_count] axes as bits; unreferenced nodes always all */
-    sb_vec3 *target;      /* [node_count] target displacement of fixed axes (m) */
-    sb_vec3 *dead_load;   /* [node_count] forces and tractions (N) */
-    sbi_load *loads;      /* [load_count] by ascending id */
+    unsigned char *fixed;    /* [node_count] axes as bits; unreferenced nodes always all */
+    sb_vec3 *target;         /* [node_count] target displacement of fixed axes (m) */
+    sb_vec3 *dead_load;      /* [node_count] forces and tractions (N) */
+    sbi_traction *tractions; /* what of it are tractions, of a body that may be cut */
+    int traction_count, traction_capacity;
+    sbi_load *loads; /* [load_count] by ascending id */
     int load_count, load_capacity, last_load_id;
     int tie_count, tie_capacity;  /* parts that rows of mappings tie to each other */
     int *tie_of;                  /* [component_count] number among the tied parts, or -1 */
@@ -47493,6 +47558,12 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
 /* The same for any command. */
 SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
 
+/* Room for so many more tractions by face. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error);
+/* dead_load += what a traction on a face of tet4, or a part of one, gives its nodes. */
+SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *traction, sb_vec3 *dead_load);
+/* What of its faces is material, as the body's cells are now; does nothing but for a pressure. */
+SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load);
 /* Frees its arrays. */
 SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load);
 
@@ -47590,6 +47661,9 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* What of a face of tet4, as found, is material: int N dA over the cells behind it, over the face's area, by its nodes;
+ * all of it unless cells are pieces. */
+SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3]);
 /* 1 when the named corners of an element (all different) are those of the list. */
 SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */
@@ -47649,6 +47723,8 @@ SBI_API int sbi_slots_take(sbi_slots *slots);
 SBI_API void sbi_slots_give(sbi_slots *slots, int slot);
 SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot);
 
+typedef int sbi_cell_find(void *user, int cell, const sb_real xi[3]);
+
 typedef struct sbi_listener {
     int id;
     sb_body_listener calls;
@@ -47661,8 +47737,10 @@ typedef struct sbi_live {
     int piece_count;         /* cells that are pieces */
     sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sb_quadrature_kind rule; /* of the domain's points */
-    int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
-    double slack;            /* of the def */
+    sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
+    void *find_user;
+    int follows;          /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;         /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
                            */
     int *node_marks;      /* [nodes.capacity] zeros between calls */
@@ -47842,6 +47920,9 @@ SB_INLINE int sbi_live_has_material(const sb_body *body, int node)
 #define SB_LIVE_CHANGE_H
 
 
+/* In the log: a cell that a row of a mapping went over to. A commit has room for one of each row. */
+enum { SBI_CHANGE_FOUND = 12 };
+
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
@@ -47880,7 +47961,7 @@ struct sb_body_change {
     struct {
         int *items;
         int count, capacity;
-    } removed_cells, corners, log_ints;
+    } removed_cells, corners, log_ints, found; /* found: of a replay, see SBI_CHANGE_FOUND */
     struct {
         sbi_change_entry *items;
         int count, capacity;
@@ -47892,6 +47973,7 @@ struct sb_body_change {
     int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
     int reshaped_most;      /* upper bound of the cells reshaped */
     int version;            /* of the body's mesh at the beginning */
+    int found_next;
 };
 
 /* The arrays behind an sb_mesh_change. */
@@ -48963,6 +49045,25 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     return SB_OK;
 }
 
+SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3])
+{
+    loads[0] = loads[1] = loads[2] = 0;
+    for (int at = sbi_live_first_cell(body, nodes[0]); at >= 0; at = sbi_live_next_cell(body, nodes[0], at)) {
+        int e = sbi_live_cell_of(body, at), local[SB_MAX_FACE_NODES];
+        const int *cell = body->domain.cells + 4 * (size_t)e;
+        for (int face = 0; face < 4; face++) {
+            int count = sb_element_face(SB_TET4, face, local, NULL);
+            if (!sbi_body_has_corners(nodes, cell, local, count))
+                continue;
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 3; k++)
+                    if (cell[local[k]] == nodes[i])
+                        loads[i] +=
+                            sbi_live_is_piece(body, e) ? body->live->pieces[e].faces[face][k] : sbi_piece_whole_load();
+        }
+    }
+}
+
 /* ---- supports ---- */
 
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
@@ -49470,6 +49571,13 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
     if (!sb_body_cell_in_use(body, cell))
         return 0;
     return body->live ? body->live->shares[cell] : 1;
+}
+
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3])
+{
+    if (!xi || !sb_body_cell_in_use(body, cell))
+        return -1;
+    return body->live && body->live->find ? body->live->find(body->live->find_user, cell, xi) : cell;
 }
 
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
@@ -50014,6 +50122,7 @@ SB_API void sb_body_clear_loads(sb_body *body)
     if (!body)
         return;
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    body->traction_count = 0;
     sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }
 
@@ -50027,6 +50136,19 @@ typedef struct sbi_load_rule {
     sb_real shape[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES];
     sb_real gradient[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES][3];
 } sbi_load_rule;
+
+/* The rule of a part of a tri3 face: exact with one point, where the part weighs, as the face is flat. */
+static void sbi_load_make_part_rule(const sb_real loads[3], sbi_load_rule *rule)
+{
+    sb_real share = loads[0] + loads[1] + loads[2];
+    const sb_real middle[3] = {0, 0, 0};
+    rule->type = SB_NO_ELEMENT; /* good for this part only */
+    rule->count = share > 0;
+    rule->weights[0] = share / 2; /* of the parameters' triangle */
+    sb_element_shape(SB_TRI3, middle, rule->shape[0], rule->gradient[0]);
+    for (int a = 0; a < 3 && share > 0; a++)
+        rule->shape[0][a] = loads[a] / share;
+}
 
 /* Makes the rule of a type unless it is there already. */
 static void sbi_load_need_rule(sb_element_type type, sbi_load_rule *rule)
@@ -50058,8 +50180,38 @@ static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, 
 
 /* ---- traction ---- */
 
+static int sbi_load_is_part(const sb_real loads[3])
+{
+    return loads[0] != sbi_piece_whole_load() || loads[1] != sbi_piece_whole_load() ||
+           loads[2] != sbi_piece_whole_load();
+}
+
+/* Makes the rule of a row of a pressure. */
+static void sbi_load_need_row_rule(const sbi_load *load, int row, sbi_load_rule *rule)
+{
+    const sb_real *loads = load->weights + load->row_start[row];
+    if (load->has_parts && sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, rule);
+    else
+        sbi_load_need_rule(load->face_types[row], rule);
+}
+
+SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load)
+{
+    load->has_parts = 0;
+    if (load->kind != SBI_LOAD_PRESSURE || !body->live || !body->live->piece_count ||
+        body->domain.element_type != SB_TET4)
+        return;
+    for (int j = 0; j < load->row_count; j++) {
+        sb_real *loads = load->weights + load->row_start[j];
+        sbi_body_face_loads(body, load->nodes + load->row_start[j], loads);
+        load->has_parts |= sbi_load_is_part(loads);
+    }
+}
+
 /* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule, sb_vec3 traction)
+static void sbi_load_add_traction(const sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule,
+                                  sb_vec3 traction, sb_vec3 *dead_load)
 {
     sb_vec3 x[SB_MAX_FACE_NODES];
     for (int a = 0; a < face->count; a++)
@@ -50068,31 +50220,121 @@ static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, cons
         sbi_load_tangents t = sbi_load_interpolate(rule, p, face->count, x);
         sb_real area = rule->weights[p] * sb_v3_norm(sb_v3_cross(t.r, t.s));
         for (int a = 0; a < face->count; a++) {
-            sb_vec3 *load = body->dead_load + face->nodes[a];
+            sb_vec3 *load = dead_load + face->nodes[a];
             *load = sb_v3_madd(*load, area * rule->shape[p][a], traction);
         }
     }
 }
 
+/* Tractions are kept by face where faces may be cut. */
+static int sbi_load_keeps_tractions(const sb_body *body) { return body->live && body->domain.element_type == SB_TET4; }
+
+SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error)
+{
+    int64_t needed = (int64_t)body->traction_count + more, capacity = needed + needed / 2;
+    sbi_traction *grown;
+    if (needed <= body->traction_capacity)
+        return SB_OK;
+    grown = capacity < INT32_MAX ? (sbi_traction *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof(sbi_traction))
+                                 : NULL;
+    if (!grown)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for tractions on %d faces more", more);
+    if (body->traction_count)
+        memcpy(grown, body->tractions, (size_t)body->traction_count * sizeof *grown);
+    sbi_free(&body->allocator, body->tractions);
+    body->tractions = grown;
+    body->traction_capacity = (int)capacity;
+    return SB_OK;
+}
+
+SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *traction, sb_vec3 *dead_load)
+{
+    sbi_load_rule rule;
+    sbi_body_face face;
+    sb_real loads[3];
+    face.type = SB_TRI3;
+    face.count = 3;
+    memcpy(face.nodes, traction->nodes, sizeof traction->nodes);
+    rule.type = SB_NO_ELEMENT;
+    sbi_body_face_loads(body, face.nodes, loads);
+    if (sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, &rule);
+    else
+        sbi_load_need_rule(face.type, &rule);
+    sbi_load_add_traction(body, &face, &rule, traction->stress, dead_load);
+}
+
+static int sbi_load_is_on(const sbi_traction *traction, const sbi_body_face *face)
+{
+    return memcmp(traction->nodes, face->nodes, sizeof traction->nodes) == 0;
+}
+
+/* Where the tractions on the faces of a call begin among those kept, when it was made before. */
+static int sbi_load_first_traction(const sb_body *body, const sbi_body_face *face)
+{
+    int at = 0;
+    while (at < body->traction_count && !sbi_load_is_on(body->tractions + at, face))
+        at++;
+    return at;
+}
+
+/* Keeps a traction on a face, with that kept at *at where this is the same face; there is room for one more. So calls
+ * that are made each frame do not add up in memory. */
+static void sbi_load_keep_traction(sb_body *body, const sbi_body_face *face, sb_vec3 traction, int *at)
+{
+    sbi_traction *kept = body->tractions + *at;
+    if (*at < body->traction_count && sbi_load_is_on(kept, face)) {
+        kept->stress = sb_v3_add(kept->stress, traction);
+        ++*at;
+        return;
+    }
+    kept = body->tractions + body->traction_count++;
+    memcpy(kept->nodes, face->nodes, sizeof kept->nodes);
+    kept->stress = traction;
+    *at = body->traction_count;
+}
+
+/* Adds a traction on a face; *at: see sbi_load_keep_traction. */
+static void sbi_load_add_face_traction(sb_body *body, const sbi_body_face *face, sbi_load_rule *rule, sb_vec3 traction,
+                                       int *at)
+{
+    sb_real loads[3] = {sbi_piece_whole_load(), sbi_piece_whole_load(), sbi_piece_whole_load()};
+    if (sbi_load_keeps_tractions(body) && !face->inner) {
+        sbi_load_keep_traction(body, face, traction, at);
+        if (body->live->piece_count)
+            sbi_body_face_loads(body, face->nodes, loads);
+    }
+    if (sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, rule);
+    else
+        sbi_load_need_rule(face->type, rule);
+    sbi_load_add_traction(body, face, rule, traction, body->dead_load);
+}
+
 SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners, sb_vec3 traction,
                                       sb_error *error)
 {
+    sb_result result = SB_OK;
     sbi_load_rule rule;
+    sbi_body_face face;
+    int at = 0;
     rule.type = SB_NO_ELEMENT;
     if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
     if (!sb_v3_is_finite(traction))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
-    for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
-        for (int f = 0; f < face_count; f++) {
-            sbi_body_face face;
-            sb_result result = sbi_body_get_face(body, faces, f, corners, &face, error);
-            if (result != SB_OK)
-                return result;
-            sbi_load_need_rule(face.type, &rule);
-            if (pass == 1)
-                sbi_load_add_traction(body, &face, &rule, traction);
-        }
+    for (int f = face_count - 1; f >= 0 && result == SB_OK; f--) /* find all faces before any load changes */
+        result = sbi_body_get_face(body, faces, f, corners, &face, error);
+    if (result == SB_OK && face_count > 0 && sbi_load_keeps_tractions(body)) {
+        result = sbi_body_reserve_tractions(body, face_count, error);
+        at = sbi_load_first_traction(body, &face);
+    }
+    if (result != SB_OK)
+        return result;
+    for (int f = 0; f < face_count; f++) {
+        sbi_body_get_face(body, faces, f, corners, &face, NULL);
+        sbi_load_add_face_traction(body, &face, &rule, traction, &at);
+    }
     sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
     return SB_OK;
 }
@@ -50141,11 +50383,11 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
     load->nodes = (int *)sbi_arena_take(arena, (size_t)entries, sizeof(int));
     load->blocks = (int *)sbi_arena_take(arena, pairs, sizeof(int));
+    load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     if (load->kind == SBI_LOAD_PRESSURE) {
         load->face_types = (sb_element_type *)sbi_arena_take(arena, rows, sizeof(sb_element_type));
         return;
     }
-    load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
     load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
     if (load->kind == SBI_LOAD_POTENTIAL) {
@@ -50228,6 +50470,8 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
         load->row_start[f + 1] = load->row_start[f] + face.count;
         memcpy(nodes, face.nodes, (size_t)face.count * sizeof *nodes);
     }
+    if (result == SB_OK)
+        sbi_load_weigh_faces(body, load);
     return result;
 }
 
@@ -50615,7 +50859,7 @@ static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *
 static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, const sb_vec3 *u, sb_vec3 *x,
                            sbi_load_rule *rule)
 {
-    sbi_load_need_rule(load->face_types[face], rule);
+    sbi_load_need_row_rule(load, face, rule);
     const int *nodes = load->nodes + load->row_start[face];
     int count = load->row_start[face + 1] - load->row_start[face];
     for (int a = 0; a < count; a++)
@@ -51682,6 +51926,7 @@ SBI_API void sbi_body_release(sb_body *body)
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
         sbi_load_release(&allocator, body->loads + i);
+    sbi_free(&allocator, body->tractions);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
     sbi_elimination_free(body->elimination);
@@ -52082,7 +52327,7 @@ static int sbi_live_loads_are_touched(sbi_live_following *work)
     const sb_body *body = work->body;
     const sb_mesh_change *out = work->out;
     int touched = 0;
-    if (!body->load_count)
+    if (!body->load_count && !body->traction_count)
         return 0;
     sbi_live_each_node(work, sbi_live_mark_node);
     for (int i = 0; i < out->removed_node_count; i++)
@@ -52092,6 +52337,10 @@ static int sbi_live_loads_are_touched(sbi_live_following *work)
     for (int l = 0; l < body->load_count && !touched; l++)
         for (int j = 0; j < body->loads[l].row_count && !touched; j++)
             touched = sbi_live_row_is_touched(work, body->loads + l, j);
+    for (int i = 0; i < body->traction_count && !touched; i++) {
+        const int *nodes = body->tractions[i].nodes, *marks = body->live->node_marks;
+        touched = marks[nodes[0]] && marks[nodes[1]] && marks[nodes[2]];
+    }
     sbi_live_each_node(work, sbi_live_unmark_node);
     for (int i = 0; i < out->removed_node_count; i++)
         body->live->node_marks[out->removed_nodes[i]] = 0;
@@ -52886,7 +53135,9 @@ enum {
     SBI_CHANGE_REMOVE_CELL = 6,
     SBI_CHANGE_SLIDE_NODE = 7, /* a move with sources */
     SBI_CHANGE_ADD_PIECE = 8,  /* cells with moments */
-    SBI_CHANGE_REPLACE_PIECE = 9
+    SBI_CHANGE_REPLACE_PIECE = 9,
+    SBI_CHANGE_ADD_PART = 10, /* cells with moments and loads of faces */
+    SBI_CHANGE_REPLACE_PART = 11
 };
 /* Moments in the log: centroid, and covariance row by row. */
 enum { SBI_CHANGE_MOMENTS = 12 };
@@ -52943,7 +53194,7 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
         !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
         !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
         !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
-        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS))
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS + SBI_PIECE_FACES))
         return sbi_change_no_memory(error);
     return SB_OK;
 }
@@ -53024,6 +53275,7 @@ static void sbi_change_clear(sb_body_change *change)
     change->made_cells.count = change->removed_cells.count = 0;
     change->entries.count = change->corners.count = 0;
     change->log_ints.count = change->log_reals.count = 0;
+    change->found.count = change->found_next = 0;
 }
 
 /* An empty change with room in its lists for so many cells, or NULL. */
@@ -53038,7 +53290,7 @@ static sb_body_change *sbi_change_make(sb_body *body, int cells)
         !SBI_CHANGE_ROOM(change, removed_cells, cells) || !SBI_CHANGE_ROOM(change, entries, 4 * cells) ||
         !SBI_CHANGE_ROOM(change, corners, cells * body->domain.nodes_per_cell) ||
         !SBI_CHANGE_ROOM(change, log_ints, (12 + body->domain.nodes_per_cell) * cells) ||
-        !SBI_CHANGE_ROOM(change, log_reals, 12 * cells) ||
+        !SBI_CHANGE_ROOM(change, log_reals, (12 + SBI_PIECE_FACES) * cells) ||
         !sbi_change_copy_slots(change, &change->nodes, &body->live->nodes, &change->node_at) ||
         !sbi_change_copy_slots(change, &change->cells, &body->live->cells, &change->cell_at)) {
         sbi_change_destroy(change);
@@ -53104,6 +53356,7 @@ SBI_API void sbi_change_destroy(sb_body_change *change)
     sbi_free(&allocator, change->corners.items);
     sbi_free(&allocator, change->log_ints.items);
     sbi_free(&allocator, change->log_reals.items);
+    sbi_free(&allocator, change->found.items);
     sbi_free(&allocator, change);
 }
 
@@ -53340,12 +53593,15 @@ static int sbi_change_region(const sb_body *body, int region)
     return -1;
 }
 
-static sb_result sbi_change_check_moments(const sb_body *body, const sb_cell_moments *moments, sb_error *error)
+static sb_result sbi_change_check_moments(const sb_body *body, const sb_change_cell *cell, sb_error *error)
 {
-    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance);
+    const sb_cell_moments *moments = cell->moments;
+    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance, cell->face_loads);
     int finite = sb_v3_is_finite(moments->centroid);
     for (int i = 0; i < 3; i++)
         finite &= sb_v3_is_finite(sb_m3_column(moments->covariance, i));
+    for (int k = 0; k < SBI_PIECE_FACES; k++)
+        finite &= sb_is_finite(piece.faces[k / 3][k % 3]);
     if (!finite)
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the moments of a cell are not finite");
     if (!sbi_piece_is_sound(&piece))
@@ -53371,7 +53627,9 @@ static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_c
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
     if (cell->fibre && !body->fibres)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
-    return cell->moments ? sbi_change_check_moments(body, cell->moments, error) : SB_OK;
+    if (cell->face_loads && (!cell->moments || body->domain.element_type != SB_TET4))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "loads of faces go with the moments of a piece of tet4");
+    return cell->moments ? sbi_change_check_moments(body, cell, error) : SB_OK;
 }
 
 static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *cell)
@@ -53388,6 +53646,8 @@ static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *ce
         for (int i = 0; i < 9; i++)
             sbi_change_log_real(change, cell->moments->covariance.m[i / 3][i % 3]);
     }
+    for (int k = 0; cell->face_loads && k < SBI_PIECE_FACES; k++)
+        sbi_change_log_real(change, cell->face_loads[k / 3][k % 3]);
 }
 
 /* Puts a checked cell into a slot that was taken for it; there is room. */
@@ -53401,7 +53661,7 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     made->parent = parent;
     made->share = cell->share;
     if (cell->moments)
-        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance);
+        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance, cell->face_loads);
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
                      : parent >= 0           ? body->cell_material[parent]
                                              : 0;
@@ -53440,7 +53700,9 @@ SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change
     if (result != SB_OK)
         return result;
     slot = sbi_slots_take(&change->cells);
-    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_ADD_PIECE : SBI_CHANGE_ADD_CELL);
+    sbi_change_log_int(change, cell->face_loads ? SBI_CHANGE_ADD_PART
+                               : cell->moments  ? SBI_CHANGE_ADD_PIECE
+                                                : SBI_CHANGE_ADD_CELL);
     sbi_change_log_cell(change, cell);
     sbi_change_put_cell(change, slot, cell, parent);
     if (number)
@@ -53462,7 +53724,9 @@ SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number,
         result = sbi_change_reserve(change, 0, error);
     if (result != SB_OK)
         return result;
-    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_REPLACE_PIECE : SBI_CHANGE_REPLACE_CELL);
+    sbi_change_log_int(change, cell->face_loads ? SBI_CHANGE_REPLACE_PART
+                               : cell->moments  ? SBI_CHANGE_REPLACE_PIECE
+                                                : SBI_CHANGE_REPLACE_CELL);
     sbi_change_log_int(change, number);
     sbi_change_log_cell(change, cell);
     sbi_change_drop_cell(change, number);
@@ -53535,10 +53799,13 @@ static int sbi_change_next_list(sbi_change_reader *reader, const int **nodes, co
 /* Makes a cell again. */
 static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reader *reader, int call, sb_error *error)
 {
-    int replaces = call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE;
+    int replaces =
+        call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE || call == SBI_CHANGE_REPLACE_PART;
+    int is_part = call == SBI_CHANGE_ADD_PART || call == SBI_CHANGE_REPLACE_PART;
     int nodes[SB_MAX_ELEMENT_NODES], has_fibre, number = replaces ? sbi_change_next_int(reader) : -1;
     sb_change_cell cell = sb_default_change_cell();
     sb_cell_moments moments;
+    sb_real face_loads[4][3];
     sb_vec3 fibre;
     cell.parent = sbi_change_next_int(reader);
     cell.region = sbi_change_next_int(reader);
@@ -53549,12 +53816,15 @@ static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reade
     cell.share = sbi_change_next_real(reader);
     fibre = sbi_change_next_vector(reader);
     cell.fibre = has_fibre ? &fibre : NULL;
-    if (call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
+    if (is_part || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
         moments.centroid = sbi_change_next_vector(reader);
         for (int i = 0; i < 9; i++)
             moments.covariance.m[i / 3][i % 3] = sbi_change_next_real(reader);
         cell.moments = &moments;
     }
+    for (int k = 0; is_part && k < SBI_PIECE_FACES; k++)
+        face_loads[k / 3][k % 3] = sbi_change_next_real(reader);
+    cell.face_loads = is_part ? (const sb_real(*)[3])face_loads : NULL;
     if (reader->bad)
         return SB_OK;
     return replaces ? sb_body_change_replace_cell(change, number, &cell, error)
@@ -53578,10 +53848,16 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    ? sb_body_change_add_node(change, v, list, weights, count, flag, &number, error)
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
-    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_CELL ||
-        call == SBI_CHANGE_REPLACE_PIECE)
+    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL ||
+        (call >= SBI_CHANGE_ADD_PIECE && call <= SBI_CHANGE_REPLACE_PART))
         return sbi_change_replay_cell(change, reader, call, error);
     number = sbi_change_next_int(reader);
+    if (call == SBI_CHANGE_FOUND) {
+        if (!SBI_CHANGE_ROOM(change, found, 1))
+            return sbi_change_no_memory(error);
+        change->found.items[change->found.count++] = number;
+        return SB_OK;
+    }
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
         count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
@@ -53872,6 +54148,8 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->made_cell_nodes = lists->made_cell_nodes;
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
+    out->find_cell = change->body->live->find;
+    out->find_user = change->body->live->find_user;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;
     return SB_OK;
@@ -53959,22 +54237,39 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     return result;
 }
 
+/* Room to write down where rows of mappings go; 0: no memory. */
+static int sbi_change_reserve_found(sb_body_change *change)
+{
+    const sb_body *body = change->body;
+    int64_t rows = 0;
+    for (int i = 0; i < body->load_count; i++)
+        rows += body->loads[i].kind == SBI_LOAD_MAPPING ? body->loads[i].row_count : 0;
+    return rows < INT32_MAX / 4 && SBI_CHANGE_ROOM(change, log_ints, 2 * (int)rows);
+}
+
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
 {
     sbi_change_lists lists;
     sb_mesh_change out;
     sb_body *body;
     sb_result result;
+    int calls;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
     body = change->body;
+    calls = change->log_ints.count;
     if (change->version != body->live->version)
         return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
     result = sbi_change_list(change, &lists, &out, error);
+    if (result == SB_OK && !sbi_change_reserve_found(change))
+        result = sbi_change_no_memory(error);
     if (result == SB_OK && !sbi_live_follow(change, &lists, &out, &result, error))
         result = sbi_change_rebuild(change, &out, error);
-    if (result != SB_OK)
+    if (result != SB_OK) {
+        change->log_ints.count = calls; /* without what it found */
+        change->found_next = 0;
         return result;
+    }
     sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
                   change->log_reals.items, (size_t)change->log_reals.count);
     for (int i = 0; i < body->live->listener_count; i++)
@@ -54815,6 +55110,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->listener_count = live->listener_count;
     made->listener_capacity = live->listener_capacity;
     made->last_listener = live->last_listener;
+    made->find = live->find;
+    made->find_user = live->find_user;
     live->open = NULL;
     live->listeners = NULL;
     live->listener_count = 0;
@@ -55066,6 +55363,50 @@ static int sbi_live_relocate(sbi_live_rows *rows, const int *nodes, const sb_rea
     return 1;
 }
 
+/* sb_body_find_cell in the mesh to come; it is written down, and in a replay as it was written. */
+static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
+{
+    const sbi_live *live = change->body->live;
+    int found = cell;
+    if (change->found_next < change->found.count)
+        found = change->found.items[change->found_next++];
+    else if (live->find)
+        found = live->find(live->find_user, cell, xi);
+    if (!sbi_slots_is_used(&change->cells, found))
+        return cell;
+    change->log_ints.items[change->log_ints.count++] = SBI_CHANGE_FOUND;
+    change->log_ints.items[change->log_ints.count++] = found;
+    return found;
+}
+
+/* A row that is a point in an element that was cut goes over to the piece that has it. 1: done; 0: it is none, or its
+ * cell is no piece. */
+static int sbi_live_repoint(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
+{
+    const sbi_mesh_change *change = rows->change;
+    sb_real shares[4] = {0, 0, 0, 0}, sum = 0;
+    int corner[4], removed = -1, cell = -1, found;
+    if (!rows->next->live->piece_count || rows->body->domain.element_type != SB_TET4 || count > 4)
+        return 0;
+    removed = sbi_live_removed_cell(change, nodes, count);
+    for (int k = 0; k < count && removed >= 0; k++) {
+        corner[k] = 0;
+        while (change->removed_cell_nodes[4 * removed + corner[k]] != nodes[k])
+            corner[k]++;
+        shares[corner[k]] = weights[k];
+        sum += weights[k];
+    }
+    for (int i = 0; i < change->made_cell_count && removed >= 0 && cell < 0; i++)
+        if (change->made_parents[i] == change->removed_cells[removed])
+            cell = change->made_cells[i];
+    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell))
+        return 0;
+    found = sbi_live_find(rows->body->live->open, cell, shares + 1);
+    for (int k = 0; k < count; k++)
+        sbi_live_rows_add(rows, rows->next->domain.cells[4 * (size_t)found + (size_t)corner[k]], weights[k]);
+    return 1;
+}
+
 /* 1 when the row has a node that goes. */
 static int sbi_live_loses_node(const sbi_live_rows *rows, const int *nodes, int count)
 {
@@ -55095,6 +55436,10 @@ static sb_result sbi_live_carry_row(sbi_live_rows *rows, const sbi_load *load, i
     }
     if (!sbi_live_rows_room(rows, most))
         return sbi_live_rows_no_memory(error);
+    if (load->kind == SBI_LOAD_MAPPING && !lost && sbi_live_repoint(rows, nodes, weights, count)) {
+        sbi_live_rows_close(rows);
+        return SB_OK;
+    }
     if (load->kind == SBI_LOAD_MAPPING && (lost || (count <= 4 && !sbi_live_share_cell(rows->next, nodes, count))) &&
         sbi_live_relocate(rows, nodes, weights, count)) {
         sbi_live_rows_close(rows);
@@ -55190,11 +55535,26 @@ static int sbi_live_add_face(sbi_live_rows *rows, const sbi_body_face *face)
     return 1;
 }
 
+/* Share of a face of tet4 that is material on these nodes. */
+static sb_real sbi_live_face_share(const sb_body *body, const int *nodes)
+{
+    sb_real loads[3];
+    sbi_body_face_loads(body, nodes, loads);
+    return loads[0] + loads[1] + loads[2];
+}
+
+/* 1 when none of a face is, as pieces of its tet have all of it on other nodes. */
+static int sbi_live_face_is_empty(const sbi_live_rows *rows, const int *nodes)
+{
+    return !(sbi_live_face_share(rows->next, nodes) > 0);
+}
+
 /* Adds the outer faces of a made cell whose nodes are all marked; 0: no memory. */
 static int sbi_live_add_parts(sbi_live_rows *rows, int made)
 {
     sbi_element element = sbi_domain_element(&rows->next->domain);
     int n = rows->change->nodes_per_cell;
+    int pieces = rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET4;
     const int *cell = rows->change->made_cell_nodes + (size_t)made * (size_t)n;
     for (int f = 0; f < sbi_element_face_count(element); f++) {
         int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES], inside = 1, corners;
@@ -55207,7 +55567,7 @@ static int sbi_live_add_parts(sbi_live_rows *rows, int made)
             inside &= rows->marks[nodes[k]];
         }
         if (!inside || sbi_body_get_face(rows->next, nodes, 0, corners, &face, NULL) != SB_OK || face.inner ||
-            sbi_live_has_face(rows, 0, &face))
+            sbi_live_has_face(rows, 0, &face) || (pieces && sbi_live_face_is_empty(rows, face.nodes)))
             continue;
         if (!sbi_live_add_face(rows, &face))
             return 0;
@@ -55215,19 +55575,28 @@ static int sbi_live_add_parts(sbi_live_rows *rows, int made)
     return 1;
 }
 
-/* The parts of one face of a pressure, or the face as it is. */
-static sb_result sbi_live_carry_face(sbi_live_rows *rows, const sbi_load *load, int j, sb_error *error)
+/* 1 when cells behind a face that stays are other pieces now: others of them may have parts of it. */
+static int sbi_live_face_is_cut(const sbi_live_rows *rows, const int *nodes, int count)
 {
-    const int *nodes = load->nodes + load->row_start[j];
-    int count = load->row_start[j + 1] - load->row_start[j], lost = sbi_live_loses_node(rows, nodes, count), done = 0;
+    return rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET4 &&
+           sbi_live_removed_cell(rows->change, nodes, count) >= 0;
+}
+
+/* The parts of one face, or the face as it is. */
+static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_element_type type,
+                                     sb_error *error)
+{
+    int lost = sbi_live_loses_node(rows, nodes, count), done = 0;
     sbi_body_face face;
-    if (!lost &&
-        sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(load->face_types[j]), &face, NULL) == SB_OK &&
+    if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(type), &face, NULL) == SB_OK &&
         !face.inner) {
+        int is_cut = sbi_live_face_is_cut(rows, nodes, count);
         if (face.count == count) /* in the order that the load has, whichever cell it is of now */
             memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
-        done = sbi_live_add_face(rows, &face);
-        return done ? SB_OK : sbi_live_rows_no_memory(error);
+        if (!is_cut || !(sbi_live_face_is_empty(rows, nodes) || sbi_live_has_face(rows, 0, &face)))
+            done = sbi_live_add_face(rows, &face);
+        if (!is_cut)
+            return done ? SB_OK : sbi_live_rows_no_memory(error);
     }
     sbi_live_mark_face(rows, nodes, count, 1);
     done = 1;
@@ -55261,6 +55630,7 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
     memcpy(made->net, load->net, sizeof made->net);
     if (load->kind == SBI_LOAD_PRESSURE) {
         memcpy(made->face_types, rows->types, (size_t)rows->rows * sizeof(sb_element_type));
+        sbi_load_weigh_faces(rows->next, made);
         return SB_OK;
     }
     memcpy(made->weights, rows->weights, (size_t)rows->entries * sizeof(sb_real));
@@ -55276,8 +55646,10 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
     if (result == SB_OK)
         sbi_live_rows_clear(rows);
     for (int j = 0; j < load->row_count && result == SB_OK; j++)
-        result = load->kind == SBI_LOAD_PRESSURE ? sbi_live_carry_face(rows, load, j, error)
-                                                 : sbi_live_carry_row(rows, load, j, error);
+        result = load->kind == SBI_LOAD_PRESSURE
+                     ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
+                                           load->row_start[j + 1] - load->row_start[j], load->face_types[j], error)
+                     : sbi_live_carry_row(rows, load, j, error);
     if (result == SB_OK && rows->rows == 0)
         result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
                                "pressure %d would lose its last face: remove it first", load->id);
@@ -55291,6 +55663,55 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
         result = sbi_body_reserve_ties(next, &ties, error);
         if (result == SB_OK)
             result = sbi_body_extend_pattern(next, made->row_count, made->row_start, made->nodes, error);
+    }
+    return result;
+}
+
+/* ---- tractions ---- */
+
+/* Takes the forces of a traction over to the parts of its face, which the rows list. Where they are not all of it, as
+ * in changes other than cuts, the forces stay with their nodes. */
+static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction *traction)
+{
+    const sb_real close = (sb_real)1e-4;
+    sb_body *next = rows->next;
+    sbi_traction part = *traction;
+    sb_real left = sbi_live_face_share(rows->body, traction->nodes);
+    for (int j = 0; j < rows->rows; j++)
+        left -= sbi_live_face_share(next, rows->nodes + rows->start[j]);
+    if (!(sb_abs(left) < close) || sbi_live_loses_node(rows, traction->nodes, 3))
+        return;
+    part.stress = sb_v3_scale(-1, part.stress);
+    sbi_body_spread_traction(rows->body, &part, next->dead_load);
+    part.stress = traction->stress;
+    for (int j = 0; j < rows->rows; j++) {
+        memcpy(part.nodes, rows->nodes + rows->start[j], sizeof part.nodes);
+        sbi_body_spread_traction(next, &part, next->dead_load);
+        next->tractions[next->traction_count++] = part;
+    }
+}
+
+/* Tractions follow the parts of their faces where cuts part them. */
+static sb_result sbi_live_carry_tractions(sbi_live_rows *rows, sb_error *error)
+{
+    const sb_body *body = rows->body;
+    sb_result result = SB_OK;
+    for (int i = 0; i < body->traction_count && result == SB_OK; i++) {
+        const sbi_traction *traction = body->tractions + i;
+        if (sbi_live_removed_cell(rows->change, traction->nodes, 3) < 0) {
+            result = sbi_body_reserve_tractions(rows->next, body->traction_count - i, error);
+            if (result == SB_OK)
+                rows->next->tractions[rows->next->traction_count++] = *traction;
+            continue;
+        }
+        if (!sbi_live_rows_room(rows, 0))
+            return sbi_live_rows_no_memory(error);
+        sbi_live_rows_clear(rows);
+        result = sbi_live_carry_face(rows, traction->nodes, 3, SB_TRI3, error);
+        if (result == SB_OK)
+            result = sbi_body_reserve_tractions(rows->next, rows->rows + 1, error);
+        if (result == SB_OK)
+            sbi_live_move_traction(rows, traction);
     }
     return result;
 }
@@ -55382,7 +55803,7 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
     sb_result result = SB_OK;
     next->last_load_id = body->last_load_id;
     next->next_constraint = body->next_constraint;
-    if (!body->load_count && !body->elimination)
+    if (!body->load_count && !body->elimination && !body->traction_count)
         return SB_OK;
     memset(&rows, 0, sizeof rows);
     rows.body = body;
@@ -55394,6 +55815,8 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
         result = sbi_live_rows_no_memory(error);
     for (int i = 0; i < body->load_count && result == SB_OK; i++)
         result = sbi_live_carry_load(&rows, body->loads + i, error);
+    if (result == SB_OK && body->traction_count)
+        result = sbi_live_carry_tractions(&rows, error);
     if (result == SB_OK)
         result = sbi_live_carry_constraints(&rows, error);
     sbi_live_rows_end(&rows);
@@ -56909,9 +57332,11 @@ SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
 /* A mesh in slots. */
 typedef struct sbi_embed_slots {
     int node_end, cell_end;
-    const sb_vec3 *nodes;      /* [node_end] at rest (m) */
-    const int *cells;          /* [cell_end][nodes per element] */
-    const unsigned char *used; /* [cell_end] 0: a free slot */
+    const sb_vec3 *nodes;                                        /* [node_end] at rest (m) */
+    const int *cells;                                            /* [cell_end][nodes per element] */
+    const unsigned char *used;                                   /* [cell_end] 0: a free slot */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]); /* see sb_mesh_change; or NULL */
+    void *find_user;
 } sbi_embed_slots;
 
 /* Whom it follows. */
@@ -56965,8 +57390,10 @@ typedef struct sbi_embed_follower {
 
     sbi_embed_pool scratch;
 
-    const sb_mesh_change *change; /* between reserve and what ends it */
-    sb_vec3 *old_nodes;           /* [old_room] of the slots that made nodes take */
+    const sb_mesh_change *change;                                /* between reserve and what ends it */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]); /* of what is being followed; or NULL */
+    void *find_user;
+    sb_vec3 *old_nodes; /* [old_room] of the slots that made nodes take */
     int old_room, old_node_end, old_cell_end;
 } sbi_embed_follower;
 
@@ -58160,6 +58587,50 @@ static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, c
     return whole;
 }
 
+/* Holds a point by the frame of the face that its foot is on, as it would be without smooth normals. */
+static void sbi_embed_hold_by_frame(const sb_embedding *e, const sbi_embed_follower *f, int point,
+                                    sbi_embed_place *place, sb_embedded_point *info)
+{
+    const int *nodes = f->cells + place->cell / f->faces * f->width, *local = f->local[place->cell % f->faces];
+    sb_real shape[SB_MAX_FACE_NODES], slope[SB_MAX_FACE_NODES][3];
+    sb_vec3 at = sb_v3(0, 0, 0), r = at, s = at, offset;
+    sb_mat3 frame;
+    sb_element_shape(e->face.type, place->parameters, shape, slope);
+    for (int a = 0; a < f->face_nodes; a++) {
+        sb_vec3 x = f->nodes[nodes[local[a]]];
+        at = sb_v3_madd(at, shape[a], x);
+        r = sb_v3_madd(r, slope[a][0], x);
+        s = sb_v3_madd(s, slope[a][1], x);
+    }
+    frame = sbi_embed_face_frame(r, s);
+    offset = sb_m3_tapply(frame, sb_v3_sub(e->rest[point], at));
+    place->hold = info->hold = SB_EMBEDDED_FRAME;
+    place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
+    if (e->rest_normals) {
+        offset = sb_m3_tapply(frame, sbi_embed_unit(e->rest_normals[point]));
+        place->carried[0] = offset.x, place->carried[1] = offset.y, place->carried[2] = offset.z;
+    }
+}
+
+/* A place in an element that is cut goes over to the piece that has it: outside by the frame of its face, as the nodes
+ * of another piece have other smooth normals. */
+static void sbi_embed_find_piece(const sb_embedding *e, const sbi_embed_follower *f, int point, sbi_embed_place *place,
+                                 sb_embedded_point *info)
+{
+    int on_face = sbi_embed_is_on_face(place->hold), cell, face;
+    if (!f->find_cell)
+        return;
+    cell = f->find_cell(f->find_user, info->element, info->xi);
+    face = cell * f->faces + place->cell % f->faces;
+    if (cell < 0 || cell >= f->cell_end || cell == info->element || f->cells[cell * f->width] < 0 ||
+        (on_face && f->outer[face] < 0))
+        return;
+    info->element = cell;
+    place->cell = on_face ? face : cell;
+    if (place->hold == SB_EMBEDDED_OFFSET)
+        sbi_embed_hold_by_frame(e, f, point, place, info);
+}
+
 /* Places what has no place yet; returns how many are left. */
 static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                  const sbi_embed_volume *volume)
@@ -58179,6 +58650,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
             swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
         else
             swap->place.cell = swap->info.element;
+        sbi_embed_find_piece(e, f, swap->point, &swap->place, &swap->info);
         swap->done = sbi_embed_accepts(f, part, &swap->place);
         left += !swap->done;
     }
@@ -58498,6 +58970,8 @@ static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, con
 {
     sbi_embed_parts parts;
     sb_result result;
+    f->find_cell = mesh->find_cell;
+    f->find_user = mesh->find_user;
     if (!sbi_embed_live_room(e, f, mesh->node_end, mesh->cell_end, 0) || !sbi_embed_live_fill(e, f, mesh) ||
         !sbi_embed_reserve_swaps(e, f, e->report.point_count))
         return sbi_embed_follow_no_memory(e, error);
@@ -58575,6 +59049,8 @@ SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_chan
     if (result != SB_OK)
         return result;
     f->change = change;
+    f->find_cell = change->find_cell;
+    f->find_user = change->find_user;
     known = sbi_embed_reserve_mesh(e, f);
     e->elements = f->cells; /* they may have moved */
     if (!known)
@@ -59616,6 +60092,8 @@ static sb_result sbi_body_embed_load(sb_embedding *embedding, const sb_body *bod
     mesh.nodes = body->reference;
     mesh.cells = body->domain.cells;
     mesh.used = body->live->cells.used;
+    mesh.find_cell = body->live->find;
+    mesh.find_user = body->live->find_user;
     return sbi_embed_follower_load(embedding, &mesh, error);
 }
 
@@ -60561,6 +61039,8 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
 #ifndef SB_STEP_EXPLICIT_H
 #define SB_STEP_EXPLICIT_H
 
+#include <math.h>
+
 
 /* Times that a call is done again with shorter substeps. */
 enum { SBI_EXPLICIT_CAUTION = 3 };
@@ -60570,11 +61050,33 @@ enum { SBI_EXPLICIT_CAUTION = 3 };
  * date. On failure the state is anywhere in between: the caller undoes it, and body->guard. */
 SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_step_info *info);
 
+/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
+SB_INLINE double sbi_explicit_count(sb_real left, sb_real longest)
+{
+    double count = ceil((double)left / (double)longest - 1e-3);
+    return count < 1 ? 1 : count;
+}
+
 /* Takes note of a call that went well; after a run of them the next may be bolder. */
 SBI_API void sbi_explicit_calm(sb_body *body, int caution);
 /* The stable step (s) of a stiffness with the masses of all axes (kg; 0: the axis stays out), NULL: the body's lumped
  * ones; not positive or not finite when there is none. Overwrites the body's work vectors. */
 SBI_API sb_real sbi_explicit_bound(sb_body *body, const sb_matrix *matrix, const sb_vec3 *masses);
+
+/* ---- step_explicit_touch.c: of a body with something that touches it, in the order of calls ---- */
+/* Begins a substep of what is left (s) of a call; *count: substeps that it takes, of at most `longest` (s) each, and of
+ * less where something is near. tries: caution. */
+SBI_API sb_result sbi_explicit_begin_touch(sb_body *body, sb_real left, sb_real longest, int tries, double *count,
+                                           sb_error *error);
+/* The body has moved by body->increment: forces of contact there. SB_ERROR_DIVERGED: something may have passed
+ * through. */
+SBI_API sb_result sbi_explicit_meet_touch(sb_body *body, sb_error *error);
+/* body->follower += forces of contact: as they were met; before the first substep, as the last step left them. */
+SBI_API void sbi_explicit_add_touch(sb_body *body, int met);
+/* Energy (J) of the velocity that forces of contact, as they were met, give in half a substep of h (s): what they may
+ * bring without a way to work on, where they are new. */
+SBI_API double sbi_explicit_touch_swing(const sb_body *body, sb_real h);
+SBI_API void sbi_explicit_commit_touch(sb_body *body);
 
 #endif /* SB_STEP_EXPLICIT_H */
 
@@ -60840,13 +61342,18 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 
 /* ---- motion ---- */
 
-/* Forces at the present displacement: internal, and follower those of the loads that depend on it. */
-static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
+/* Forces at the present displacement: internal, and follower those of contact and of the loads that depend on it. met:
+ * contact was met there, else it was left there by the last step. */
+static sb_result sbi_explicit_force(sb_body *b, int met, sb_step_info *info)
 {
     double begin = sbi_explicit_now(b);
     int bad = -1;
     if (b->load_count)
         sbi_loads_force(b, b->displacement, 1);
+    else if (b->touch)
+        memset(b->follower, 0, (size_t)b->domain.node_count * sizeof *b->follower);
+    if (b->touch)
+        sbi_explicit_add_touch(b, met);
     if (!b->force_current)
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
     b->force_current = bad < 0;
@@ -60860,7 +61367,7 @@ static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
 /* All loads on a node. */
 static sb_vec3 sbi_explicit_load(const sb_body *b, int i)
 {
-    return b->load_count ? sb_v3_add(b->external[i], b->follower[i]) : b->external[i];
+    return b->load_count || b->touch ? sb_v3_add(b->external[i], b->follower[i]) : b->external[i];
 }
 
 /* Acceleration of a node whose velocity so far is v, when it takes `share` (s) more of it: M a + alpha M (v + share a)
@@ -60994,7 +61501,9 @@ static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
     double work = sbi_explicit_move(x, done), springs;
     sb_result result;
     sbi_assembly_end_step(&b->assembly, b->displacement, x->h);
-    result = sbi_explicit_force(b, x->info);
+    result = b->touch ? sbi_explicit_meet_touch(b, &x->info->error) : SB_OK;
+    if (result == SB_OK)
+        result = sbi_explicit_force(b, 1, x->info);
     if (result != SB_OK)
         return result;
     work += sbi_explicit_half_work(b);
@@ -61009,14 +61518,11 @@ static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
     b->guard.energy += work > 0 ? work : 0;
     b->guard.age++;
     x->info->substeps++;
+    if (b->touch) {
+        b->guard.energy += sbi_explicit_touch_swing(b, x->h);
+        sbi_explicit_commit_touch(b);
+    }
     return sbi_explicit_audit(x, sbi_explicit_kinetic(b));
-}
-
-/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
-static double sbi_explicit_count(sb_real left, sb_real longest)
-{
-    double count = ceil((double)left / (double)longest - 1e-3);
-    return count < 1 ? 1 : count;
 }
 
 /* Substeps as this plan would make them at the stable step last known; 0: none is. */
@@ -61058,6 +61564,11 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
                             "dt %g s takes more than max_substeps %d: the stable step is %g s", (double)dt,
                             b->max_substeps, (double)b->guard.stable_step);
         count = sbi_explicit_count(left, x->plan->margin * b->guard.stable_step);
+        if (b->touch)
+            result = sbi_explicit_begin_touch(b, left, x->plan->margin * b->guard.stable_step,
+                                              (int)(x->plan - sbi_explicit_plans), &count, &x->info->error);
+        if (result != SB_OK)
+            return result;
         x->h = (sb_real)((double)left / count);
         left = count > 1 ? left - x->h : 0;
         result = sbi_explicit_substep(x, 1 - left / dt);
@@ -61099,7 +61610,7 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
         memset(&body->guard, 0, sizeof body->guard);
     if (caution > 0)
         body->guard.stable_step = 0;
-    result = sbi_explicit_force(body, info);
+    result = sbi_explicit_force(body, 0, info);
     if (result != SB_OK)
         return result;
     sbi_explicit_begin(body, dt);
@@ -61113,6 +61624,96 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     body->acceleration_known = 1;
     return SB_OK;
 }
+
+/* ==== src/softbody/body/step_explicit_touch.c ==== */
+/* step_explicit_touch: contact in explicit steps. Each substep is a step of contact: what is near is found where the
+ * body is, and pushes where it has gone to, beside the loads. Its stiffness is bounded by the nodes' masses: with
+ * `rate` lambda_c = c lambda, lambda the square of the body's highest frequency, substeps that are shorter by sqrt(1 +
+ * c) are as stable as those without contact: no eigenvalue of a sum is more than the largest of both together. */
+#include <string.h>
+
+
+static sbi_touch_step sbi_explicit_tell_touch(const sb_body *b, sb_real left, double count, int tries)
+{
+    const sb_real stable = b->guard.stable_step;
+    sbi_touch_step told;
+    memset(&told, 0, sizeof told);
+    told.start = b->displacement;
+    told.velocity = b->velocity;
+    told.dt = (sb_real)((double)left / count);
+    told.level = told.factor = 1;
+    told.tries = tries;
+    told.part = (sb_real)(1 / count);
+    told.masses = b->lumped_mass;
+    told.rate = b->touch->stiffening * 4 / (stable * stable);
+    return told;
+}
+
+/* Longest substep h (s) where something is near: stable, and with lambda_c h^2 <= 1. What comes into touch within a
+ * substep does so at its end, with up to lambda_c h^2 / 2 of its energy too much or too little. */
+static sb_real sbi_explicit_near(const sb_body *b, sb_real longest)
+{
+    const sb_real c = b->touch->stiffening;
+    return sb_min(longest / sb_sqrt(1 + c), b->guard.stable_step / (2 * sb_sqrt(c)));
+}
+
+SBI_API sb_result sbi_explicit_begin_touch(sb_body *b, sb_real left, sb_real longest, int tries, double *count,
+                                           sb_error *error)
+{
+    sbi_touch *touch = b->touch;
+    sb_result result = SB_OK;
+    sbi_body_update_positions(b);
+    for (int near = 0; near < 2; near++) {
+        sbi_touch_step told;
+        *count = sbi_explicit_count(left, near ? sbi_explicit_near(b, longest) : longest);
+        told = sbi_explicit_tell_touch(b, left, *count, tries);
+        touch->iterations = touch->capped = 0;
+        touch->residual = 0;
+        touch->coupling.node_count = 0;
+        result = touch->begin(touch->user, &told, error);
+        if (result != SB_OK && error->result != result)
+            return sbi_fail(error, result, "contact cannot begin a step");
+        if (result != SB_OK || near || touch->node_count == 0)
+            break;
+        touch->undo(touch->user);
+    }
+    return result;
+}
+
+SBI_API sb_result sbi_explicit_meet_touch(sb_body *b, sb_error *error)
+{
+    sbi_touch *touch = b->touch;
+    for (int k = 0; k < touch->node_count; k++)
+        touch->du[k] = b->increment[touch->nodes[k]];
+    touch->evaluate(touch->user, touch->du, 1);
+    touch->refused = !touch->accept(touch->user, b->displacement);
+    if (touch->refused)
+        return sbi_fail(error, SB_ERROR_DIVERGED,
+                        "the body moves so far in a substep that a tool may have passed through it");
+    return SB_OK;
+}
+
+SBI_API void sbi_explicit_add_touch(sb_body *b, int met)
+{
+    const sbi_touch *touch = b->touch;
+    if (!met)
+        touch->add_done(touch->user, 1, b->follower);
+    for (int k = 0; met && k < touch->node_count; k++)
+        b->follower[touch->nodes[k]] = sb_v3_add(b->follower[touch->nodes[k]], touch->force[k]);
+}
+
+SBI_API double sbi_explicit_touch_swing(const sb_body *b, sb_real h)
+{
+    const sbi_touch *touch = b->touch;
+    double sum = 0;
+    for (int k = 0; k < touch->node_count; k++) {
+        double mass = (double)b->lumped_mass[touch->nodes[k]];
+        sum += mass > 0 ? (double)sb_v3_dot(touch->force[k], touch->force[k]) / mass : 0;
+    }
+    return (double)h * (double)h / 8 * sum;
+}
+
+SBI_API void sbi_explicit_commit_touch(sb_body *b) { b->touch->commit(b->touch->user); }
 
 /* ==== src/softbody/body/step_private.h ==== */
 /* step_private: what the files of the step share: the Newton iteration, its line search, the integrators. Floor 3. */
@@ -61702,6 +62303,7 @@ static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
     sb_body *b = step->body;
     if (!step->touch->mend(step->touch->user, b->displacement, whole))
         return SB_OK;
+    step->touch->mended = 1;
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
     b->force_current = step->energy_known = 0;
@@ -63369,6 +63971,9 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
 static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sbi_step_guard guard = body->guard;
+    sbi_touch *touch = body->touch;
+    if (touch)
+        touch->keep(touch->user);
     for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_dead_loads(body);
@@ -63380,6 +63985,11 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
         sbi_step_restore(body);
         sbi_step_watch_knots(body, 0);
         body->guard = guard;
+        if (touch) {
+            sbi_body_update_positions(body);
+            touch->undo(touch->user);
+            touch->rewind(touch->user);
+        }
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
             return result;
     }
@@ -65440,6 +66050,33 @@ static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->reaction, n, SBI_STATE_ANY, "reaction");
 }
 
+/* Tractions by face, where there are any. */
+static void sbi_state_tractions(sb_body *body, sbi_state_walk *walk)
+{
+    int count = sbi_state_int(walk, body->traction_count, 1, INT32_MAX / (int)sizeof(sbi_traction), "tractions");
+    if (walk->pass == SBI_STATE_RESERVE && count > body->traction_count)
+        sbi_state_refuse(walk, sbi_body_reserve_tractions(body, count - body->traction_count, walk->error));
+    walk->store = walk->pass == SBI_STATE_READ;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sbi_traction *traction = !sbi_state_is_image(walk) || walk->store ? body->tractions + i : NULL;
+        for (int k = 0; k < 3; k++)
+            sbi_state_put_int(walk, traction ? traction->nodes + k : NULL, 0, body->domain.node_count - 1,
+                              "node of a traction");
+        sbi_state_put_vector(walk, traction ? &traction->stress : NULL, SBI_STATE_ANY, "");
+    }
+    if (walk->store)
+        body->traction_count = count;
+    walk->store = 0;
+}
+
+/* 1 when there are some: in the body, or in the image, whose next part it is then. */
+static int sbi_state_has_tractions(const sb_body *body, const sbi_state_walk *walk, int number)
+{
+    if (!sbi_state_is_image(walk))
+        return body->traction_count > 0;
+    return walk->size - walk->used >= 4 && sbi_get_bytes(walk->in + walk->used, 4) == (uint64_t)number;
+}
+
 /* ---- loads that follow the body ---- */
 
 /* What passing the rows of a load found out. */
@@ -65685,6 +66322,7 @@ static void sbi_state_follow(sb_body *body, sbi_state_walk *walk)
         after = load.id;
         if (walk->store) {
             load.pattern_version = -1;
+            sbi_load_weigh_faces(body, &load);
             body->loads[i] = load;
         }
     }
@@ -65966,8 +66604,8 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 
 /* ---- a mesh that may change ---- */
 
-/* Numbers of its part, which comes first; the second of a mesh with pieces. */
-enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 16 };
+/* Numbers of its part, which comes first; the second of a mesh with pieces, the third as earlier versions had it. */
+enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 17, SBI_STATE_PIECES_BEFORE = 16 };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -66012,6 +66650,8 @@ static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
             sbi_state_put_real(walk, piece->centroid + i);
         for (int i = 0; i < 6; i++)
             sbi_state_put_real(walk, piece->covariance + i);
+        for (int i = 0; i < SBI_PIECE_FACES; i++)
+            sbi_state_put_real(walk, &piece->faces[i / 3][i % 3]);
     }
 }
 
@@ -66193,6 +66833,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {10, sbi_state_extra},
     {4, sbi_state_supports},
     {5, sbi_state_loads},
+    {18, sbi_state_tractions},
     {11, sbi_state_follow},
     {12, sbi_state_constraints},
     {6, sbi_state_rotations},
@@ -66214,6 +66855,11 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
         int number = part->number;
         if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
+        if (part->walk == sbi_state_tractions && !sbi_state_has_tractions(body, walk, number)) {
+            if (walk->pass == SBI_STATE_READ)
+                body->traction_count = 0;
+            continue;
+        }
         if (part->walk == sbi_state_live)
             number = sbi_state_live_number(body);
         sbi_state_int(walk, number, number, number, "part");
@@ -66398,6 +67044,10 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     walk.size = size - SBI_IMAGE_TAIL;
     first = walk.size >= SBI_IMAGE_HEAD + 4 ? sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) : 0;
     is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES;
+    if (first == SBI_STATE_PIECES_BEFORE)
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the state has pieces of elements without what they have of faces, as earlier versions saved it");
     if (is_live != (body->live != NULL))
         return sbi_fail(error, SB_ERROR_STATE,
                         is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
@@ -66598,11 +67248,11 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
     sb_step_info own;
     sb_result result;
     double begun;
-    if (!body || !body->touch || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
+    if (!body || !body->touch || !sbi_body_is_implicit(body) || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
         return sbi_step_whole(body, dt, guests, guest_count, 1, info);
     info = info ? info : &own;
     begun = sbi_body_now(body);
-    body->touch->refused = body->touch->is_last = 0;
+    body->touch->refused = body->touch->is_last = body->touch->mended = 0;
     sbi_body_mute(body);
     result = sbi_step_whole(body, dt, NULL, 0, 1, info);
     if (result == SB_ERROR_DIVERGED && body->touch->refused)
@@ -68840,6 +69490,9 @@ SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
+/* The cell of the body whose material is at xi of the tet that `cell` is of, see sb_body_find_cell: user is the cut.
+ * Within a change of its own it is as after it. */
+SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3]);
 /* Forgets what tets have been touched. */
 SBI_API void sbi_cut_clear(sb_cut *cut);
 
@@ -69366,20 +70019,43 @@ static sb_real sbi_cut_least(const sb_cut *cut)
     return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;
 }
 
-/* Makes or replaces the cell of a record. */
-static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int record, const sbi_part_moments *moments,
-                                  sb_error *error)
+/* What the pieces of a tet are. */
+typedef struct sbi_cut_measures {
+    sbi_part_moments moments[SBI_LATTICE_POINTS];
+    sb_real faces[SBI_LATTICE_POINTS][4][3]; /* see sb_change_cell */
+} sbi_cut_measures;
+
+static void sbi_cut_measure(const sb_cut *cut, int tet, sbi_cut_measures *measures)
+{
+    sbi_parted parted;
+    sbi_face_moments of_face[SBI_LATTICE_POINTS];
+    sbi_cut_parted(cut, tet, &parted);
+    sbi_parted_moments(&parted, sbi_cut_least(cut), measures->moments);
+    for (int face = 0; face < 4; face++) {
+        int corners[SB_MAX_FACE_NODES];
+        sb_element_face(SB_TET4, face, corners, NULL);
+        sbi_parted_face(&parted, face, of_face);
+        for (int k = 0; k < parted.piece_count; k++)
+            for (int i = 0; i < 3; i++)
+                measures->faces[k][face][i] = of_face[k].loads[corners[i]];
+    }
+}
+
+/* Makes or replaces the cell of a record, which is this piece of its tet; measures NULL: all of it. */
+static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int record, const sbi_cut_measures *measures,
+                                  int piece, sb_error *error)
 {
     sbi_cut_cell *cell = cut->cells + record;
     sb_change_cell made = sb_default_change_cell();
     sb_cell_moments of_piece;
     made.nodes = cell->nodes;
     made.parent = cell->cell;
-    if (moments) {
-        of_piece.centroid = moments->centre;
-        of_piece.covariance = moments->spread;
-        made.share = sb_min(moments->share, 1);
+    if (measures) {
+        of_piece.centroid = measures->moments[piece].centre;
+        of_piece.covariance = measures->moments[piece].spread;
+        made.share = sb_min(measures->moments[piece].share, 1);
         made.moments = &of_piece;
+        made.face_loads = measures->faces[piece];
     }
     cut->made_cells += cell->is_new;
     return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
@@ -69389,7 +70065,7 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
 /* The cells of one tet's records that are others now. */
 static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first, int end, sb_error *error)
 {
-    sbi_part_moments moments[SBI_LATTICE_POINTS];
+    sbi_cut_measures measures;
     sb_result result = SB_OK;
     int differs = 0;
     for (int i = first; i < end; i++)
@@ -69397,15 +70073,12 @@ static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first,
                    memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0;
     if (!differs)
         return SB_OK;
-    if (end - first > 1) {
-        sbi_parted parted;
-        sbi_cut_parted(cut, cut->cells[first].tet, &parted);
-        sbi_parted_moments(&parted, sbi_cut_least(cut), moments);
-    }
+    if (end - first > 1)
+        sbi_cut_measure(cut, cut->cells[first].tet, &measures);
     for (int i = first; i < end && result == SB_OK; i++)
         if (cut->cells[i].is_cut ||
             memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0)
-            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? moments + i - first : NULL, error);
+            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? &measures : NULL, i - first, error);
     return result;
 }
 
@@ -69448,7 +70121,6 @@ static void sbi_cut_keep_tet(sb_cut *cut, int first, int end)
     for (int i = first; i < end; i++, piece = cut->pieces[piece].next) {
         cut->pieces[piece].points = cut->cells[i].points;
         cut->pieces[piece].cell = cut->cells[i].cell;
-        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, tet);
     }
 }
 
@@ -69473,6 +70145,8 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         result = sbi_cut_put_cells(cut, change, error);
     if (result == SB_OK && !sbi_cut_reserve_pieces(cut))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
+        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         cut->changing = 1;
         result = sb_body_change_commit(change, error);
@@ -69507,6 +70181,78 @@ SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
     }
     sbi_cut_clear(cut);
     return result;
+}
+
+/* ==== src/softbody/cut/cut_find.c ==== */
+/* cut_find: which piece of an element has the material at a point. */
+
+/* Least of a point's barycentrics in a tet; -SB_REAL_MAX where it is flat. */
+static sb_real sbi_find_depth(const sb_vec3 corners[4], sb_vec3 x)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), p = sb_v3_sub(x, corners[0]);
+    sb_real volume = sb_v3_dot(a, sb_v3_cross(b, c)), first, second, third;
+    if (volume == 0)
+        return -SB_REAL_MAX;
+    first = sb_v3_dot(p, sb_v3_cross(b, c)) / volume;
+    second = sb_v3_dot(p, sb_v3_cross(c, a)) / volume;
+    third = sb_v3_dot(p, sb_v3_cross(a, b)) / volume;
+    return sb_min(sb_min(first, second), sb_min(third, 1 - first - second - third));
+}
+
+/* The micro-tet that a point is deepest in; the first of several. */
+static int sbi_find_micro(const sbi_lattice *lattice, sb_vec3 x)
+{
+    sb_real deepest = -SB_REAL_MAX;
+    int found = 0;
+    for (int micro = 0; micro < lattice->micro_count; micro++) {
+        sb_vec3 corners[4];
+        sb_real depth;
+        for (int v = 0; v < 4; v++) {
+            sb_real at[4];
+            sbi_lattice_point(lattice, lattice->micros[micro][v], at);
+            corners[v] = sb_v3(at[1], at[2], at[3]);
+        }
+        depth = sbi_find_depth(corners, x);
+        if (depth > deepest) {
+            deepest = depth;
+            found = micro;
+        }
+    }
+    return found;
+}
+
+/* The piece of a tet that has a point. */
+static int sbi_find_piece(const sbi_parted *parted, sb_vec3 x)
+{
+    sbi_flag flags[SBI_FLAGS];
+    sb_real deepest = -SB_REAL_MAX;
+    int count = sbi_parted_flags(parted, sbi_find_micro(parted->lattice, x), 0, flags), piece = flags[0].piece;
+    for (int k = 0; k < count && count > 1; k++) {
+        sb_real depth = sbi_find_depth(flags[k].corners, x);
+        if (depth > deepest) {
+            deepest = depth;
+            piece = flags[k].piece;
+        }
+    }
+    return piece;
+}
+
+SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
+{
+    const sb_cut *cut = (const sb_cut *)user;
+    int tet = cell >= 0 && cell < cut->elements.count && !cut->stale ? cut->elements.items[cell] : -1, piece, at;
+    int records = tet >= 0 && cut->changing ? cut->cell_of[tet] : 0;
+    sbi_parted parted;
+    if (tet < 0 || (!records && cut->pieces[tet].next < 0))
+        return cell;
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    piece = parted.piece_count > 1 ? sbi_find_piece(&parted, sb_v3(xi[0], xi[1], xi[2])) : 0;
+    if (records)
+        return cut->cells[records - 1 + piece].cell;
+    for (at = tet; piece > 0 && cut->pieces[at].next >= 0; piece--)
+        at = cut->pieces[at].next;
+    return cut->pieces[at].cell;
 }
 
 /* ==== src/softbody/cut/cut.c ==== */
@@ -69657,6 +70403,8 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
         sb_cut_destroy(made);
         return result;
     }
+    made->body->live->find = sbi_cut_find_cell;
+    made->body->live->find_user = made;
     *cut = made;
     return SB_OK;
 }
@@ -69669,6 +70417,8 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     allocator = cut->allocator;
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    if (cut->body && cut->body->live->find_user == cut)
+        cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
     sbi_free(&allocator, cut->tets);
@@ -70215,6 +70965,8 @@ SBI_API sb_real sbi_tool_grid_distance(const sbi_tool_grid *grid, sb_vec3 x, sb_
 /* ==== src/softbody/contact/tool.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* tool: shapes checked, made, their distances, skeletons and motion. */
+#include <string.h>
+
 
 #define SBI_TOOL_COOKIE 0x7001u
 
@@ -70479,6 +71231,7 @@ SBI_API void sbi_tool_destroy(sbi_tool *tool)
 SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool) { return tool->shape; }
 SBI_API int sbi_tool_point_count(const sbi_tool *tool) { return tool->point_count; }
 SBI_API sb_real sbi_tool_radius(const sbi_tool *tool) { return tool->radius; }
+SBI_API int sbi_tool_is_exact(const sbi_tool *tool) { return tool->shape != SB_TOOL_MESH; }
 SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool) { return tool->inner_radius; }
 
 /* ---- distances ---- */
@@ -70542,11 +71295,11 @@ static sb_real sbi_tool_plane_distance(sb_vec3 x, sb_vec3 fallback, sb_vec3 *nor
     return sb_v3_is_finite(x) ? x.z : SB_REAL_MAX;
 }
 
-/* Segments of a chain that replaces the tool's own, or these; memory[SB_TOOL_MAX_POINTS]. */
+/* Segments of a chain that replaces the tool's own, or these where it is the same; memory[SB_TOOL_MAX_POINTS]. */
 static const sbi_tool_segment *sbi_tool_find_segments(const sbi_tool *tool, const sb_vec3 *chain,
                                                       sbi_tool_segment *memory)
 {
-    if (!chain)
+    if (!chain || memcmp(chain, tool->points, (size_t)tool->point_count * sizeof *chain) == 0)
         return tool->segments;
     for (int i = 0; i + 1 < tool->point_count; i++)
         memory[i] = sbi_tool_make_segment(chain[i], chain[i + 1]);
@@ -71258,6 +72011,7 @@ typedef struct sbi_contact_rule {
     sb_real measure;  /* of each, in the face's parameters */
     sb_real *weights; /* [count][nodes] shape functions at the samples: they sum to 1 */
     sb_real *slopes;  /* [count][2][nodes] their derivatives by both parameters */
+    sb_real spread;   /* most that the weights of a sample sum to without their signs */
 } sbi_contact_rule;
 
 /* A face type; nodes 0: no face is of it. */
@@ -71481,18 +72235,21 @@ static void sbi_contact_layout_rules(sbi_contact_kind *kind, sbi_arena *arena)
     }
 }
 
-static void sbi_contact_fill_rule(const sbi_contact_kind *kind, int n)
+static void sbi_contact_fill_rule(sbi_contact_kind *kind, int n)
 {
-    const sbi_contact_rule *rule = &kind->rules[n];
+    sbi_contact_rule *rule = &kind->rules[n];
     sb_real *weights = rule->weights, *slopes = rule->slopes;
+    rule->spread = 1;
     for (int i = 0; i < rule->count; i++, weights += kind->nodes, slopes += 2 * kind->nodes) {
-        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3];
+        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3], sum = 0;
         sbi_contact_sample_point(kind, n, i, xi);
         sb_element_shape(kind->type, xi, weights, gradient);
         for (int a = 0; a < kind->nodes; a++) {
             slopes[a] = gradient[a][0];
             slopes[kind->nodes + a] = gradient[a][1];
+            sum += sb_abs(weights[a]);
         }
+        rule->spread = sb_max(rule->spread, sum);
     }
 }
 
@@ -72513,6 +73270,8 @@ typedef struct sbi_contact_tool {
     int face_count;              /* of its faces in sb_contact.near */
     sb_pose from;                /* at the start of the step, or of the increment of a static solve */
     sb_pose stage;               /* at the end of the last increment that was done */
+    sb_pose seen;                /* at the last evaluation */
+    sb_real shift;               /* m, its motion since the evaluation before that */
     sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
@@ -72547,9 +73306,10 @@ typedef struct sbi_contact_sum {
 /* A face near a tool. */
 typedef struct sbi_contact_patch {
     int tool, face, parts;
-    int first, count;             /* its samples */
-    int touching;                 /* of them at the last evaluation */
-    int nodes[SB_MAX_FACE_NODES]; /* places in the list of nodes */
+    int first, count;                /* its samples */
+    int touching;                    /* of them at the last evaluation */
+    int nodes[SB_MAX_FACE_NODES];    /* places in the list of nodes */
+    sb_vec3 seen[SB_MAX_FACE_NODES]; /* du of these at the last evaluation (m) */
 } sbi_contact_patch;
 
 typedef struct sbi_contact_sample {
@@ -72563,6 +73323,8 @@ typedef struct sbi_contact_sample {
     sb_vec3 normal;           /* of the last evaluation, out of the tool in space */
     sb_vec3 point;            /* m */
     sb_real gap, slip, bound; /* m, m, Pa */
+    sb_vec3 start;            /* m, at the start of the step */
+    sb_real clear;            /* m: the gap is no less now, see sbi_contact_clear */
     sbi_contact_answer answer;
 } sbi_contact_sample;
 
@@ -72583,7 +73345,7 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
-    int is_static;
+    int is_static, is_explicit;
     sb_real level;    /* share of the step after which forces balance */
     const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
     sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
@@ -72619,7 +73381,8 @@ struct sb_contact {
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
     int kept;                     /* 1: a static solve is under way, and they are what it began with */
-    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
+    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept, which
+                                   * holds those of the last increment that is done in a static solve */
     sb_contact_info kept_info;
     int kept_is_solved;
     void *memory;
@@ -72739,10 +73502,21 @@ typedef struct sbi_contact_work {
     int renew;
     int first, last; /* patches */
 } sbi_contact_work;
-/* Patches from work->first to work->last. */
+/* Patches from work->first to work->last. Samples that cannot touch are left as they were. */
 SBI_API void sbi_contact_evaluate_patches(sbi_contact_work *work);
 /* The patches of a tool, at its pose of balance. */
 SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
+/* What of a gap (m) is left for a sample to come nearer by: 0 where that says nothing, since distances to a tool rise
+ * faster than ways, or a plane turns. */
+SBI_API sb_real sbi_contact_clear(const sbi_contact_tool *tool, sb_real gap);
+/* A sample as it was at the last evaluation, which may have left it out. */
+SBI_API void sbi_contact_evaluate_again(sb_contact *contact, sbi_contact_sample *sample);
+/* Gap (m) that no sample of a face has less of, to a tool at a pose; x: places of the face's nodes. */
+SBI_API sb_real sbi_contact_clearance(const sbi_contact_faces *faces, int face, const sb_vec3 *x, const sbi_tool *shape,
+                                      const sb_vec3 *chain, const sb_pose *pose);
+/* The same with nodes at x [rows]. */
+SBI_API sb_real sbi_contact_clearance_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x,
+                                         const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose);
 
 /* Stress (Pa) of a sample on the body. */
 SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)
@@ -72858,28 +73632,95 @@ SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
     return contact->node_place[node];
 }
 
+/* ---- how near a face is ---- */
+
+SBI_API sb_real sbi_contact_clearance(const sbi_contact_faces *faces, int face, const sb_vec3 *x, const sbi_tool *shape,
+                                      const sb_vec3 *chain, const sb_pose *pose)
+{
+    int count = faces->sizes[face], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(shape));
+    sb_vec3 middle = sb_v3(0, 0, 0), normal;
+    sb_real square = 0;
+    if (!sbi_tool_is_exact(shape))
+        return -SB_REAL_MAX;
+    for (int a = 0; a < count; a++)
+        middle = sb_v3_madd(middle, 1 / (sb_real)count, x[a]);
+    for (int a = 0; a < count; a++) {
+        sb_vec3 arm = sb_v3_sub(x[a], middle);
+        square = sb_max(square, sb_v3_dot(arm, arm));
+    }
+    return sbi_tool_distance(shape, chain, sbi_pose_to_tool(pose, middle), middle, &normal) -
+           sbi_contact_face_rule(faces, face, parts)->spread * sb_sqrt(square);
+}
+
+SBI_API sb_real sbi_contact_clearance_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x,
+                                         const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose)
+{
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    sb_vec3 own[SB_MAX_FACE_NODES];
+    for (int a = 0; a < faces->sizes[face]; a++)
+        own[a] = x[nodes[a]];
+    return sbi_contact_clearance(faces, face, own, shape, chain, pose);
+}
+
 /* ---- evaluation ---- */
 
-static void sbi_contact_evaluate_sample(const sbi_contact_work *work, const sbi_contact_patch *patch,
+SBI_API sb_real sbi_contact_clear(const sbi_contact_tool *tool, sb_real gap)
+{
+    int turns = sbi_contact_is_hung(tool) && sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE;
+    return sbi_tool_is_exact(tool->shape) && !turns ? gap : 0;
+}
+
+/* u: [nodes of the face] */
+static void sbi_contact_evaluate_sample(const sbi_contact_tool *tool, const sb_vec3 *u, int count, int renew,
                                         sbi_contact_sample *s)
 {
-    const sb_contact *contact = work->contact;
-    const sbi_contact_tool *tool = contact->tools + patch->tool;
-    int count = contact->faces->sizes[patch->face];
-    sb_vec3 u = sbi_contact_mean(s->weights, patch->nodes, count, work->du);
-    sb_vec3 fallback = sbi_pose_turn_to_tool(&tool->balance, s->normal), normal;
-    sb_vec3 start = sbi_contact_mean(s->weights, patch->nodes, count, contact->positions), slip;
-    if (sbi_contact_is_hung(tool))
-        s->carried = sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, start)), start);
-    slip = sb_v3_sub(u, s->carried);
-    s->point = sb_v3_add(start, u);
-    s->gap = sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), fallback,
-                               &normal);
-    s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
-    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
-    if (work->renew)
+    const sb_vec3 none = {0, 0, 0};
+    sb_vec3 normal, way = none, slip = none;
+    for (int a = 0; a < count; a++)
+        way = sb_v3_madd(way, s->weights[a], u[a]);
+    s->point = sb_v3_add(s->start, way);
+    s->gap =
+        sbi_tool_distance(tool->shape, tool->chain_balance, sbi_pose_to_tool(&tool->balance, s->point), none, &normal);
+    s->clear = sbi_contact_clear(tool, s->gap);
+    if (sb_v3_dot(normal, normal) > 0) /* else it lies on the skeleton, and keeps the normal that it had */
+        s->normal = sbi_pose_turn_to_space(&tool->balance, normal);
+    if (renew)
         s->bound = tool->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
+    if (s->memory - s->k * s->gap > 0 || s->bound > 0) { /* it touches, or friction is still to be renewed */
+        if (sbi_contact_is_hung(tool))
+            s->carried =
+                sb_v3_sub(sbi_pose_to_space(&tool->balance, sbi_pose_to_tool(&tool->from, s->start)), s->start);
+        slip = sb_v3_sub(way, s->carried);
+    }
+    s->slip = sb_v3_norm(sbi_contact_tangential(slip, s->normal));
     s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, slip, s->remembered, s->bound);
+}
+
+SBI_API void sbi_contact_evaluate_again(sb_contact *contact, sbi_contact_sample *s)
+{
+    const sbi_contact_patch *patch = contact->patches + s->patch;
+    sbi_contact_evaluate_sample(contact->tools + patch->tool, patch->seen, contact->faces->sizes[patch->face], 0, s);
+}
+
+/* Takes du of a patch; returns how far (m) its samples and the tool may have moved against each other since the last
+ * evaluation. What is no number makes it none. */
+static sb_real sbi_contact_take_motion(const sbi_contact_work *work, sbi_contact_patch *patch)
+{
+    const sb_contact *contact = work->contact;
+    sb_real square = 0;
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+        sb_vec3 u = work->du[patch->nodes[a]], way = sb_v3_sub(u, patch->seen[a]);
+        square += sb_v3_dot(way, way);
+        patch->seen[a] = u;
+    }
+    return sbi_contact_face_rule(contact->faces, patch->face, patch->parts)->spread * sb_sqrt(square) +
+           contact->tools[patch->tool].shift;
+}
+
+/* 1 when a sample did not touch and has not come near enough since. */
+static int sbi_contact_stays_off(const sbi_contact_sample *s)
+{
+    return s->answer.state == SBI_CONTACT_OFF && s->bound == 0 && s->k * s->clear > s->memory;
 }
 
 static void sbi_contact_evaluate_chunk(void *user, int chunk)
@@ -72889,17 +73730,41 @@ static void sbi_contact_evaluate_chunk(void *user, int chunk)
     int first = work->first + chunk * SBI_CONTACT_CHUNK, last = sbi_min_int(first + SBI_CONTACT_CHUNK, work->last);
     for (int p = first; p < last; p++) {
         sbi_contact_patch *patch = contact->patches + p;
+        const sbi_contact_tool *tool = contact->tools + patch->tool;
+        sb_real motion = sbi_contact_take_motion(work, patch);
+        int count = contact->faces->sizes[patch->face];
         patch->touching = 0;
         for (int i = patch->first; i < patch->first + patch->count; i++) {
-            sbi_contact_evaluate_sample(work, patch, contact->samples + i);
-            patch->touching += contact->samples[i].answer.state != SBI_CONTACT_OFF;
+            sbi_contact_sample *s = contact->samples + i;
+            s->clear -= motion;
+            if (sbi_contact_stays_off(s))
+                continue;
+            sbi_contact_evaluate_sample(tool, patch->seen, count, work->renew, s);
+            patch->touching += s->answer.state != SBI_CONTACT_OFF;
         }
+    }
+}
+
+/* How far tools that give way have gone since their last evaluation. */
+static void sbi_contact_follow_tools(const sbi_contact_work *work)
+{
+    sb_contact *contact = work->contact;
+    for (int p = work->first, last = -1; p < work->last; p++) {
+        sbi_contact_tool *tool = contact->tools + contact->patches[p].tool;
+        if (contact->patches[p].tool == last)
+            continue;
+        last = contact->patches[p].tool;
+        tool->shift = sbi_contact_is_hung(tool) ? sbi_tool_motion(tool->shape, tool->chain_balance, &tool->seen,
+                                                                  tool->chain_balance, &tool->balance)
+                                                : 0;
+        tool->seen = tool->balance;
     }
 }
 
 SBI_API void sbi_contact_evaluate_patches(sbi_contact_work *work)
 {
     int count = work->last - work->first, chunks = count / SBI_CONTACT_CHUNK + (count % SBI_CONTACT_CHUNK != 0);
+    sbi_contact_follow_tools(work);
     sbi_run(sbi_body_jobs(work->contact->body), sbi_contact_evaluate_chunk, work, chunks);
 }
 
@@ -75128,6 +75993,8 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
     for (int f = 0; f < count; f++) {
         int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
         const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        if (sbi_contact_clearance_at(faces, face, x, shape, chain, pose) > least)
+            continue;
         for (int s = 0; s < rule->count; s++) {
             sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)s * faces->sizes[face],
                                           sbi_contact_face_nodes(faces, face), faces->sizes[face], x);
@@ -75335,6 +76202,24 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
     return !(gap > before); /* a body that was put deep into a tool may come out */
 }
 
+/* 1 when no sample of a face can be crossing: none lies deep enough, nor goes far enough or comes near enough. */
+static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_tool *tool, int face,
+                                  const sbi_contact_rule *rule)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    sb_vec3 ends[SB_MAX_FACE_NODES];
+    sb_real square = 0, way, gap, inner = sbi_tool_inner_radius(tool->shape);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        sb_vec3 start = contact->x[nodes[a]], against;
+        ends[a] = sb_v3_add(start, contact->moved[nodes[a]]);
+        against = sb_v3_sub(sbi_pose_to_tool(&tool->balance, ends[a]), sbi_pose_to_tool(&tool->reached, start));
+        square += sb_v3_dot(against, against);
+    }
+    way = rule->spread * sb_sqrt(square);
+    gap = sbi_contact_clearance(contact->faces, face, ends, tool->shape, tool->chain_balance, &tool->balance);
+    return gap > -SBI_SWEEP_DEEPEST * inner && (way < SBI_SWEEP_FARTHEST * inner || gap > way);
+}
+
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
@@ -75348,6 +76233,8 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
         int count = faces->sizes[face];
         const int *nodes = sbi_contact_face_nodes(faces, face);
         const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        if (sbi_sweep_face_is_safe(contact, tool, face, rule))
+            continue;
         for (int s = 0; s < rule->count; s++) {
             const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
             sb_vec3 x1 =
@@ -75926,7 +76813,8 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
         sb_vec3 at = sbi_contact_mean(weights, nodes, count, x), normal, ahead, carried;
         sbi_contact_sample *sample = contact->samples + contact->sample_count;
         sb_real gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
-                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal);
+                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal),
+                clear = gap;
         if (gap >= view->reach && view->dt > 0) {
             ahead = sb_v3_madd(at, view->dt, sbi_contact_mean(weights, nodes, count, view->velocity));
             gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
@@ -75943,9 +76831,23 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
         sample->weights = weights;
         sample->carried = sb_v3_sub(carried, at);
         sample->normal = out;
+        sample->start = at;
+        sample->clear = sbi_contact_clear(view->tool, clear);
         contact->sample_count++;
     }
     return 1;
+}
+
+/* 1 when no sample of a face is near the tool, neither where it is nor where it would go. */
+static int sbi_contact_is_far(const sb_contact *contact, const sbi_contact_view *view)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, view->face);
+    sb_real square = 0, ahead;
+    for (int a = 0; a < contact->faces->sizes[view->face]; a++)
+        square += sb_v3_dot(view->velocity[nodes[a]], view->velocity[nodes[a]]);
+    ahead = sbi_contact_face_rule(contact->faces, view->face, view->parts)->spread * view->dt * sb_sqrt(square);
+    return sbi_contact_clearance_at(contact->faces, view->face, contact->x, view->tool->shape,
+                                    view->tool->chain_balance, &view->tool->balance) > view->reach + ahead;
 }
 
 /* A patch of a face with samples near the tool, if there are any. 0: no room is left. */
@@ -75955,6 +76857,8 @@ static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *vi
     sbi_contact_patch *patch = contact->patches + contact->patch_count;
     const int *nodes = sbi_contact_face_nodes(faces, view->face);
     int first = contact->sample_count;
+    if (sbi_contact_is_far(contact, view))
+        return 1;
     if (contact->patch_count == contact->patch_room)
         return 0;
     if (!sbi_contact_add_samples(contact, view))
@@ -75993,8 +76897,9 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
     const sbi_contact_faces *faces = contact->faces;
     sbi_contact_forget_nodes(contact);
     for (int t = 0; t < contact->max_tools; t++) {
-        const sbi_contact_tool *tool = contact->tools + t;
+        sbi_contact_tool *tool = contact->tools + t;
         const int *near = contact->near + (size_t)t * (size_t)faces->face_room;
+        tool->seen = tool->balance;
         for (int f = 0; tool->shape && f < tool->face_count; f++) {
             sbi_contact_view view;
             const sbi_contact_kind *kind = &faces->kinds[faces->sizes[near[f]]];
@@ -76055,6 +76960,57 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
         const sbi_contact_patch *patch = contact->patches + contact->samples[i].patch;
         contact->samples[i].k = contact->region_sum[(size_t)patch->tool * (size_t)contact->region_room +
                                                     (size_t)contact->faces->regions[patch->face]];
+    }
+}
+
+/* Least of rate m_a / S_a of a patch's nodes, by which no node would have more than its share alone. */
+static sb_real sbi_contact_light(const sb_contact *contact, const sbi_contact_patch *patch, const sbi_touch_step *step)
+{
+    sb_real least = SB_REAL_MAX;
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+        int node = contact->nodes[patch->nodes[a]];
+        sb_real area = sbi_contact_node_area(contact->faces, node);
+        least = sb_min(least, area > 0 ? step->rate * step->masses[node] / area : 0);
+    }
+    return least;
+}
+
+/* stiffness_by_node += what a patch loads its nodes with (N/m), which no pattern of motion exceeds:
+ *     x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
+static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *patch)
+{
+    int count = contact->faces->sizes[patch->face];
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real sum = 0;
+        for (int a = 0; a < count; a++)
+            sum += sb_abs(s->weights[a]);
+        for (int a = 0; a < count; a++)
+            contact->stiffness_by_node[patch->nodes[a]] += s->area * s->k * sum * sb_abs(s->weights[a]);
+    }
+}
+
+/* Of an explicit substep: as stiff as the nodes' masses admit, of all tools together. */
+static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_step *step)
+{
+    memset(contact->stiffness_by_node, 0, (size_t)contact->touch.node_count * sizeof *contact->stiffness_by_node);
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real k = sbi_contact_light(contact, patch, step);
+        for (int i = patch->first; i < patch->first + patch->count; i++)
+            contact->samples[i].k = k;
+        sbi_contact_add_load(contact, patch);
+    }
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real share = 1;
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+            sb_real load = contact->stiffness_by_node[patch->nodes[a]];
+            sb_real most = step->rate * step->masses[contact->nodes[patch->nodes[a]]];
+            share = load > most ? sb_min(share, most / load) : share;
+        }
+        for (int i = patch->first; i < patch->first + patch->count; i++)
+            contact->samples[i].k *= share;
     }
 }
 
@@ -76119,6 +77075,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     int thin = 0;
     sb_result result = sbi_contact_update_faces(contact, error);
     contact->is_solved = 0;
+    contact->is_explicit = step->masses != NULL;
     if (result == SB_OK && !(step->dt > 0) && !contact->kept) {
         sbi_contact_keep_before(contact);
         contact->kept = 1;
@@ -76141,9 +77098,13 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         return result;
     }
     sbi_contact_begin_hung(contact);
-    sbi_contact_stiffen(contact, step->matrix);
+    if (contact->is_explicit)
+        sbi_contact_stiffen_explicit(contact, step);
+    else
+        sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
-    sbi_contact_remember_pressures(contact);
+    if (!contact->is_explicit)
+        sbi_contact_remember_pressures(contact);
     sbi_pairs_stiffen(contact);
     sbi_pairs_remember(contact);
     contact->touch.nodes = contact->nodes;
@@ -76345,10 +77306,13 @@ static void sbi_contact_sum_wrenches(sb_contact *contact)
     }
 }
 
-static void sbi_contact_keep_nearest(sb_contact *contact, const sbi_contact_sample *s)
+static void sbi_contact_keep_nearest(sb_contact *contact, sbi_contact_sample *s)
 {
     const sbi_contact_patch *patch = contact->patches + s->patch;
     sbi_contact_nearest *nearest = &contact->tools[patch->tool].nearest;
+    if (nearest->known && !(s->clear < nearest->gap))
+        return;
+    sbi_contact_evaluate_again(contact, s);
     if (nearest->known && !(s->gap < nearest->gap))
         return;
     nearest->known = 1;
@@ -76370,7 +77334,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
     contact->step_info.touching = contact->step_info.sticking = 0;
     contact->step_info.deepest = 0;
     for (int i = 0; i < contact->sample_count; i++) {
-        const sbi_contact_sample *s = contact->samples + i;
+        sbi_contact_sample *s = contact->samples + i;
         if (!(s->answer.pressure > 0)) {
             sbi_contact_keep_nearest(contact, s);
             continue;
@@ -76424,6 +77388,28 @@ static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *over
     sbi_pairs_measure_overlap(contact, overlap, pushed);
 }
 
+/* An increment of a static solve is done: tools are there. */
+static void sbi_contact_keep_stage(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        tool->stage = tool->balance;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_kept[i] = tool->chain_next[i];
+    }
+}
+
+/* Tools of a static solve go back to the last increment that was done. */
+static void sbi_contact_take_stage(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        tool->next = tool->balance = tool->stage;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_next[i] = tool->chain_kept[i];
+    }
+}
+
 /* Samples remember their pressures until they alone hold the surface off the tools. */
 static int sbi_contact_balance(void *user, int round)
 {
@@ -76442,9 +77428,9 @@ static int sbi_contact_balance(void *user, int round)
     sbi_contact_keep_pressures(contact, 0);
     sbi_pairs_keep_pressures(contact, 0);
     sbi_contact_keep_entries(contact);
-    for (int t = 0; t < contact->max_tools; t++)
-        contact->tools[t].stage = contact->tools[t].balance;
+    sbi_contact_keep_stage(contact);
     sbi_contact_keep_springs(contact);
+    contact->is_solved = 1; /* until another increment begins */
     return 0;
 }
 
@@ -76464,22 +77450,26 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (!contact->is_static) {
-        sbi_contact_keep_pressures(contact, 1);
+    if (contact->is_static) {
+        sbi_contact_take_stage(contact);
+    } else {
+        if (contact->is_explicit)
+            contact->pressure_count = 0; /* by substeps they would swing up: the matrix is too stiff for them */
+        else
+            sbi_contact_keep_pressures(contact, 1);
         sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
         sbi_contact_keep_springs(contact);
+        contact->is_solved = !contact->is_explicit;
     }
     sbi_contact_commit_springs(contact);
-    for (int t = 0; contact->is_static && t < contact->max_tools; t++)
-        contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
     contact->step_info.capped = contact->touch.capped;
+    contact->step_info.mended = contact->touch.mended;
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
-    contact->is_solved = 1;
     contact->kept = 0;
     sbi_contact_forget_nodes(contact);
 }
@@ -76500,7 +77490,7 @@ static void sbi_contact_undo(void *user)
     contact->touch.links = 0;
     if (contact->kept)
         sbi_contact_go_back(contact);
-    contact->kept = 0;
+    contact->kept = contact->is_solved = 0;
     sbi_contact_forget_nodes(contact);
 }
 
@@ -77587,6 +78577,8 @@ SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact)
 
 #define SBI_CONTACT_COOKIE 0xc0117ac7u
 enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+/* Squares of the highest frequency of a mesh over those of its nodes held alone, tr K_aa / 3 m_a: some 2 to 4. */
+#define SBI_CONTACT_SHARE ((sb_real)3)
 
 SB_API sb_contact_def sb_default_contact_def(void)
 {
@@ -77631,9 +78623,11 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
                         (double)def->pair_distance);
     if (sbi_body_get_touch(def->body))
         return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
-    if (!sbi_body_is_implicit(def->body))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
+    if (!sbi_body_is_implicit(def->body) && def->pairs)
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): tools touch it, but not its organs each "
+            "other (def.pairs)");
     return SB_OK;
 }
 
@@ -77708,6 +78702,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
     c->region_room = c->faces->region_count;
     c->touch.max_iterations = def->max_iterations;
+    c->touch.stiffening = def->stiffness / SBI_CONTACT_SHARE;
     c->pairs.kinds = def->pairs;
     c->pairs.friction = def->pair_friction;
     c->pairs.distance = def->pair_distance;
@@ -79382,6 +80377,11 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.contact is NULL: a hand needs the contact of its tool");
     if (sb_contact_reached(def->contact, def->tool, pose, NULL) != SB_OK)
         return sbi_fail(error, SB_ERROR_INDEX, "def.tool is %d: the contact has no such tool", def->tool);
+    if (!sbi_body_is_implicit(def->contact->body))
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): a hand feels the stiffness of the system "
+            "that an implicit step solves");
     if (sbi_contact_is_hung(def->contact->tools + def->tool))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);

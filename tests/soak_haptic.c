@@ -1,6 +1,7 @@
 /* soak_haptic: hands on the call at 1 kHz for a simulated day.
  *
- *     soak_haptic        SOAK_HOURS=24 for each row, or SOAK_SECONDS=5 of the processor for all rows together
+ *     soak_haptic        SOAK_HOURS=24 for each row, or SOAK_SECONDS=5 of the processor for all rows together,
+ *                        SOAK_SEED=2026 for other hands: a day may be run as hours of several seeds
  *
  * Random hands, tissues that stiffen, creep, slide and breathe, steps at 60 and 100 Hz with jitter and stalls to 0.3 s,
  * calls from 0.5 to 2.5 ms apart (tests/haptic_hand.h). What a hand was given beyond the bank must stay below 10 mJ,
@@ -39,7 +40,7 @@ static const soak_row rows[] = {
 };
 enum { ROWS = sizeof rows / sizeof rows[0] };
 
-static int soak_begin(hand_scene *s, const soak_row *row)
+static int soak_begin(hand_scene *s, const soak_row *row, unsigned long long seed)
 {
     sb_haptic_def def = sb_default_haptic_def();
     hand_case is = hand_usual();
@@ -59,7 +60,7 @@ static int soak_begin(hand_scene *s, const soak_row *row)
         is.wander = 0;
     else
         is.stalls = 0.002;
-    return hand_begin(s, &is, &def, 2026);
+    return hand_begin(s, &is, &def, seed);
 }
 
 static void soak_tell(const soak_row *row, const hand_scene *s, double spent)
@@ -70,7 +71,7 @@ static void soak_tell(const soak_row *row, const hand_scene *s, double spent)
     fflush(stdout);
 }
 
-static int soak_row_run(const soak_row *row, double hours, double seconds)
+static int soak_row_run(const soak_row *row, unsigned long long seed, double hours, double seconds)
 {
     static hand_scene s;
     clock_t start = clock();
@@ -78,7 +79,7 @@ static int soak_row_run(const soak_row *row, double hours, double seconds)
     long told = 0;
     check.failures = 0;
     check.test = row->name;
-    if (!soak_begin(&s, row))
+    if (!soak_begin(&s, row, seed))
         return 0;
     while (seconds > 0 ? spent < seconds : s.time < 3600 * hours) {
         for (int i = 0; i < 1000; i++) {
@@ -100,10 +101,11 @@ static int soak_row_run(const soak_row *row, double hours, double seconds)
 
 int main(void)
 {
-    const char *hours = getenv("SOAK_HOURS"), *seconds = getenv("SOAK_SECONDS");
+    const char *hours = getenv("SOAK_HOURS"), *seconds = getenv("SOAK_SECONDS"), *seed = getenv("SOAK_SEED");
     int passed = 0;
     for (int i = 0; i < ROWS; i++)
-        passed += soak_row_run(rows + i, hours && *hours ? strtod(hours, NULL) : 24,
+        passed += soak_row_run(rows + i, seed && *seed ? strtoull(seed, NULL, 10) : 2026,
+                               hours && *hours ? strtod(hours, NULL) : 24,
                                seconds && *seconds ? strtod(seconds, NULL) / (double)ROWS : 0);
     printf("%d passed, %d failed, 0 skipped\n", passed, ROWS - passed);
     return passed != ROWS;

@@ -1,4 +1,7 @@
 /* test_contact_static: contact in static solves, and on meshes that change. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/contact/contact_private.h"
+
 #include <math.h>
 
 #include "follow_change.h"
@@ -227,6 +230,49 @@ static void test_refused_after_another(void)
     press_free(&p);
 }
 
+/* A solve that fails on its way and keeps what it reached: readings are of there, but the system of there is gone. */
+static void test_keep_progress(void)
+{
+    press p = changing_press();
+    sb_static_options options = sb_default_static_options();
+    const sb_vec3 straight[2] = {{REAL(-0.01), 0, 0}, {REAL(0.01), 0, 0}},
+                  bent[2] = {{REAL(-0.01), 0, 0}, {REAL(0.01), 0, REAL(0.004)}};
+    sb_tool_def chain = sb_default_tool_def();
+    sb_pose goal = chain.pose, reached;
+    sb_step_info info;
+    sb_wrench wrench;
+    sb_real k[6][6], share, held = 0;
+    int second;
+    chain.shape = SB_TOOL_CAPSULES;
+    chain.points = straight;
+    chain.point_count = 2;
+    chain.radius = REAL(0.004);
+    chain.pose.position = sb_v3(REAL(0.03), REAL(0.03), REAL(0.2));
+    CHECK_OK(sb_contact_add_tool(p.contact, &chain, &second, NULL));
+    CHECK_OK(sb_contact_bend_tool(p.contact, second, bent));
+    goal.position = sb_v3(REAL(0.03), REAL(0.03), REAL(0.0005));
+    CHECK_OK(sb_contact_move_tool(p.contact, p.tool, &goal));
+    options.load_steps = 16;
+    options.keep_progress = 1;
+    options.max_newton = 4; /* soon too few */
+    CHECK(sb_body_solve_static(p.body, &options, &info) != SB_OK);
+    CHECK(info.load_steps > 1 && info.load_factor < 1);
+    share = info.load_factor;
+    CHECK_OK(sb_contact_reached(p.contact, p.tool, &reached, NULL));
+    CHECK_NEAR(reached.position.z, 0.0505 - (0.0505 - 0.0005) * (double)share, scene_tolerance(1e-12, 1e5));
+    CHECK_NEAR(p.contact->tools[second].chain_reached[1].z, 0.004 * (double)share, scene_tolerance(1e-12, 1e5));
+    CHECK_OK(sb_contact_wrench(p.contact, p.tool, &wrench));
+    for (int i = 0; i < p.mesh.node_count; i++)
+        held += sb_body_reactions(p.body)[i].z;
+    CHECK_NEAR(held / wrench.force.z, 1, scene_tolerance(1e-5, 1e4));
+    CHECK_RESULT(sb_contact_stiffness(p.contact, p.tool, k), SB_ERROR_STATE);
+    CHECK_OK(sb_contact_move_tool(p.contact, p.tool, &reached));
+    CHECK_OK(sb_body_solve_static(p.body, NULL, NULL));
+    CHECK_OK(sb_contact_stiffness(p.contact, p.tool, k));
+    CHECK(k[2][2] < 0);
+    press_free(&p);
+}
+
 CHECK_SUITE(contact_static, {"Hertz", test_hertz}, {"undo", test_undo}, {"held by tools alone", test_held_by_tools},
             {"changes of the mesh", test_changes}, {"another mesh", test_another_mesh},
-            {"refused after another", test_refused_after_another});
+            {"refused after another", test_refused_after_another}, {"keeps what it reached", test_keep_progress});

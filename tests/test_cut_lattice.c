@@ -863,7 +863,7 @@ static void test_four_points(void)
             parted = parted_random(&lattice, check_random_in(&seed, 0.3, 1), &seed);
             sbi_parted_moments(&parted, 0, moments);
             for (int k = 0; k < parted.piece_count; k++) {
-                sbi_piece piece = sbi_piece_make(moments[k].centre, &moments[k].spread);
+                sbi_piece piece = sbi_piece_make(moments[k].centre, &moments[k].spread, NULL);
                 sb_real points[4][3], masses[10];
                 double tolerance = scene_tolerance(1e-11, 64);
                 CHECK(sbi_piece_is_sound(&piece));

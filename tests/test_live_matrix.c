@@ -881,6 +881,7 @@ static sb_embedding *points_in(const live_mesh *m, sb_embedding_kind kind, doubl
     unsigned char *used = (unsigned char *)malloc((size_t)m->cell_end);
     memset(used, 1, (size_t)m->cell_end);
     memset(&mesh, 0, sizeof mesh);
+    memset(&slots, 0, sizeof slots);
     mesh.element_type = SB_TET4;
     mesh.node_count = m->node_end;
     mesh.element_count = m->cell_end;

@@ -239,6 +239,7 @@
 #define sb_body_cell_share sb_body_cell_share_f32
 #define sb_body_rest_positions sb_body_rest_positions_f32
 #define sb_body_mesh_version sb_body_mesh_version_f32
+#define sb_body_find_cell sb_body_find_cell_f32
 #define sb_body_get_mesh sb_body_get_mesh_f32
 #define sb_body_live_check sb_body_live_check_f32
 #define sb_body_listen sb_body_listen_f32

@@ -157,6 +157,7 @@ SBI_API void sbi_body_release(sb_body *body)
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
         sbi_load_release(&allocator, body->loads + i);
+    sbi_free(&allocator, body->tractions);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
     sbi_elimination_free(body->elimination);

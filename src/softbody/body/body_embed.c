@@ -14,6 +14,8 @@ static sb_result sbi_body_embed_load(sb_embedding *embedding, const sb_body *bod
     mesh.nodes = body->reference;
     mesh.cells = body->domain.cells;
     mesh.used = body->live->cells.used;
+    mesh.find_cell = body->live->find;
+    mesh.find_user = body->live->find_user;
     return sbi_embed_follower_load(embedding, &mesh, error);
 }
 

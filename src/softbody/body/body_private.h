@@ -33,8 +33,9 @@ typedef struct sbi_load {
 
     sb_element_type *face_types;         /* [row_count] of a pressure */
     sb_real pressure, balanced_pressure; /* Pa */
+    int has_parts;                       /* 1: some of its faces are cut */
 
-    sb_real *weights;                        /* [row_start[row_count]]; rows only, as all below */
+    sb_real *weights; /* [row_start[row_count]] of rows; of a pressure see sbi_body_face_loads, where it has parts */
     sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                         * and not as a position, the force has the displacement's precision */
@@ -47,6 +48,12 @@ typedef struct sbi_load {
     void *fill_user;
     double net[6]; /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
+
+/* A traction on a face, or on a piece's part of it. */
+typedef struct sbi_traction {
+    int nodes[3];
+    sb_vec3 stress; /* Pa on undeformed area */
+} sbi_traction;
 
 /* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
 typedef struct sbi_step_guard {
@@ -178,10 +185,12 @@ struct sb_body {
     sb_real *load_mass;   /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
 
     /* supports and loads */
-    unsigned char *fixed; /* [node_count] axes as bits; unreferenced nodes always all */
-    sb_vec3 *target;      /* [node_count] target displacement of fixed axes (m) */
-    sb_vec3 *dead_load;   /* [node_count] forces and tractions (N) */
-    sbi_load *loads;      /* [load_count] by ascending id */
+    unsigned char *fixed;    /* [node_count] axes as bits; unreferenced nodes always all */
+    sb_vec3 *target;         /* [node_count] target displacement of fixed axes (m) */
+    sb_vec3 *dead_load;      /* [node_count] forces and tractions (N) */
+    sbi_traction *tractions; /* what of it are tractions, of a body that may be cut */
+    int traction_count, traction_capacity;
+    sbi_load *loads; /* [load_count] by ascending id */
     int load_count, load_capacity, last_load_id;
     int tie_count, tie_capacity;  /* parts that rows of mappings tie to each other */
     int *tie_of;                  /* [component_count] number among the tied parts, or -1 */
@@ -266,6 +275,12 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
 /* The same for any command. */
 SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
 
+/* Room for so many more tractions by face. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error);
+/* dead_load += what a traction on a face of tet4, or a part of one, gives its nodes. */
+SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *traction, sb_vec3 *dead_load);
+/* What of its faces is material, as the body's cells are now; does nothing but for a pressure. */
+SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load);
 /* Frees its arrays. */
 SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load);
 
@@ -363,6 +378,9 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* What of a face of tet4, as found, is material: int N dA over the cells behind it, over the face's area, by its nodes;
+ * all of it unless cells are pieces. */
+SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3]);
 /* 1 when the named corners of an element (all different) are those of the list. */
 SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */

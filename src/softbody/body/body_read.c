@@ -52,6 +52,13 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
     return body->live ? body->live->shares[cell] : 1;
 }
 
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3])
+{
+    if (!xi || !sb_body_cell_in_use(body, cell))
+        return -1;
+    return body->live && body->live->find ? body->live->find(body->live->find_user, cell, xi) : cell;
+}
+
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
 SB_API int sb_body_mesh_version(const sb_body *body) { return body && body->live ? body->live->version : 0; }
 

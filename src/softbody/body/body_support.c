@@ -71,6 +71,25 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     return SB_OK;
 }
 
+SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3])
+{
+    loads[0] = loads[1] = loads[2] = 0;
+    for (int at = sbi_live_first_cell(body, nodes[0]); at >= 0; at = sbi_live_next_cell(body, nodes[0], at)) {
+        int e = sbi_live_cell_of(body, at), local[SB_MAX_FACE_NODES];
+        const int *cell = body->domain.cells + 4 * (size_t)e;
+        for (int face = 0; face < 4; face++) {
+            int count = sb_element_face(SB_TET4, face, local, NULL);
+            if (!sbi_body_has_corners(nodes, cell, local, count))
+                continue;
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 3; k++)
+                    if (cell[local[k]] == nodes[i])
+                        loads[i] +=
+                            sbi_live_is_piece(body, e) ? body->live->pieces[e].faces[face][k] : sbi_piece_whole_load();
+        }
+    }
+}
+
 /* ---- supports ---- */
 
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)

@@ -548,6 +548,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->listener_count = live->listener_count;
     made->listener_capacity = live->listener_capacity;
     made->last_listener = live->last_listener;
+    made->find = live->find;
+    made->find_user = live->find_user;
     live->open = NULL;
     live->listeners = NULL;
     live->listener_count = 0;

@@ -18,7 +18,9 @@ enum {
     SBI_CHANGE_REMOVE_CELL = 6,
     SBI_CHANGE_SLIDE_NODE = 7, /* a move with sources */
     SBI_CHANGE_ADD_PIECE = 8,  /* cells with moments */
-    SBI_CHANGE_REPLACE_PIECE = 9
+    SBI_CHANGE_REPLACE_PIECE = 9,
+    SBI_CHANGE_ADD_PART = 10, /* cells with moments and loads of faces */
+    SBI_CHANGE_REPLACE_PART = 11
 };
 /* Moments in the log: centroid, and covariance row by row. */
 enum { SBI_CHANGE_MOMENTS = 12 };
@@ -75,7 +77,7 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
         !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
         !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
         !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
-        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS))
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8 + SBI_CHANGE_MOMENTS + SBI_PIECE_FACES))
         return sbi_change_no_memory(error);
     return SB_OK;
 }
@@ -156,6 +158,7 @@ static void sbi_change_clear(sb_body_change *change)
     change->made_cells.count = change->removed_cells.count = 0;
     change->entries.count = change->corners.count = 0;
     change->log_ints.count = change->log_reals.count = 0;
+    change->found.count = change->found_next = 0;
 }
 
 /* An empty change with room in its lists for so many cells, or NULL. */
@@ -170,7 +173,7 @@ static sb_body_change *sbi_change_make(sb_body *body, int cells)
         !SBI_CHANGE_ROOM(change, removed_cells, cells) || !SBI_CHANGE_ROOM(change, entries, 4 * cells) ||
         !SBI_CHANGE_ROOM(change, corners, cells * body->domain.nodes_per_cell) ||
         !SBI_CHANGE_ROOM(change, log_ints, (12 + body->domain.nodes_per_cell) * cells) ||
-        !SBI_CHANGE_ROOM(change, log_reals, 12 * cells) ||
+        !SBI_CHANGE_ROOM(change, log_reals, (12 + SBI_PIECE_FACES) * cells) ||
         !sbi_change_copy_slots(change, &change->nodes, &body->live->nodes, &change->node_at) ||
         !sbi_change_copy_slots(change, &change->cells, &body->live->cells, &change->cell_at)) {
         sbi_change_destroy(change);
@@ -236,6 +239,7 @@ SBI_API void sbi_change_destroy(sb_body_change *change)
     sbi_free(&allocator, change->corners.items);
     sbi_free(&allocator, change->log_ints.items);
     sbi_free(&allocator, change->log_reals.items);
+    sbi_free(&allocator, change->found.items);
     sbi_free(&allocator, change);
 }
 
@@ -472,12 +476,15 @@ static int sbi_change_region(const sb_body *body, int region)
     return -1;
 }
 
-static sb_result sbi_change_check_moments(const sb_body *body, const sb_cell_moments *moments, sb_error *error)
+static sb_result sbi_change_check_moments(const sb_body *body, const sb_change_cell *cell, sb_error *error)
 {
-    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance);
+    const sb_cell_moments *moments = cell->moments;
+    sbi_piece piece = sbi_piece_make(moments->centroid, &moments->covariance, cell->face_loads);
     int finite = sb_v3_is_finite(moments->centroid);
     for (int i = 0; i < 3; i++)
         finite &= sb_v3_is_finite(sb_m3_column(moments->covariance, i));
+    for (int k = 0; k < SBI_PIECE_FACES; k++)
+        finite &= sb_is_finite(piece.faces[k / 3][k % 3]);
     if (!finite)
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the moments of a cell are not finite");
     if (!sbi_piece_is_sound(&piece))
@@ -503,7 +510,9 @@ static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_c
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
     if (cell->fibre && !body->fibres)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
-    return cell->moments ? sbi_change_check_moments(body, cell->moments, error) : SB_OK;
+    if (cell->face_loads && (!cell->moments || body->domain.element_type != SB_TET4))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "loads of faces go with the moments of a piece of tet4");
+    return cell->moments ? sbi_change_check_moments(body, cell, error) : SB_OK;
 }
 
 static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *cell)
@@ -520,6 +529,8 @@ static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *ce
         for (int i = 0; i < 9; i++)
             sbi_change_log_real(change, cell->moments->covariance.m[i / 3][i % 3]);
     }
+    for (int k = 0; cell->face_loads && k < SBI_PIECE_FACES; k++)
+        sbi_change_log_real(change, cell->face_loads[k / 3][k % 3]);
 }
 
 /* Puts a checked cell into a slot that was taken for it; there is room. */
@@ -533,7 +544,7 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     made->parent = parent;
     made->share = cell->share;
     if (cell->moments)
-        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance);
+        made->piece = sbi_piece_make(cell->moments->centroid, &cell->moments->covariance, cell->face_loads);
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
                      : parent >= 0           ? body->cell_material[parent]
                                              : 0;
@@ -572,7 +583,9 @@ SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change
     if (result != SB_OK)
         return result;
     slot = sbi_slots_take(&change->cells);
-    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_ADD_PIECE : SBI_CHANGE_ADD_CELL);
+    sbi_change_log_int(change, cell->face_loads ? SBI_CHANGE_ADD_PART
+                               : cell->moments  ? SBI_CHANGE_ADD_PIECE
+                                                : SBI_CHANGE_ADD_CELL);
     sbi_change_log_cell(change, cell);
     sbi_change_put_cell(change, slot, cell, parent);
     if (number)
@@ -594,7 +607,9 @@ SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number,
         result = sbi_change_reserve(change, 0, error);
     if (result != SB_OK)
         return result;
-    sbi_change_log_int(change, cell->moments ? SBI_CHANGE_REPLACE_PIECE : SBI_CHANGE_REPLACE_CELL);
+    sbi_change_log_int(change, cell->face_loads ? SBI_CHANGE_REPLACE_PART
+                               : cell->moments  ? SBI_CHANGE_REPLACE_PIECE
+                                                : SBI_CHANGE_REPLACE_CELL);
     sbi_change_log_int(change, number);
     sbi_change_log_cell(change, cell);
     sbi_change_drop_cell(change, number);
@@ -667,10 +682,13 @@ static int sbi_change_next_list(sbi_change_reader *reader, const int **nodes, co
 /* Makes a cell again. */
 static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reader *reader, int call, sb_error *error)
 {
-    int replaces = call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE;
+    int replaces =
+        call == SBI_CHANGE_REPLACE_CELL || call == SBI_CHANGE_REPLACE_PIECE || call == SBI_CHANGE_REPLACE_PART;
+    int is_part = call == SBI_CHANGE_ADD_PART || call == SBI_CHANGE_REPLACE_PART;
     int nodes[SB_MAX_ELEMENT_NODES], has_fibre, number = replaces ? sbi_change_next_int(reader) : -1;
     sb_change_cell cell = sb_default_change_cell();
     sb_cell_moments moments;
+    sb_real face_loads[4][3];
     sb_vec3 fibre;
     cell.parent = sbi_change_next_int(reader);
     cell.region = sbi_change_next_int(reader);
@@ -681,12 +699,15 @@ static sb_result sbi_change_replay_cell(sb_body_change *change, sbi_change_reade
     cell.share = sbi_change_next_real(reader);
     fibre = sbi_change_next_vector(reader);
     cell.fibre = has_fibre ? &fibre : NULL;
-    if (call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
+    if (is_part || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_PIECE) {
         moments.centroid = sbi_change_next_vector(reader);
         for (int i = 0; i < 9; i++)
             moments.covariance.m[i / 3][i % 3] = sbi_change_next_real(reader);
         cell.moments = &moments;
     }
+    for (int k = 0; is_part && k < SBI_PIECE_FACES; k++)
+        face_loads[k / 3][k % 3] = sbi_change_next_real(reader);
+    cell.face_loads = is_part ? (const sb_real(*)[3])face_loads : NULL;
     if (reader->bad)
         return SB_OK;
     return replaces ? sb_body_change_replace_cell(change, number, &cell, error)
@@ -710,10 +731,16 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    ? sb_body_change_add_node(change, v, list, weights, count, flag, &number, error)
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
-    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_ADD_PIECE || call == SBI_CHANGE_REPLACE_CELL ||
-        call == SBI_CHANGE_REPLACE_PIECE)
+    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL ||
+        (call >= SBI_CHANGE_ADD_PIECE && call <= SBI_CHANGE_REPLACE_PART))
         return sbi_change_replay_cell(change, reader, call, error);
     number = sbi_change_next_int(reader);
+    if (call == SBI_CHANGE_FOUND) {
+        if (!SBI_CHANGE_ROOM(change, found, 1))
+            return sbi_change_no_memory(error);
+        change->found.items[change->found.count++] = number;
+        return SB_OK;
+    }
     if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
         count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
@@ -1004,6 +1031,8 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->made_cell_nodes = lists->made_cell_nodes;
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
+    out->find_cell = change->body->live->find;
+    out->find_user = change->body->live->find_user;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;
     return SB_OK;
@@ -1091,22 +1120,39 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     return result;
 }
 
+/* Room to write down where rows of mappings go; 0: no memory. */
+static int sbi_change_reserve_found(sb_body_change *change)
+{
+    const sb_body *body = change->body;
+    int64_t rows = 0;
+    for (int i = 0; i < body->load_count; i++)
+        rows += body->loads[i].kind == SBI_LOAD_MAPPING ? body->loads[i].row_count : 0;
+    return rows < INT32_MAX / 4 && SBI_CHANGE_ROOM(change, log_ints, 2 * (int)rows);
+}
+
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
 {
     sbi_change_lists lists;
     sb_mesh_change out;
     sb_body *body;
     sb_result result;
+    int calls;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
     body = change->body;
+    calls = change->log_ints.count;
     if (change->version != body->live->version)
         return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
     result = sbi_change_list(change, &lists, &out, error);
+    if (result == SB_OK && !sbi_change_reserve_found(change))
+        result = sbi_change_no_memory(error);
     if (result == SB_OK && !sbi_live_follow(change, &lists, &out, &result, error))
         result = sbi_change_rebuild(change, &out, error);
-    if (result != SB_OK)
+    if (result != SB_OK) {
+        change->log_ints.count = calls; /* without what it found */
+        change->found_next = 0;
         return result;
+    }
     sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
                   change->log_reals.items, (size_t)change->log_reals.count);
     for (int i = 0; i < body->live->listener_count; i++)

@@ -4,6 +4,9 @@
 
 #include "live_private.h"
 
+/* In the log: a cell that a row of a mapping went over to. A commit has room for one of each row. */
+enum { SBI_CHANGE_FOUND = 12 };
+
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
@@ -42,7 +45,7 @@ struct sb_body_change {
     struct {
         int *items;
         int count, capacity;
-    } removed_cells, corners, log_ints;
+    } removed_cells, corners, log_ints, found; /* found: of a replay, see SBI_CHANGE_FOUND */
     struct {
         sbi_change_entry *items;
         int count, capacity;
@@ -54,6 +57,7 @@ struct sb_body_change {
     int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
     int reshaped_most;      /* upper bound of the cells reshaped */
     int version;            /* of the body's mesh at the beginning */
+    int found_next;
 };
 
 /* The arrays behind an sb_mesh_change. */

@@ -66,7 +66,7 @@ static int sbi_live_loads_are_touched(sbi_live_following *work)
     const sb_body *body = work->body;
     const sb_mesh_change *out = work->out;
     int touched = 0;
-    if (!body->load_count)
+    if (!body->load_count && !body->traction_count)
         return 0;
     sbi_live_each_node(work, sbi_live_mark_node);
     for (int i = 0; i < out->removed_node_count; i++)
@@ -76,6 +76,10 @@ static int sbi_live_loads_are_touched(sbi_live_following *work)
     for (int l = 0; l < body->load_count && !touched; l++)
         for (int j = 0; j < body->loads[l].row_count && !touched; j++)
             touched = sbi_live_row_is_touched(work, body->loads + l, j);
+    for (int i = 0; i < body->traction_count && !touched; i++) {
+        const int *nodes = body->tractions[i].nodes, *marks = body->live->node_marks;
+        touched = marks[nodes[0]] && marks[nodes[1]] && marks[nodes[2]];
+    }
     sbi_live_each_node(work, sbi_live_unmark_node);
     for (int i = 0; i < out->removed_node_count; i++)
         body->live->node_marks[out->removed_nodes[i]] = 0;

@@ -32,11 +32,14 @@
  *   (SB_NODE_COPY) only along those that it is asked to keep (SB_NODE_KEEP_X ...). A node moved keeps its supports,
  *   with weighted targets where all its sources have them. A supported node without heirs cannot be removed
  *   (SB_ERROR_ARGUMENT): release it first.
- * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
- * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
- *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
+ * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it. Tractions on faces of tet4 are kept
+ *   by face besides, and go to its parts where it is cut.
+ * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded.
+ * Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
+ * they were, to rounding. What a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
- *   a removed cell becomes the same material point of the cell made there. Points in space stay.
+ *   a removed cell becomes the same material point of the cell made there, of an element that is cut of the piece that
+ *   has it. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
  *   (SB_ERROR_ARGUMENT).
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
@@ -90,6 +93,9 @@ typedef struct sb_change_cell {
                     * leaves part of a cell: stiffness and mass are its share of the whole cell's */
     const sb_cell_moments *moments; /* of the material of a piece of tet4 or straight tet10: mass and points are where
                                      * it is. NULL (default): spread over all of the cell */
+    const sb_real (*face_loads)[3]; /* [4] of a piece of tet4: int N dA over its part of each face (sb_element_face), by
+                                     * the face's corners, over the area of the face: they are >= 0 and sum to its
+                                     * share of the face. NULL (default): all of each face */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 
@@ -147,6 +153,10 @@ SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
 SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
 /* Rises with every change, and with every state loaded whose mesh is another; 0: none yet. */
 SB_API int sb_body_mesh_version(const sb_body *body);
+/* Where cells are pieces of elements, which all have the whole element's shape: the cell with the material at xi of the
+ * element that `cell` is a piece of (largest least barycentric coordinate, then the lowest piece), as the sb_cut that
+ * cut the body knows. The cell itself where it is none, or where nobody knows. -1: no such cell, or NULL. */
+SB_API int sb_body_find_cell(const sb_body *body, int cell, const sb_real xi[3]);
 /* The mesh without free slots, in the order of the slots, with regions. nodes [sb_body_node_count] and cells
  * [sb_body_element_count] become their numbers in it, -1 of free ones; may be NULL. Release with sb_mesh_free.
  * SB_ERROR_ARGUMENT, SB_ERROR_MEMORY leave all untouched. */

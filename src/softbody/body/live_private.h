@@ -29,6 +29,8 @@ SBI_API int sbi_slots_take(sbi_slots *slots);
 SBI_API void sbi_slots_give(sbi_slots *slots, int slot);
 SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot);
 
+typedef int sbi_cell_find(void *user, int cell, const sb_real xi[3]);
+
 typedef struct sbi_listener {
     int id;
     sb_body_listener calls;
@@ -41,8 +43,10 @@ typedef struct sbi_live {
     int piece_count;         /* cells that are pieces */
     sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sb_quadrature_kind rule; /* of the domain's points */
-    int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
-    double slack;            /* of the def */
+    sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
+    void *find_user;
+    int follows;          /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;         /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
                            */
     int *node_marks;      /* [nodes.capacity] zeros between calls */

@@ -1,5 +1,5 @@
 /* live_rows: loads and constraints follow a change of the mesh: their next form is made on the body that comes. */
-#include "live_private.h"
+#include "live_change.h"
 
 #include <string.h>
 
@@ -242,6 +242,50 @@ static int sbi_live_relocate(sbi_live_rows *rows, const int *nodes, const sb_rea
     return 1;
 }
 
+/* sb_body_find_cell in the mesh to come; it is written down, and in a replay as it was written. */
+static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
+{
+    const sbi_live *live = change->body->live;
+    int found = cell;
+    if (change->found_next < change->found.count)
+        found = change->found.items[change->found_next++];
+    else if (live->find)
+        found = live->find(live->find_user, cell, xi);
+    if (!sbi_slots_is_used(&change->cells, found))
+        return cell;
+    change->log_ints.items[change->log_ints.count++] = SBI_CHANGE_FOUND;
+    change->log_ints.items[change->log_ints.count++] = found;
+    return found;
+}
+
+/* A row that is a point in an element that was cut goes over to the piece that has it. 1: done; 0: it is none, or its
+ * cell is no piece. */
+static int sbi_live_repoint(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
+{
+    const sbi_mesh_change *change = rows->change;
+    sb_real shares[4] = {0, 0, 0, 0}, sum = 0;
+    int corner[4], removed = -1, cell = -1, found;
+    if (!rows->next->live->piece_count || rows->body->domain.element_type != SB_TET4 || count > 4)
+        return 0;
+    removed = sbi_live_removed_cell(change, nodes, count);
+    for (int k = 0; k < count && removed >= 0; k++) {
+        corner[k] = 0;
+        while (change->removed_cell_nodes[4 * removed + corner[k]] != nodes[k])
+            corner[k]++;
+        shares[corner[k]] = weights[k];
+        sum += weights[k];
+    }
+    for (int i = 0; i < change->made_cell_count && removed >= 0 && cell < 0; i++)
+        if (change->made_parents[i] == change->removed_cells[removed])
+            cell = change->made_cells[i];
+    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell))
+        return 0;
+    found = sbi_live_find(rows->body->live->open, cell, shares + 1);
+    for (int k = 0; k < count; k++)
+        sbi_live_rows_add(rows, rows->next->domain.cells[4 * (size_t)found + (size_t)corner[k]], weights[k]);
+    return 1;
+}
+
 /* 1 when the row has a node that goes. */
 static int sbi_live_loses_node(const sbi_live_rows *rows, const int *nodes, int count)
 {
@@ -271,6 +315,10 @@ static sb_result sbi_live_carry_row(sbi_live_rows *rows, const sbi_load *load, i
     }
     if (!sbi_live_rows_room(rows, most))
         return sbi_live_rows_no_memory(error);
+    if (load->kind == SBI_LOAD_MAPPING && !lost && sbi_live_repoint(rows, nodes, weights, count)) {
+        sbi_live_rows_close(rows);
+        return SB_OK;
+    }
     if (load->kind == SBI_LOAD_MAPPING && (lost || (count <= 4 && !sbi_live_share_cell(rows->next, nodes, count))) &&
         sbi_live_relocate(rows, nodes, weights, count)) {
         sbi_live_rows_close(rows);
@@ -366,11 +414,26 @@ static int sbi_live_add_face(sbi_live_rows *rows, const sbi_body_face *face)
     return 1;
 }
 
+/* Share of a face of tet4 that is material on these nodes. */
+static sb_real sbi_live_face_share(const sb_body *body, const int *nodes)
+{
+    sb_real loads[3];
+    sbi_body_face_loads(body, nodes, loads);
+    return loads[0] + loads[1] + loads[2];
+}
+
+/* 1 when none of a face is, as pieces of its tet have all of it on other nodes. */
+static int sbi_live_face_is_empty(const sbi_live_rows *rows, const int *nodes)
+{
+    return !(sbi_live_face_share(rows->next, nodes) > 0);
+}
+
 /* Adds the outer faces of a made cell whose nodes are all marked; 0: no memory. */
 static int sbi_live_add_parts(sbi_live_rows *rows, int made)
 {
     sbi_element element = sbi_domain_element(&rows->next->domain);
     int n = rows->change->nodes_per_cell;
+    int pieces = rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET4;
     const int *cell = rows->change->made_cell_nodes + (size_t)made * (size_t)n;
     for (int f = 0; f < sbi_element_face_count(element); f++) {
         int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES], inside = 1, corners;
@@ -383,7 +446,7 @@ static int sbi_live_add_parts(sbi_live_rows *rows, int made)
             inside &= rows->marks[nodes[k]];
         }
         if (!inside || sbi_body_get_face(rows->next, nodes, 0, corners, &face, NULL) != SB_OK || face.inner ||
-            sbi_live_has_face(rows, 0, &face))
+            sbi_live_has_face(rows, 0, &face) || (pieces && sbi_live_face_is_empty(rows, face.nodes)))
             continue;
         if (!sbi_live_add_face(rows, &face))
             return 0;
@@ -391,19 +454,28 @@ static int sbi_live_add_parts(sbi_live_rows *rows, int made)
     return 1;
 }
 
-/* The parts of one face of a pressure, or the face as it is. */
-static sb_result sbi_live_carry_face(sbi_live_rows *rows, const sbi_load *load, int j, sb_error *error)
+/* 1 when cells behind a face that stays are other pieces now: others of them may have parts of it. */
+static int sbi_live_face_is_cut(const sbi_live_rows *rows, const int *nodes, int count)
 {
-    const int *nodes = load->nodes + load->row_start[j];
-    int count = load->row_start[j + 1] - load->row_start[j], lost = sbi_live_loses_node(rows, nodes, count), done = 0;
+    return rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET4 &&
+           sbi_live_removed_cell(rows->change, nodes, count) >= 0;
+}
+
+/* The parts of one face, or the face as it is. */
+static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_element_type type,
+                                     sb_error *error)
+{
+    int lost = sbi_live_loses_node(rows, nodes, count), done = 0;
     sbi_body_face face;
-    if (!lost &&
-        sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(load->face_types[j]), &face, NULL) == SB_OK &&
+    if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(type), &face, NULL) == SB_OK &&
         !face.inner) {
+        int is_cut = sbi_live_face_is_cut(rows, nodes, count);
         if (face.count == count) /* in the order that the load has, whichever cell it is of now */
             memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
-        done = sbi_live_add_face(rows, &face);
-        return done ? SB_OK : sbi_live_rows_no_memory(error);
+        if (!is_cut || !(sbi_live_face_is_empty(rows, nodes) || sbi_live_has_face(rows, 0, &face)))
+            done = sbi_live_add_face(rows, &face);
+        if (!is_cut)
+            return done ? SB_OK : sbi_live_rows_no_memory(error);
     }
     sbi_live_mark_face(rows, nodes, count, 1);
     done = 1;
@@ -437,6 +509,7 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
     memcpy(made->net, load->net, sizeof made->net);
     if (load->kind == SBI_LOAD_PRESSURE) {
         memcpy(made->face_types, rows->types, (size_t)rows->rows * sizeof(sb_element_type));
+        sbi_load_weigh_faces(rows->next, made);
         return SB_OK;
     }
     memcpy(made->weights, rows->weights, (size_t)rows->entries * sizeof(sb_real));
@@ -452,8 +525,10 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
     if (result == SB_OK)
         sbi_live_rows_clear(rows);
     for (int j = 0; j < load->row_count && result == SB_OK; j++)
-        result = load->kind == SBI_LOAD_PRESSURE ? sbi_live_carry_face(rows, load, j, error)
-                                                 : sbi_live_carry_row(rows, load, j, error);
+        result = load->kind == SBI_LOAD_PRESSURE
+                     ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
+                                           load->row_start[j + 1] - load->row_start[j], load->face_types[j], error)
+                     : sbi_live_carry_row(rows, load, j, error);
     if (result == SB_OK && rows->rows == 0)
         result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
                                "pressure %d would lose its last face: remove it first", load->id);
@@ -467,6 +542,55 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
         result = sbi_body_reserve_ties(next, &ties, error);
         if (result == SB_OK)
             result = sbi_body_extend_pattern(next, made->row_count, made->row_start, made->nodes, error);
+    }
+    return result;
+}
+
+/* ---- tractions ---- */
+
+/* Takes the forces of a traction over to the parts of its face, which the rows list. Where they are not all of it, as
+ * in changes other than cuts, the forces stay with their nodes. */
+static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction *traction)
+{
+    const sb_real close = (sb_real)1e-4;
+    sb_body *next = rows->next;
+    sbi_traction part = *traction;
+    sb_real left = sbi_live_face_share(rows->body, traction->nodes);
+    for (int j = 0; j < rows->rows; j++)
+        left -= sbi_live_face_share(next, rows->nodes + rows->start[j]);
+    if (!(sb_abs(left) < close) || sbi_live_loses_node(rows, traction->nodes, 3))
+        return;
+    part.stress = sb_v3_scale(-1, part.stress);
+    sbi_body_spread_traction(rows->body, &part, next->dead_load);
+    part.stress = traction->stress;
+    for (int j = 0; j < rows->rows; j++) {
+        memcpy(part.nodes, rows->nodes + rows->start[j], sizeof part.nodes);
+        sbi_body_spread_traction(next, &part, next->dead_load);
+        next->tractions[next->traction_count++] = part;
+    }
+}
+
+/* Tractions follow the parts of their faces where cuts part them. */
+static sb_result sbi_live_carry_tractions(sbi_live_rows *rows, sb_error *error)
+{
+    const sb_body *body = rows->body;
+    sb_result result = SB_OK;
+    for (int i = 0; i < body->traction_count && result == SB_OK; i++) {
+        const sbi_traction *traction = body->tractions + i;
+        if (sbi_live_removed_cell(rows->change, traction->nodes, 3) < 0) {
+            result = sbi_body_reserve_tractions(rows->next, body->traction_count - i, error);
+            if (result == SB_OK)
+                rows->next->tractions[rows->next->traction_count++] = *traction;
+            continue;
+        }
+        if (!sbi_live_rows_room(rows, 0))
+            return sbi_live_rows_no_memory(error);
+        sbi_live_rows_clear(rows);
+        result = sbi_live_carry_face(rows, traction->nodes, 3, SB_TRI3, error);
+        if (result == SB_OK)
+            result = sbi_body_reserve_tractions(rows->next, rows->rows + 1, error);
+        if (result == SB_OK)
+            sbi_live_move_traction(rows, traction);
     }
     return result;
 }
@@ -558,7 +682,7 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
     sb_result result = SB_OK;
     next->last_load_id = body->last_load_id;
     next->next_constraint = body->next_constraint;
-    if (!body->load_count && !body->elimination)
+    if (!body->load_count && !body->elimination && !body->traction_count)
         return SB_OK;
     memset(&rows, 0, sizeof rows);
     rows.body = body;
@@ -570,6 +694,8 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
         result = sbi_live_rows_no_memory(error);
     for (int i = 0; i < body->load_count && result == SB_OK; i++)
         result = sbi_live_carry_load(&rows, body->loads + i, error);
+    if (result == SB_OK && body->traction_count)
+        result = sbi_live_carry_tractions(&rows, error);
     if (result == SB_OK)
         result = sbi_live_carry_constraints(&rows, error);
     sbi_live_rows_end(&rows);

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "body_private.h"
+#include "live_private.h"
 
 /* ---- dead loads ---- */
 
@@ -39,6 +40,7 @@ SB_API void sb_body_clear_loads(sb_body *body)
     if (!body)
         return;
     memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    body->traction_count = 0;
     sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
 }
 
@@ -52,6 +54,19 @@ typedef struct sbi_load_rule {
     sb_real shape[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES];
     sb_real gradient[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES][3];
 } sbi_load_rule;
+
+/* The rule of a part of a tri3 face: exact with one point, where the part weighs, as the face is flat. */
+static void sbi_load_make_part_rule(const sb_real loads[3], sbi_load_rule *rule)
+{
+    sb_real share = loads[0] + loads[1] + loads[2];
+    const sb_real middle[3] = {0, 0, 0};
+    rule->type = SB_NO_ELEMENT; /* good for this part only */
+    rule->count = share > 0;
+    rule->weights[0] = share / 2; /* of the parameters' triangle */
+    sb_element_shape(SB_TRI3, middle, rule->shape[0], rule->gradient[0]);
+    for (int a = 0; a < 3 && share > 0; a++)
+        rule->shape[0][a] = loads[a] / share;
+}
 
 /* Makes the rule of a type unless it is there already. */
 static void sbi_load_need_rule(sb_element_type type, sbi_load_rule *rule)
@@ -83,8 +98,38 @@ static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, 
 
 /* ---- traction ---- */
 
+static int sbi_load_is_part(const sb_real loads[3])
+{
+    return loads[0] != sbi_piece_whole_load() || loads[1] != sbi_piece_whole_load() ||
+           loads[2] != sbi_piece_whole_load();
+}
+
+/* Makes the rule of a row of a pressure. */
+static void sbi_load_need_row_rule(const sbi_load *load, int row, sbi_load_rule *rule)
+{
+    const sb_real *loads = load->weights + load->row_start[row];
+    if (load->has_parts && sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, rule);
+    else
+        sbi_load_need_rule(load->face_types[row], rule);
+}
+
+SBI_API void sbi_load_weigh_faces(const sb_body *body, sbi_load *load)
+{
+    load->has_parts = 0;
+    if (load->kind != SBI_LOAD_PRESSURE || !body->live || !body->live->piece_count ||
+        body->domain.element_type != SB_TET4)
+        return;
+    for (int j = 0; j < load->row_count; j++) {
+        sb_real *loads = load->weights + load->row_start[j];
+        sbi_body_face_loads(body, load->nodes + load->row_start[j], loads);
+        load->has_parts |= sbi_load_is_part(loads);
+    }
+}
+
 /* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule, sb_vec3 traction)
+static void sbi_load_add_traction(const sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule,
+                                  sb_vec3 traction, sb_vec3 *dead_load)
 {
     sb_vec3 x[SB_MAX_FACE_NODES];
     for (int a = 0; a < face->count; a++)
@@ -93,31 +138,121 @@ static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, cons
         sbi_load_tangents t = sbi_load_interpolate(rule, p, face->count, x);
         sb_real area = rule->weights[p] * sb_v3_norm(sb_v3_cross(t.r, t.s));
         for (int a = 0; a < face->count; a++) {
-            sb_vec3 *load = body->dead_load + face->nodes[a];
+            sb_vec3 *load = dead_load + face->nodes[a];
             *load = sb_v3_madd(*load, area * rule->shape[p][a], traction);
         }
     }
 }
 
+/* Tractions are kept by face where faces may be cut. */
+static int sbi_load_keeps_tractions(const sb_body *body) { return body->live && body->domain.element_type == SB_TET4; }
+
+SBI_API sb_result sbi_body_reserve_tractions(sb_body *body, int more, sb_error *error)
+{
+    int64_t needed = (int64_t)body->traction_count + more, capacity = needed + needed / 2;
+    sbi_traction *grown;
+    if (needed <= body->traction_capacity)
+        return SB_OK;
+    grown = capacity < INT32_MAX ? (sbi_traction *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof(sbi_traction))
+                                 : NULL;
+    if (!grown)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for tractions on %d faces more", more);
+    if (body->traction_count)
+        memcpy(grown, body->tractions, (size_t)body->traction_count * sizeof *grown);
+    sbi_free(&body->allocator, body->tractions);
+    body->tractions = grown;
+    body->traction_capacity = (int)capacity;
+    return SB_OK;
+}
+
+SBI_API void sbi_body_spread_traction(const sb_body *body, const sbi_traction *traction, sb_vec3 *dead_load)
+{
+    sbi_load_rule rule;
+    sbi_body_face face;
+    sb_real loads[3];
+    face.type = SB_TRI3;
+    face.count = 3;
+    memcpy(face.nodes, traction->nodes, sizeof traction->nodes);
+    rule.type = SB_NO_ELEMENT;
+    sbi_body_face_loads(body, face.nodes, loads);
+    if (sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, &rule);
+    else
+        sbi_load_need_rule(face.type, &rule);
+    sbi_load_add_traction(body, &face, &rule, traction->stress, dead_load);
+}
+
+static int sbi_load_is_on(const sbi_traction *traction, const sbi_body_face *face)
+{
+    return memcmp(traction->nodes, face->nodes, sizeof traction->nodes) == 0;
+}
+
+/* Where the tractions on the faces of a call begin among those kept, when it was made before. */
+static int sbi_load_first_traction(const sb_body *body, const sbi_body_face *face)
+{
+    int at = 0;
+    while (at < body->traction_count && !sbi_load_is_on(body->tractions + at, face))
+        at++;
+    return at;
+}
+
+/* Keeps a traction on a face, with that kept at *at where this is the same face; there is room for one more. So calls
+ * that are made each frame do not add up in memory. */
+static void sbi_load_keep_traction(sb_body *body, const sbi_body_face *face, sb_vec3 traction, int *at)
+{
+    sbi_traction *kept = body->tractions + *at;
+    if (*at < body->traction_count && sbi_load_is_on(kept, face)) {
+        kept->stress = sb_v3_add(kept->stress, traction);
+        ++*at;
+        return;
+    }
+    kept = body->tractions + body->traction_count++;
+    memcpy(kept->nodes, face->nodes, sizeof kept->nodes);
+    kept->stress = traction;
+    *at = body->traction_count;
+}
+
+/* Adds a traction on a face; *at: see sbi_load_keep_traction. */
+static void sbi_load_add_face_traction(sb_body *body, const sbi_body_face *face, sbi_load_rule *rule, sb_vec3 traction,
+                                       int *at)
+{
+    sb_real loads[3] = {sbi_piece_whole_load(), sbi_piece_whole_load(), sbi_piece_whole_load()};
+    if (sbi_load_keeps_tractions(body) && !face->inner) {
+        sbi_load_keep_traction(body, face, traction, at);
+        if (body->live->piece_count)
+            sbi_body_face_loads(body, face->nodes, loads);
+    }
+    if (sbi_load_is_part(loads))
+        sbi_load_make_part_rule(loads, rule);
+    else
+        sbi_load_need_rule(face->type, rule);
+    sbi_load_add_traction(body, face, rule, traction, body->dead_load);
+}
+
 SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners, sb_vec3 traction,
                                       sb_error *error)
 {
+    sb_result result = SB_OK;
     sbi_load_rule rule;
+    sbi_body_face face;
+    int at = 0;
     rule.type = SB_NO_ELEMENT;
     if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
     if (!sb_v3_is_finite(traction))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
-    for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
-        for (int f = 0; f < face_count; f++) {
-            sbi_body_face face;
-            sb_result result = sbi_body_get_face(body, faces, f, corners, &face, error);
-            if (result != SB_OK)
-                return result;
-            sbi_load_need_rule(face.type, &rule);
-            if (pass == 1)
-                sbi_load_add_traction(body, &face, &rule, traction);
-        }
+    for (int f = face_count - 1; f >= 0 && result == SB_OK; f--) /* find all faces before any load changes */
+        result = sbi_body_get_face(body, faces, f, corners, &face, error);
+    if (result == SB_OK && face_count > 0 && sbi_load_keeps_tractions(body)) {
+        result = sbi_body_reserve_tractions(body, face_count, error);
+        at = sbi_load_first_traction(body, &face);
+    }
+    if (result != SB_OK)
+        return result;
+    for (int f = 0; f < face_count; f++) {
+        sbi_body_get_face(body, faces, f, corners, &face, NULL);
+        sbi_load_add_face_traction(body, &face, &rule, traction, &at);
+    }
     sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
     return SB_OK;
 }
@@ -166,11 +301,11 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     load->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
     load->nodes = (int *)sbi_arena_take(arena, (size_t)entries, sizeof(int));
     load->blocks = (int *)sbi_arena_take(arena, pairs, sizeof(int));
+    load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     if (load->kind == SBI_LOAD_PRESSURE) {
         load->face_types = (sb_element_type *)sbi_arena_take(arena, rows, sizeof(sb_element_type));
         return;
     }
-    load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
     load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
     if (load->kind == SBI_LOAD_POTENTIAL) {
@@ -253,6 +388,8 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
         load->row_start[f + 1] = load->row_start[f] + face.count;
         memcpy(nodes, face.nodes, (size_t)face.count * sizeof *nodes);
     }
+    if (result == SB_OK)
+        sbi_load_weigh_faces(body, load);
     return result;
 }
 
@@ -640,7 +777,7 @@ static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *
 static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, const sb_vec3 *u, sb_vec3 *x,
                            sbi_load_rule *rule)
 {
-    sbi_load_need_rule(load->face_types[face], rule);
+    sbi_load_need_row_rule(load, face, rule);
     const int *nodes = load->nodes + load->row_start[face];
     int count = load->row_start[face + 1] - load->row_start[face];
     for (int a = 0; a < count; a++)

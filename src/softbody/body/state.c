@@ -580,6 +580,33 @@ static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->reaction, n, SBI_STATE_ANY, "reaction");
 }
 
+/* Tractions by face, where there are any. */
+static void sbi_state_tractions(sb_body *body, sbi_state_walk *walk)
+{
+    int count = sbi_state_int(walk, body->traction_count, 1, INT32_MAX / (int)sizeof(sbi_traction), "tractions");
+    if (walk->pass == SBI_STATE_RESERVE && count > body->traction_count)
+        sbi_state_refuse(walk, sbi_body_reserve_tractions(body, count - body->traction_count, walk->error));
+    walk->store = walk->pass == SBI_STATE_READ;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sbi_traction *traction = !sbi_state_is_image(walk) || walk->store ? body->tractions + i : NULL;
+        for (int k = 0; k < 3; k++)
+            sbi_state_put_int(walk, traction ? traction->nodes + k : NULL, 0, body->domain.node_count - 1,
+                              "node of a traction");
+        sbi_state_put_vector(walk, traction ? &traction->stress : NULL, SBI_STATE_ANY, "");
+    }
+    if (walk->store)
+        body->traction_count = count;
+    walk->store = 0;
+}
+
+/* 1 when there are some: in the body, or in the image, whose next part it is then. */
+static int sbi_state_has_tractions(const sb_body *body, const sbi_state_walk *walk, int number)
+{
+    if (!sbi_state_is_image(walk))
+        return body->traction_count > 0;
+    return walk->size - walk->used >= 4 && sbi_get_bytes(walk->in + walk->used, 4) == (uint64_t)number;
+}
+
 /* ---- loads that follow the body ---- */
 
 /* What passing the rows of a load found out. */
@@ -825,6 +852,7 @@ static void sbi_state_follow(sb_body *body, sbi_state_walk *walk)
         after = load.id;
         if (walk->store) {
             load.pattern_version = -1;
+            sbi_load_weigh_faces(body, &load);
             body->loads[i] = load;
         }
     }
@@ -1106,8 +1134,8 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 
 /* ---- a mesh that may change ---- */
 
-/* Numbers of its part, which comes first; the second of a mesh with pieces. */
-enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 16 };
+/* Numbers of its part, which comes first; the second of a mesh with pieces, the third as earlier versions had it. */
+enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 17, SBI_STATE_PIECES_BEFORE = 16 };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -1152,6 +1180,8 @@ static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
             sbi_state_put_real(walk, piece->centroid + i);
         for (int i = 0; i < 6; i++)
             sbi_state_put_real(walk, piece->covariance + i);
+        for (int i = 0; i < SBI_PIECE_FACES; i++)
+            sbi_state_put_real(walk, &piece->faces[i / 3][i % 3]);
     }
 }
 
@@ -1333,6 +1363,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {10, sbi_state_extra},
     {4, sbi_state_supports},
     {5, sbi_state_loads},
+    {18, sbi_state_tractions},
     {11, sbi_state_follow},
     {12, sbi_state_constraints},
     {6, sbi_state_rotations},
@@ -1354,6 +1385,11 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
         int number = part->number;
         if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
+        if (part->walk == sbi_state_tractions && !sbi_state_has_tractions(body, walk, number)) {
+            if (walk->pass == SBI_STATE_READ)
+                body->traction_count = 0;
+            continue;
+        }
         if (part->walk == sbi_state_live)
             number = sbi_state_live_number(body);
         sbi_state_int(walk, number, number, number, "part");
@@ -1538,6 +1574,10 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     walk.size = size - SBI_IMAGE_TAIL;
     first = walk.size >= SBI_IMAGE_HEAD + 4 ? sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) : 0;
     is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES;
+    if (first == SBI_STATE_PIECES_BEFORE)
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the state has pieces of elements without what they have of faces, as earlier versions saved it");
     if (is_live != (body->live != NULL))
         return sbi_fail(error, SB_ERROR_STATE,
                         is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"

@@ -378,6 +378,9 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
 static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *info)
 {
     sbi_step_guard guard = body->guard;
+    sbi_touch *touch = body->touch;
+    if (touch)
+        touch->keep(touch->user);
     for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_dead_loads(body);
@@ -389,6 +392,11 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
         sbi_step_restore(body);
         sbi_step_watch_knots(body, 0);
         body->guard = guard;
+        if (touch) {
+            sbi_body_update_positions(body);
+            touch->undo(touch->user);
+            touch->rewind(touch->user);
+        }
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
             return result;
     }

@@ -34,8 +34,8 @@ typedef struct sb_step_info {
  *
  * SB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step
  * is found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff
- * ones make substeps short. Substeps that go bad all the same (an element inverted, more
- * energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
+ * ones make substeps short, and so does a tool that is near (contact.h). Substeps that go bad all the same (an element
+ * inverted, more energy than came in) are taken back, and the call is done again with shorter ones, up to three times.
  *
  * Prony terms move on with the step: exact where the relaxing stress changes evenly within it, of second order
  * otherwise. Where a material that may turn inside out is nearly flat (det F < 0.05) they remember less, and inside out

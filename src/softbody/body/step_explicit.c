@@ -262,13 +262,18 @@ static sb_result sbi_explicit_look(sbi_explicit *x)
 
 /* ---- motion ---- */
 
-/* Forces at the present displacement: internal, and follower those of the loads that depend on it. */
-static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
+/* Forces at the present displacement: internal, and follower those of contact and of the loads that depend on it. met:
+ * contact was met there, else it was left there by the last step. */
+static sb_result sbi_explicit_force(sb_body *b, int met, sb_step_info *info)
 {
     double begin = sbi_explicit_now(b);
     int bad = -1;
     if (b->load_count)
         sbi_loads_force(b, b->displacement, 1);
+    else if (b->touch)
+        memset(b->follower, 0, (size_t)b->domain.node_count * sizeof *b->follower);
+    if (b->touch)
+        sbi_explicit_add_touch(b, met);
     if (!b->force_current)
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
     b->force_current = bad < 0;
@@ -282,7 +287,7 @@ static sb_result sbi_explicit_force(sb_body *b, sb_step_info *info)
 /* All loads on a node. */
 static sb_vec3 sbi_explicit_load(const sb_body *b, int i)
 {
-    return b->load_count ? sb_v3_add(b->external[i], b->follower[i]) : b->external[i];
+    return b->load_count || b->touch ? sb_v3_add(b->external[i], b->follower[i]) : b->external[i];
 }
 
 /* Acceleration of a node whose velocity so far is v, when it takes `share` (s) more of it: M a + alpha M (v + share a)
@@ -416,7 +421,9 @@ static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
     double work = sbi_explicit_move(x, done), springs;
     sb_result result;
     sbi_assembly_end_step(&b->assembly, b->displacement, x->h);
-    result = sbi_explicit_force(b, x->info);
+    result = b->touch ? sbi_explicit_meet_touch(b, &x->info->error) : SB_OK;
+    if (result == SB_OK)
+        result = sbi_explicit_force(b, 1, x->info);
     if (result != SB_OK)
         return result;
     work += sbi_explicit_half_work(b);
@@ -431,14 +438,11 @@ static sb_result sbi_explicit_substep(sbi_explicit *x, sb_real done)
     b->guard.energy += work > 0 ? work : 0;
     b->guard.age++;
     x->info->substeps++;
+    if (b->touch) {
+        b->guard.energy += sbi_explicit_touch_swing(b, x->h);
+        sbi_explicit_commit_touch(b);
+    }
     return sbi_explicit_audit(x, sbi_explicit_kinetic(b));
-}
-
-/* Substeps that are needed for the rest of the way. A thousandth of a substep more or less is rounding. */
-static double sbi_explicit_count(sb_real left, sb_real longest)
-{
-    double count = ceil((double)left / (double)longest - 1e-3);
-    return count < 1 ? 1 : count;
 }
 
 /* Substeps as this plan would make them at the stable step last known; 0: none is. */
@@ -480,6 +484,11 @@ static sb_result sbi_explicit_go(sbi_explicit *x, sb_real dt)
                             "dt %g s takes more than max_substeps %d: the stable step is %g s", (double)dt,
                             b->max_substeps, (double)b->guard.stable_step);
         count = sbi_explicit_count(left, x->plan->margin * b->guard.stable_step);
+        if (b->touch)
+            result = sbi_explicit_begin_touch(b, left, x->plan->margin * b->guard.stable_step,
+                                              (int)(x->plan - sbi_explicit_plans), &count, &x->info->error);
+        if (result != SB_OK)
+            return result;
         x->h = (sb_real)((double)left / count);
         left = count > 1 ? left - x->h : 0;
         result = sbi_explicit_substep(x, 1 - left / dt);
@@ -521,7 +530,7 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
         memset(&body->guard, 0, sizeof body->guard);
     if (caution > 0)
         body->guard.stable_step = 0;
-    result = sbi_explicit_force(body, info);
+    result = sbi_explicit_force(body, 0, info);
     if (result != SB_OK)
         return result;
     sbi_explicit_begin(body, dt);

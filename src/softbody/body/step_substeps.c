@@ -141,7 +141,7 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
     sb_step_info own;
     sb_result result;
     double begun;
-    if (!body || !body->touch || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
+    if (!body || !body->touch || !sbi_body_is_implicit(body) || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
         return sbi_step_whole(body, dt, guests, guest_count, 1, info);
     info = info ? info : &own;
     begun = sbi_body_now(body);

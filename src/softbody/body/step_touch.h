@@ -30,11 +30,14 @@ typedef struct sbi_touch_step {
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
     sb_real part;   /* share of what is left of a divided step, and of its motion; else 1 */
+    const sb_real *masses; /* [rows] of an explicit substep (kg), whose matrix is NULL; NULL: the step is implicit */
+    sb_real rate; /* of one: 1/s^2, no pattern of motion may have more stiffness of contact than so much of its mass */
 } sbi_touch_step;
 
 typedef struct sbi_touch {
     void *user;
     int max_iterations; /* of a step of one iteration, >= 1 */
+    sb_real stiffening; /* of explicit substeps: `rate` over the square of the body's own highest frequency */
 
     /* from begin to the end of the step, written by the owner */
     int node_count;

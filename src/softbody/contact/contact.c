@@ -7,6 +7,8 @@
 
 #define SBI_CONTACT_COOKIE 0xc0117ac7u
 enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+/* Squares of the highest frequency of a mesh over those of its nodes held alone, tr K_aa / 3 m_a: some 2 to 4. */
+#define SBI_CONTACT_SHARE ((sb_real)3)
 
 SB_API sb_contact_def sb_default_contact_def(void)
 {
@@ -51,9 +53,11 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
                         (double)def->pair_distance);
     if (sbi_body_get_touch(def->body))
         return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
-    if (!sbi_body_is_implicit(def->body))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): contact is solved in implicit steps");
+    if (!sbi_body_is_implicit(def->body) && def->pairs)
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): tools touch it, but not its organs each "
+            "other (def.pairs)");
     return SB_OK;
 }
 
@@ -128,6 +132,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
     c->region_room = c->faces->region_count;
     c->touch.max_iterations = def->max_iterations;
+    c->touch.stiffening = def->stiffness / SBI_CONTACT_SHARE;
     c->pairs.kinds = def->pairs;
     c->pairs.friction = def->pair_friction;
     c->pairs.distance = def->pair_distance;

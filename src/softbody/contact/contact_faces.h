@@ -29,6 +29,7 @@ typedef struct sbi_contact_rule {
     sb_real measure;  /* of each, in the face's parameters */
     sb_real *weights; /* [count][nodes] shape functions at the samples: they sum to 1 */
     sb_real *slopes;  /* [count][2][nodes] their derivatives by both parameters */
+    sb_real spread;   /* most that the weights of a sample sum to without their signs */
 } sbi_contact_rule;
 
 /* A face type; nodes 0: no face is of it. */

@@ -50,6 +50,8 @@ typedef struct sbi_contact_tool {
     int face_count;              /* of its faces in sb_contact.near */
     sb_pose from;                /* at the start of the step, or of the increment of a static solve */
     sb_pose stage;               /* at the end of the last increment that was done */
+    sb_pose seen;                /* at the last evaluation */
+    sb_real shift;               /* m, its motion since the evaluation before that */
     sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
@@ -84,9 +86,10 @@ typedef struct sbi_contact_sum {
 /* A face near a tool. */
 typedef struct sbi_contact_patch {
     int tool, face, parts;
-    int first, count;             /* its samples */
-    int touching;                 /* of them at the last evaluation */
-    int nodes[SB_MAX_FACE_NODES]; /* places in the list of nodes */
+    int first, count;                /* its samples */
+    int touching;                    /* of them at the last evaluation */
+    int nodes[SB_MAX_FACE_NODES];    /* places in the list of nodes */
+    sb_vec3 seen[SB_MAX_FACE_NODES]; /* du of these at the last evaluation (m) */
 } sbi_contact_patch;
 
 typedef struct sbi_contact_sample {
@@ -100,6 +103,8 @@ typedef struct sbi_contact_sample {
     sb_vec3 normal;           /* of the last evaluation, out of the tool in space */
     sb_vec3 point;            /* m */
     sb_real gap, slip, bound; /* m, m, Pa */
+    sb_vec3 start;            /* m, at the start of the step */
+    sb_real clear;            /* m: the gap is no less now, see sbi_contact_clear */
     sbi_contact_answer answer;
 } sbi_contact_sample;
 
@@ -120,7 +125,7 @@ struct sb_contact {
     sb_contact_info info, step_info; /* of the last step; of the one under way */
 
     /* of the step */
-    int is_static;
+    int is_static, is_explicit;
     sb_real level;    /* share of the step after which forces balance */
     const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
     sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
@@ -156,7 +161,8 @@ struct sb_contact {
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
     int kept;                     /* 1: a static solve is under way, and they are what it began with */
-    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept */
+    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept, which
+                                   * holds those of the last increment that is done in a static solve */
     sb_contact_info kept_info;
     int kept_is_solved;
     void *memory;
@@ -276,10 +282,21 @@ typedef struct sbi_contact_work {
     int renew;
     int first, last; /* patches */
 } sbi_contact_work;
-/* Patches from work->first to work->last. */
+/* Patches from work->first to work->last. Samples that cannot touch are left as they were. */
 SBI_API void sbi_contact_evaluate_patches(sbi_contact_work *work);
 /* The patches of a tool, at its pose of balance. */
 SBI_API void sbi_contact_evaluate_tool(const sbi_contact_work *work, const sbi_contact_tool *tool);
+/* What of a gap (m) is left for a sample to come nearer by: 0 where that says nothing, since distances to a tool rise
+ * faster than ways, or a plane turns. */
+SBI_API sb_real sbi_contact_clear(const sbi_contact_tool *tool, sb_real gap);
+/* A sample as it was at the last evaluation, which may have left it out. */
+SBI_API void sbi_contact_evaluate_again(sb_contact *contact, sbi_contact_sample *sample);
+/* Gap (m) that no sample of a face has less of, to a tool at a pose; x: places of the face's nodes. */
+SBI_API sb_real sbi_contact_clearance(const sbi_contact_faces *faces, int face, const sb_vec3 *x, const sbi_tool *shape,
+                                      const sb_vec3 *chain, const sb_pose *pose);
+/* The same with nodes at x [rows]. */
+SBI_API sb_real sbi_contact_clearance_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x,
+                                         const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose);
 
 /* Stress (Pa) of a sample on the body. */
 SB_INLINE sb_vec3 sbi_contact_stress(const sbi_contact_sample *s)

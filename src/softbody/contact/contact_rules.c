@@ -67,18 +67,21 @@ static void sbi_contact_layout_rules(sbi_contact_kind *kind, sbi_arena *arena)
     }
 }
 
-static void sbi_contact_fill_rule(const sbi_contact_kind *kind, int n)
+static void sbi_contact_fill_rule(sbi_contact_kind *kind, int n)
 {
-    const sbi_contact_rule *rule = &kind->rules[n];
+    sbi_contact_rule *rule = &kind->rules[n];
     sb_real *weights = rule->weights, *slopes = rule->slopes;
+    rule->spread = 1;
     for (int i = 0; i < rule->count; i++, weights += kind->nodes, slopes += 2 * kind->nodes) {
-        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3];
+        sb_real xi[3], gradient[SB_MAX_FACE_NODES][3], sum = 0;
         sbi_contact_sample_point(kind, n, i, xi);
         sb_element_shape(kind->type, xi, weights, gradient);
         for (int a = 0; a < kind->nodes; a++) {
             slopes[a] = gradient[a][0];
             slopes[kind->nodes + a] = gradient[a][1];
+            sum += sb_abs(weights[a]);
         }
+        rule->spread = sb_max(rule->spread, sum);
     }
 }
 

@@ -52,7 +52,8 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
         sb_vec3 at = sbi_contact_mean(weights, nodes, count, x), normal, ahead, carried;
         sbi_contact_sample *sample = contact->samples + contact->sample_count;
         sb_real gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
-                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal);
+                                        sbi_pose_to_tool(&view->tool->balance, at), fallback, &normal),
+                clear = gap;
         if (gap >= view->reach && view->dt > 0) {
             ahead = sb_v3_madd(at, view->dt, sbi_contact_mean(weights, nodes, count, view->velocity));
             gap = sbi_tool_distance(view->tool->shape, view->tool->chain_balance,
@@ -69,9 +70,23 @@ static int sbi_contact_add_samples(sb_contact *contact, const sbi_contact_view *
         sample->weights = weights;
         sample->carried = sb_v3_sub(carried, at);
         sample->normal = out;
+        sample->start = at;
+        sample->clear = sbi_contact_clear(view->tool, clear);
         contact->sample_count++;
     }
     return 1;
+}
+
+/* 1 when no sample of a face is near the tool, neither where it is nor where it would go. */
+static int sbi_contact_is_far(const sb_contact *contact, const sbi_contact_view *view)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, view->face);
+    sb_real square = 0, ahead;
+    for (int a = 0; a < contact->faces->sizes[view->face]; a++)
+        square += sb_v3_dot(view->velocity[nodes[a]], view->velocity[nodes[a]]);
+    ahead = sbi_contact_face_rule(contact->faces, view->face, view->parts)->spread * view->dt * sb_sqrt(square);
+    return sbi_contact_clearance_at(contact->faces, view->face, contact->x, view->tool->shape,
+                                    view->tool->chain_balance, &view->tool->balance) > view->reach + ahead;
 }
 
 /* A patch of a face with samples near the tool, if there are any. 0: no room is left. */
@@ -81,6 +96,8 @@ static int sbi_contact_add_patch(sb_contact *contact, const sbi_contact_view *vi
     sbi_contact_patch *patch = contact->patches + contact->patch_count;
     const int *nodes = sbi_contact_face_nodes(faces, view->face);
     int first = contact->sample_count;
+    if (sbi_contact_is_far(contact, view))
+        return 1;
     if (contact->patch_count == contact->patch_room)
         return 0;
     if (!sbi_contact_add_samples(contact, view))
@@ -119,8 +136,9 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
     const sbi_contact_faces *faces = contact->faces;
     sbi_contact_forget_nodes(contact);
     for (int t = 0; t < contact->max_tools; t++) {
-        const sbi_contact_tool *tool = contact->tools + t;
+        sbi_contact_tool *tool = contact->tools + t;
         const int *near = contact->near + (size_t)t * (size_t)faces->face_room;
+        tool->seen = tool->balance;
         for (int f = 0; tool->shape && f < tool->face_count; f++) {
             sbi_contact_view view;
             const sbi_contact_kind *kind = &faces->kinds[faces->sizes[near[f]]];
@@ -181,6 +199,57 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
         const sbi_contact_patch *patch = contact->patches + contact->samples[i].patch;
         contact->samples[i].k = contact->region_sum[(size_t)patch->tool * (size_t)contact->region_room +
                                                     (size_t)contact->faces->regions[patch->face]];
+    }
+}
+
+/* Least of rate m_a / S_a of a patch's nodes, by which no node would have more than its share alone. */
+static sb_real sbi_contact_light(const sb_contact *contact, const sbi_contact_patch *patch, const sbi_touch_step *step)
+{
+    sb_real least = SB_REAL_MAX;
+    for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+        int node = contact->nodes[patch->nodes[a]];
+        sb_real area = sbi_contact_node_area(contact->faces, node);
+        least = sb_min(least, area > 0 ? step->rate * step->masses[node] / area : 0);
+    }
+    return least;
+}
+
+/* stiffness_by_node += what a patch loads its nodes with (N/m), which no pattern of motion exceeds:
+ *     x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
+static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *patch)
+{
+    int count = contact->faces->sizes[patch->face];
+    for (int i = patch->first; i < patch->first + patch->count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        sb_real sum = 0;
+        for (int a = 0; a < count; a++)
+            sum += sb_abs(s->weights[a]);
+        for (int a = 0; a < count; a++)
+            contact->stiffness_by_node[patch->nodes[a]] += s->area * s->k * sum * sb_abs(s->weights[a]);
+    }
+}
+
+/* Of an explicit substep: as stiff as the nodes' masses admit, of all tools together. */
+static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_step *step)
+{
+    memset(contact->stiffness_by_node, 0, (size_t)contact->touch.node_count * sizeof *contact->stiffness_by_node);
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real k = sbi_contact_light(contact, patch, step);
+        for (int i = patch->first; i < patch->first + patch->count; i++)
+            contact->samples[i].k = k;
+        sbi_contact_add_load(contact, patch);
+    }
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real share = 1;
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
+            sb_real load = contact->stiffness_by_node[patch->nodes[a]];
+            sb_real most = step->rate * step->masses[contact->nodes[patch->nodes[a]]];
+            share = load > most ? sb_min(share, most / load) : share;
+        }
+        for (int i = patch->first; i < patch->first + patch->count; i++)
+            contact->samples[i].k *= share;
     }
 }
 
@@ -245,6 +314,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
     int thin = 0;
     sb_result result = sbi_contact_update_faces(contact, error);
     contact->is_solved = 0;
+    contact->is_explicit = step->masses != NULL;
     if (result == SB_OK && !(step->dt > 0) && !contact->kept) {
         sbi_contact_keep_before(contact);
         contact->kept = 1;
@@ -267,9 +337,13 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         return result;
     }
     sbi_contact_begin_hung(contact);
-    sbi_contact_stiffen(contact, step->matrix);
+    if (contact->is_explicit)
+        sbi_contact_stiffen_explicit(contact, step);
+    else
+        sbi_contact_stiffen(contact, step->matrix);
     sbi_contact_remember(contact);
-    sbi_contact_remember_pressures(contact);
+    if (!contact->is_explicit)
+        sbi_contact_remember_pressures(contact);
     sbi_pairs_stiffen(contact);
     sbi_pairs_remember(contact);
     contact->touch.nodes = contact->nodes;
@@ -471,10 +545,13 @@ static void sbi_contact_sum_wrenches(sb_contact *contact)
     }
 }
 
-static void sbi_contact_keep_nearest(sb_contact *contact, const sbi_contact_sample *s)
+static void sbi_contact_keep_nearest(sb_contact *contact, sbi_contact_sample *s)
 {
     const sbi_contact_patch *patch = contact->patches + s->patch;
     sbi_contact_nearest *nearest = &contact->tools[patch->tool].nearest;
+    if (nearest->known && !(s->clear < nearest->gap))
+        return;
+    sbi_contact_evaluate_again(contact, s);
     if (nearest->known && !(s->gap < nearest->gap))
         return;
     nearest->known = 1;
@@ -496,7 +573,7 @@ static void sbi_contact_keep_entries(sb_contact *contact)
     contact->step_info.touching = contact->step_info.sticking = 0;
     contact->step_info.deepest = 0;
     for (int i = 0; i < contact->sample_count; i++) {
-        const sbi_contact_sample *s = contact->samples + i;
+        sbi_contact_sample *s = contact->samples + i;
         if (!(s->answer.pressure > 0)) {
             sbi_contact_keep_nearest(contact, s);
             continue;
@@ -550,6 +627,28 @@ static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *over
     sbi_pairs_measure_overlap(contact, overlap, pushed);
 }
 
+/* An increment of a static solve is done: tools are there. */
+static void sbi_contact_keep_stage(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        tool->stage = tool->balance;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_kept[i] = tool->chain_next[i];
+    }
+}
+
+/* Tools of a static solve go back to the last increment that was done. */
+static void sbi_contact_take_stage(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++) {
+        sbi_contact_tool *tool = contact->tools + t;
+        tool->next = tool->balance = tool->stage;
+        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
+            tool->chain_next[i] = tool->chain_kept[i];
+    }
+}
+
 /* Samples remember their pressures until they alone hold the surface off the tools. */
 static int sbi_contact_balance(void *user, int round)
 {
@@ -568,9 +667,9 @@ static int sbi_contact_balance(void *user, int round)
     sbi_contact_keep_pressures(contact, 0);
     sbi_pairs_keep_pressures(contact, 0);
     sbi_contact_keep_entries(contact);
-    for (int t = 0; t < contact->max_tools; t++)
-        contact->tools[t].stage = contact->tools[t].balance;
+    sbi_contact_keep_stage(contact);
     sbi_contact_keep_springs(contact);
+    contact->is_solved = 1; /* until another increment begins */
     return 0;
 }
 
@@ -590,15 +689,19 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
 static void sbi_contact_commit(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
-    if (!contact->is_static) {
-        sbi_contact_keep_pressures(contact, 1);
+    if (contact->is_static) {
+        sbi_contact_take_stage(contact);
+    } else {
+        if (contact->is_explicit)
+            contact->pressure_count = 0; /* by substeps they would swing up: the matrix is too stiff for them */
+        else
+            sbi_contact_keep_pressures(contact, 1);
         sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
         sbi_contact_keep_springs(contact);
+        contact->is_solved = !contact->is_explicit;
     }
     sbi_contact_commit_springs(contact);
-    for (int t = 0; contact->is_static && t < contact->max_tools; t++)
-        contact->tools[t].next = contact->tools[t].balance = contact->tools[t].stage;
     sbi_contact_sum_wrenches(contact);
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
@@ -606,7 +709,6 @@ static void sbi_contact_commit(void *user)
     contact->step_info.mended = contact->touch.mended;
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
-    contact->is_solved = 1;
     contact->kept = 0;
     sbi_contact_forget_nodes(contact);
 }
@@ -627,7 +729,7 @@ static void sbi_contact_undo(void *user)
     contact->touch.links = 0;
     if (contact->kept)
         sbi_contact_go_back(contact);
-    contact->kept = 0;
+    contact->kept = contact->is_solved = 0;
     sbi_contact_forget_nodes(contact);
 }
 

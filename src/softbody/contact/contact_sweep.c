@@ -83,6 +83,8 @@ static sb_real sbi_sweep_gap(sb_contact *contact, const sbi_tool *shape, const s
     for (int f = 0; f < count; f++) {
         int face = near[f], parts = sbi_contact_face_parts(faces, face, radius);
         const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        if (sbi_contact_clearance_at(faces, face, x, shape, chain, pose) > least)
+            continue;
         for (int s = 0; s < rule->count; s++) {
             sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)s * faces->sizes[face],
                                           sbi_contact_face_nodes(faces, face), faces->sizes[face], x);
@@ -290,6 +292,24 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
     return !(gap > before); /* a body that was put deep into a tool may come out */
 }
 
+/* 1 when no sample of a face can be crossing: none lies deep enough, nor goes far enough or comes near enough. */
+static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_tool *tool, int face,
+                                  const sbi_contact_rule *rule)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    sb_vec3 ends[SB_MAX_FACE_NODES];
+    sb_real square = 0, way, gap, inner = sbi_tool_inner_radius(tool->shape);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        sb_vec3 start = contact->x[nodes[a]], against;
+        ends[a] = sb_v3_add(start, contact->moved[nodes[a]]);
+        against = sb_v3_sub(sbi_pose_to_tool(&tool->balance, ends[a]), sbi_pose_to_tool(&tool->reached, start));
+        square += sb_v3_dot(against, against);
+    }
+    way = rule->spread * sb_sqrt(square);
+    gap = sbi_contact_clearance(contact->faces, face, ends, tool->shape, tool->chain_balance, &tool->balance);
+    return gap > -SBI_SWEEP_DEEPEST * inner && (way < SBI_SWEEP_FARTHEST * inner || gap > way);
+}
+
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
@@ -303,6 +323,8 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
         int count = faces->sizes[face];
         const int *nodes = sbi_contact_face_nodes(faces, face);
         const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        if (sbi_sweep_face_is_safe(contact, tool, face, rule))
+            continue;
         for (int s = 0; s < rule->count; s++) {
             const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
             sb_vec3 x1 =

@@ -68,6 +68,11 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.contact is NULL: a hand needs the contact of its tool");
     if (sb_contact_reached(def->contact, def->tool, pose, NULL) != SB_OK)
         return sbi_fail(error, SB_ERROR_INDEX, "def.tool is %d: the contact has no such tool", def->tool);
+    if (!sbi_body_is_implicit(def->contact->body))
+        return sbi_fail(
+            error, SB_ERROR_UNSUPPORTED,
+            "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): a hand feels the stiffness of the system "
+            "that an implicit step solves");
     if (sbi_contact_is_hung(def->contact->tools + def->tool))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);

@@ -1,4 +1,6 @@
 /* tool: shapes checked, made, their distances, skeletons and motion. */
+#include <string.h>
+
 #include "tool_private.h"
 
 #define SBI_TOOL_COOKIE 0x7001u
@@ -264,6 +266,7 @@ SBI_API void sbi_tool_destroy(sbi_tool *tool)
 SBI_API sb_tool_shape sbi_tool_get_shape(const sbi_tool *tool) { return tool->shape; }
 SBI_API int sbi_tool_point_count(const sbi_tool *tool) { return tool->point_count; }
 SBI_API sb_real sbi_tool_radius(const sbi_tool *tool) { return tool->radius; }
+SBI_API int sbi_tool_is_exact(const sbi_tool *tool) { return tool->shape != SB_TOOL_MESH; }
 SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool) { return tool->inner_radius; }
 
 /* ---- distances ---- */
@@ -327,11 +330,11 @@ static sb_real sbi_tool_plane_distance(sb_vec3 x, sb_vec3 fallback, sb_vec3 *nor
     return sb_v3_is_finite(x) ? x.z : SB_REAL_MAX;
 }
 
-/* Segments of a chain that replaces the tool's own, or these; memory[SB_TOOL_MAX_POINTS]. */
+/* Segments of a chain that replaces the tool's own, or these where it is the same; memory[SB_TOOL_MAX_POINTS]. */
 static const sbi_tool_segment *sbi_tool_find_segments(const sbi_tool *tool, const sb_vec3 *chain,
                                                       sbi_tool_segment *memory)
 {
-    if (!chain)
+    if (!chain || memcmp(chain, tool->points, (size_t)tool->point_count * sizeof *chain) == 0)
         return tool->segments;
     for (int i = 0; i + 1 < tool->point_count; i++)
         memory[i] = sbi_tool_make_segment(chain[i], chain[i + 1]);

@@ -114,6 +114,8 @@ SBI_API sb_real sbi_tool_radius(const sbi_tool *tool);
 /* Depth (m) of the skeleton: each of its points is at least so deep inside. SB_REAL_MAX for a plane. Mesh: the largest
  * of some depths up to 0.9 of the greatest, at which what is so deep is in one piece and reaches within twice the depth
  * of each side of the surface's box, or else one cell: a thin shaft between thick ends has its part of the skeleton. */
+/* 1: the distances of no two points differ by more than they lie apart. */
+SBI_API int sbi_tool_is_exact(const sbi_tool *tool);
 SBI_API sb_real sbi_tool_inner_radius(const sbi_tool *tool);
 /* A box around the tool in space (m); that of a plane is all of it. */
 SBI_API void sbi_tool_bounds(const sbi_tool *tool, const sb_vec3 *chain, const sb_pose *pose, sb_vec3 *low,

@@ -147,6 +147,8 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
         sb_cut_destroy(made);
         return result;
     }
+    made->body->live->find = sbi_cut_find_cell;
+    made->body->live->find_user = made;
     *cut = made;
     return SB_OK;
 }
@@ -159,6 +161,8 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     allocator = cut->allocator;
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    if (cut->body && cut->body->live->find_user == cut)
+        cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
     sbi_free(&allocator, cut->tets);

@@ -21,9 +21,13 @@
  *   (sb_cut_node_origin). Cells likewise (sb_cut_cell_element).
  * - A link that is cut stays cut. What is cut twice, or along the same way again, is cut once.
  * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
+ * - Points in an element that is cut go with the piece that has their material: of embeddings that follow the body
+ *   (sb_embedding_follow), of rows of mappings; sb_body_find_cell says which piece that is.
  * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
- *   it. Dead loads, constraints and regions follow as live_mesh.h says; a copy has no load of its own.
+ *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
+ * - Pressures and tractions on a face that is cut go to the parts of the face, each with what acts on it: force and
+ *   moment are what they were, to rounding, however often it is cut.
  * - Recordings and states of the body contain its cuts (they are changes of its mesh). The sb_cut itself is not in
  *   them: after another mesh was loaded, or after others changed the mesh, its calls say SB_ERROR_STATE; make a new one
  *   then, of an uncut body.
@@ -35,8 +39,8 @@
  * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut. Points that are embedded in an element that is cut, or mapped to it, may go with the piece on the other side,
- *   and a pressure on a face that is cut acts on each piece of its element in full.
+ *   cut.
+ * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.

@@ -101,6 +101,9 @@ SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
+/* The cell of the body whose material is at xi of the tet that `cell` is of, see sb_body_find_cell: user is the cut.
+ * Within a change of its own it is as after it. */
+SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3]);
 /* Forgets what tets have been touched. */
 SBI_API void sbi_cut_clear(sb_cut *cut);
 

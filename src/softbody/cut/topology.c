@@ -300,20 +300,43 @@ static sb_real sbi_cut_least(const sb_cut *cut)
     return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;
 }
 
-/* Makes or replaces the cell of a record. */
-static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int record, const sbi_part_moments *moments,
-                                  sb_error *error)
+/* What the pieces of a tet are. */
+typedef struct sbi_cut_measures {
+    sbi_part_moments moments[SBI_LATTICE_POINTS];
+    sb_real faces[SBI_LATTICE_POINTS][4][3]; /* see sb_change_cell */
+} sbi_cut_measures;
+
+static void sbi_cut_measure(const sb_cut *cut, int tet, sbi_cut_measures *measures)
+{
+    sbi_parted parted;
+    sbi_face_moments of_face[SBI_LATTICE_POINTS];
+    sbi_cut_parted(cut, tet, &parted);
+    sbi_parted_moments(&parted, sbi_cut_least(cut), measures->moments);
+    for (int face = 0; face < 4; face++) {
+        int corners[SB_MAX_FACE_NODES];
+        sb_element_face(SB_TET4, face, corners, NULL);
+        sbi_parted_face(&parted, face, of_face);
+        for (int k = 0; k < parted.piece_count; k++)
+            for (int i = 0; i < 3; i++)
+                measures->faces[k][face][i] = of_face[k].loads[corners[i]];
+    }
+}
+
+/* Makes or replaces the cell of a record, which is this piece of its tet; measures NULL: all of it. */
+static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int record, const sbi_cut_measures *measures,
+                                  int piece, sb_error *error)
 {
     sbi_cut_cell *cell = cut->cells + record;
     sb_change_cell made = sb_default_change_cell();
     sb_cell_moments of_piece;
     made.nodes = cell->nodes;
     made.parent = cell->cell;
-    if (moments) {
-        of_piece.centroid = moments->centre;
-        of_piece.covariance = moments->spread;
-        made.share = sb_min(moments->share, 1);
+    if (measures) {
+        of_piece.centroid = measures->moments[piece].centre;
+        of_piece.covariance = measures->moments[piece].spread;
+        made.share = sb_min(measures->moments[piece].share, 1);
         made.moments = &of_piece;
+        made.face_loads = measures->faces[piece];
     }
     cut->made_cells += cell->is_new;
     return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
@@ -323,7 +346,7 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
 /* The cells of one tet's records that are others now. */
 static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first, int end, sb_error *error)
 {
-    sbi_part_moments moments[SBI_LATTICE_POINTS];
+    sbi_cut_measures measures;
     sb_result result = SB_OK;
     int differs = 0;
     for (int i = first; i < end; i++)
@@ -331,15 +354,12 @@ static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first,
                    memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0;
     if (!differs)
         return SB_OK;
-    if (end - first > 1) {
-        sbi_parted parted;
-        sbi_cut_parted(cut, cut->cells[first].tet, &parted);
-        sbi_parted_moments(&parted, sbi_cut_least(cut), moments);
-    }
+    if (end - first > 1)
+        sbi_cut_measure(cut, cut->cells[first].tet, &measures);
     for (int i = first; i < end && result == SB_OK; i++)
         if (cut->cells[i].is_cut ||
             memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0)
-            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? moments + i - first : NULL, error);
+            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? &measures : NULL, i - first, error);
     return result;
 }
 
@@ -382,7 +402,6 @@ static void sbi_cut_keep_tet(sb_cut *cut, int first, int end)
     for (int i = first; i < end; i++, piece = cut->pieces[piece].next) {
         cut->pieces[piece].points = cut->cells[i].points;
         cut->pieces[piece].cell = cut->cells[i].cell;
-        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, tet);
     }
 }
 
@@ -407,6 +426,8 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         result = sbi_cut_put_cells(cut, change, error);
     if (result == SB_OK && !sbi_cut_reserve_pieces(cut))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
+        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         cut->changing = 1;
         result = sb_body_change_commit(change, error);

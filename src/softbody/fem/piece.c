@@ -14,6 +14,16 @@ SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
 {
     const sb_real slack = (sb_real)1e-3; /* rounding of places far from the origin */
     sb_real rest = 1;
+    for (int face = 0; face < 4; face++) {
+        sb_real share = 0;
+        for (int k = 0; k < 3; k++) {
+            if (!(piece->faces[face][k] >= 0))
+                return 0;
+            share += piece->faces[face][k];
+        }
+        if (!(share <= 1 + slack))
+            return 0;
+    }
     for (int k = 0; k < 3; k++) {
         sb_real variance = piece->covariance[k]; /* of numbers in [0, 1] it is a quarter at most */
         if (!(piece->centroid[k] >= -slack) || !(variance >= -slack) || !(variance <= (sb_real)0.25 + slack) ||
@@ -24,7 +34,7 @@ SBI_API int sbi_piece_is_sound(const sbi_piece *piece)
     return piece->is == 1 && rest >= -slack;
 }
 
-SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance)
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, const sb_real (*face_loads)[3])
 {
     sbi_piece piece;
     piece.is = 1;
@@ -34,6 +44,9 @@ SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance)
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++)
             piece.covariance[sbi_piece_entry(i, j)] = covariance->m[i][j];
+    for (int face = 0; face < 4; face++)
+        for (int k = 0; k < 3; k++)
+            piece.faces[face][k] = face_loads ? face_loads[face][k] : sbi_piece_whole_load();
     return piece;
 }
 

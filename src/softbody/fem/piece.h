@@ -16,11 +16,15 @@ typedef struct sbi_piece {
     sb_real is; /* 1; 0: the cell is not one, and the rest 0 */
     sb_real centroid[3];
     sb_real covariance[6]; /* xx, yy, zz, yz, zx, xy */
+    sb_real faces[4][3];   /* int N dA over the piece's part of each face, over the face's area, by its corners */
 } sbi_piece;
-enum { SBI_PIECE_REALS = 10 };
+enum { SBI_PIECE_FACES = 12 };
 
-SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance);
-/* 0: the centroid is outside the tet, or the covariance is that of nothing in it. */
+/* What each corner has of a whole face. */
+SB_INLINE sb_real sbi_piece_whole_load(void) { return (sb_real)1 / 3; }
+/* face_loads: [4][3] or NULL: it has all of each face. */
+SBI_API sbi_piece sbi_piece_make(sb_vec3 centroid, const sb_mat3 *covariance, const sb_real (*face_loads)[3]);
+/* 0: the centroid is outside the tet, the covariance is that of nothing in it, or a face's part of no part of it. */
 SBI_API int sbi_piece_is_sound(const sbi_piece *piece);
 /* The four points that stand for the piece, in the tet's coordinates. */
 SBI_API void sbi_piece_points(const sbi_piece *piece, sb_real points[4][3]);

@@ -210,6 +210,50 @@ static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, c
     return whole;
 }
 
+/* Holds a point by the frame of the face that its foot is on, as it would be without smooth normals. */
+static void sbi_embed_hold_by_frame(const sb_embedding *e, const sbi_embed_follower *f, int point,
+                                    sbi_embed_place *place, sb_embedded_point *info)
+{
+    const int *nodes = f->cells + place->cell / f->faces * f->width, *local = f->local[place->cell % f->faces];
+    sb_real shape[SB_MAX_FACE_NODES], slope[SB_MAX_FACE_NODES][3];
+    sb_vec3 at = sb_v3(0, 0, 0), r = at, s = at, offset;
+    sb_mat3 frame;
+    sb_element_shape(e->face.type, place->parameters, shape, slope);
+    for (int a = 0; a < f->face_nodes; a++) {
+        sb_vec3 x = f->nodes[nodes[local[a]]];
+        at = sb_v3_madd(at, shape[a], x);
+        r = sb_v3_madd(r, slope[a][0], x);
+        s = sb_v3_madd(s, slope[a][1], x);
+    }
+    frame = sbi_embed_face_frame(r, s);
+    offset = sb_m3_tapply(frame, sb_v3_sub(e->rest[point], at));
+    place->hold = info->hold = SB_EMBEDDED_FRAME;
+    place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
+    if (e->rest_normals) {
+        offset = sb_m3_tapply(frame, sbi_embed_unit(e->rest_normals[point]));
+        place->carried[0] = offset.x, place->carried[1] = offset.y, place->carried[2] = offset.z;
+    }
+}
+
+/* A place in an element that is cut goes over to the piece that has it: outside by the frame of its face, as the nodes
+ * of another piece have other smooth normals. */
+static void sbi_embed_find_piece(const sb_embedding *e, const sbi_embed_follower *f, int point, sbi_embed_place *place,
+                                 sb_embedded_point *info)
+{
+    int on_face = sbi_embed_is_on_face(place->hold), cell, face;
+    if (!f->find_cell)
+        return;
+    cell = f->find_cell(f->find_user, info->element, info->xi);
+    face = cell * f->faces + place->cell % f->faces;
+    if (cell < 0 || cell >= f->cell_end || cell == info->element || f->cells[cell * f->width] < 0 ||
+        (on_face && f->outer[face] < 0))
+        return;
+    info->element = cell;
+    place->cell = on_face ? face : cell;
+    if (place->hold == SB_EMBEDDED_OFFSET)
+        sbi_embed_hold_by_frame(e, f, point, place, info);
+}
+
 /* Places what has no place yet; returns how many are left. */
 static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                  const sbi_embed_volume *volume)
@@ -229,6 +273,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
             swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
         else
             swap->place.cell = swap->info.element;
+        sbi_embed_find_piece(e, f, swap->point, &swap->place, &swap->info);
         swap->done = sbi_embed_accepts(f, part, &swap->place);
         left += !swap->done;
     }
@@ -548,6 +593,8 @@ static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, con
 {
     sbi_embed_parts parts;
     sb_result result;
+    f->find_cell = mesh->find_cell;
+    f->find_user = mesh->find_user;
     if (!sbi_embed_live_room(e, f, mesh->node_end, mesh->cell_end, 0) || !sbi_embed_live_fill(e, f, mesh) ||
         !sbi_embed_reserve_swaps(e, f, e->report.point_count))
         return sbi_embed_follow_no_memory(e, error);
@@ -625,6 +672,8 @@ SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_chan
     if (result != SB_OK)
         return result;
     f->change = change;
+    f->find_cell = change->find_cell;
+    f->find_user = change->find_user;
     known = sbi_embed_reserve_mesh(e, f);
     e->elements = f->cells; /* they may have moved */
     if (!known)

@@ -19,9 +19,11 @@
 /* A mesh in slots. */
 typedef struct sbi_embed_slots {
     int node_end, cell_end;
-    const sb_vec3 *nodes;      /* [node_end] at rest (m) */
-    const int *cells;          /* [cell_end][nodes per element] */
-    const unsigned char *used; /* [cell_end] 0: a free slot */
+    const sb_vec3 *nodes;                                        /* [node_end] at rest (m) */
+    const int *cells;                                            /* [cell_end][nodes per element] */
+    const unsigned char *used;                                   /* [cell_end] 0: a free slot */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]); /* see sb_mesh_change; or NULL */
+    void *find_user;
 } sbi_embed_slots;
 
 /* Whom it follows. */
@@ -75,8 +77,10 @@ typedef struct sbi_embed_follower {
 
     sbi_embed_pool scratch;
 
-    const sb_mesh_change *change; /* between reserve and what ends it */
-    sb_vec3 *old_nodes;           /* [old_room] of the slots that made nodes take */
+    const sb_mesh_change *change;                                /* between reserve and what ends it */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]); /* of what is being followed; or NULL */
+    void *find_user;
+    sb_vec3 *old_nodes; /* [old_room] of the slots that made nodes take */
     int old_room, old_node_end, old_cell_end;
 } sbi_embed_follower;
 

@@ -63,6 +63,12 @@ typedef struct sb_mesh_change {
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
     const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
+
+    /* Where cells are pieces of elements, which all have the whole element's shape: the cell, as numbered after the
+     * change, with the material at xi of the element that `cell`, also as after it, is a piece of. NULL: nobody knows
+     */
+    int (*find_cell)(void *user, int cell, const sb_real xi[3]);
+    void *find_user;
 } sb_mesh_change;
 
 typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
