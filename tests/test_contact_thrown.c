@@ -186,7 +186,7 @@ static double energy_of(sb_body *body)
 
 /* ---- thrown at each other -------------------------------------------------------------------------------------- */
 
-/* Of a cell's edge: how deep nodes may come. Of 100 scenes 97 stay below 0.5, the worst comes to 0.9. */
+/* Of a cell's edge: how deep nodes of the skin may come. */
 #define DEEPEST 0.7
 
 /* Speeds stay below those at which the tissue itself is turned inside out: rho v^2 = 2 E. */

@@ -37,11 +37,10 @@ static sb_vec3 sbi_apart_at(const sb_vec3 *x, const sb_vec3 *way, int node)
     return way ? sb_v3_add(x[node], way[node]) : x[node];
 }
 
-SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real depth, const sb_vec3 *x,
+SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real most, const sb_vec3 *x,
                                 const sb_vec3 *way)
 {
     const sbi_contact_faces *faces = contact->faces;
-    sb_real most = SBI_APART_SIDE * depth;
     int count =
         sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
                                 sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
@@ -114,7 +113,7 @@ static int sbi_apart_strays(sb_contact *contact, int other, const sbi_apart_samp
     sb_real depth;
     if (sbi_apart_meets(contact, other, s, 0, &depth) < 0 || !(depth > sbi_pairs_safe_depth(contact, other)))
         return 0;
-    return sbi_pairs_is_inside(contact, s->face, other, sb_v3_add(s->at, s->way), depth,
+    return sbi_pairs_is_inside(contact, s->face, other, sb_v3_add(s->at, s->way), SBI_APART_SIDE * depth,
                                sb_body_positions(contact->body), contact->moved) ||
            sbi_apart_passes(contact, other, s);
 }
@@ -132,7 +131,7 @@ static int sbi_apart_sinks(sb_contact *contact, const sbi_pair_sample *s)
     if (!(depth > sb_max(safe, before + SBI_APART_SINKS * safe)))
         return 0;
     at = sb_v3_add(sbi_contact_mean(s->weights, nodes, faces->sizes[s->face], x), way);
-    return sbi_pairs_is_inside(contact, s->face, s->other, at, depth, x, contact->moved);
+    return sbi_pairs_is_inside(contact, s->face, s->other, at, SBI_APART_SIDE * depth, x, contact->moved);
 }
 
 /* ---- zones ---- */

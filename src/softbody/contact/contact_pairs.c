@@ -20,6 +20,8 @@ enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5, SBI_PAIR_MOST_PARTS = 1024 };
 #define SBI_PAIR_LEAN_INSIDE ((sb_real)0.02)
 /* Of a face's length: overlap deeper than this is looked at from all sides. */
 #define SBI_PAIR_DEEP ((sb_real)0.1)
+/* Of its depth: where a face of any look is nearer than that, a sample is not held by this one. */
+#define SBI_PAIR_SIDE ((sb_real)0.9)
 /* Faces whose normals have a product below this do not look the same way. */
 #define SBI_PAIR_TURNED ((sb_real)0.5)
 /* Of the thickness: what lies deeper is taken to be on the other side. */
@@ -37,7 +39,8 @@ typedef struct sbi_pair_search {
     sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
     int best;         /* -1: none */
     sb_real measure;
-    sb_real height; /* m, in front of that face */
+    int nearest; /* face whose point is nearest, whether or not it may be paired with; -1: none */
+    sb_real nearest_away, nearest_height;
     sbi_closest closest;
 } sbi_pair_search;
 
@@ -87,15 +90,19 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     height = sb_v3_dot(n, way);
     away = sb_v3_norm(way);
     beside = sb_v3_norm(sbi_contact_tangential(way, n));
+    if (search->nearest < 0 || away < search->nearest_away) {
+        search->nearest = other;
+        search->nearest_away = away;
+        search->nearest_height = height;
+    }
     lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
     if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
         (-height > SBI_PAIR_DEEP * length &&
-         !sbi_pairs_is_inside(contact, search->face, other, search->at, -height, contact->x, NULL)))
+         !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL)))
         return;
     search->best = other;
     search->measure = away;
-    search->height = height;
     search->closest = closest;
 }
 
@@ -133,72 +140,50 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     }
 }
 
-/* Whether the sample is in an organ that has faces among the `count` in scratch: the nearest of them all decides. */
-static void sbi_pair_try_organ(sbi_pair_search *search, int organ, int count)
+/* A sample that no face's own rule holds may lie in a fold of the other organ, nearest to an edge or a corner there, or
+ * to a face that does not look at it: the nearest of all faces decides. */
+static void sbi_pair_try_around(sbi_pair_search *search)
 {
     sb_contact *contact = search->contact;
     const sbi_contact_faces *faces = contact->faces;
-    sb_vec3 at = search->at, sum = {0, 0, 0}, way = {0, 0, 0};
-    sb_real least = SB_REAL_MAX, size;
-    int best = -1;
-    sbi_closest nearest;
+    sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 at = search->at, sum = {0, 0, 0}, own = sbi_pairs_face_normal(contact, search->face);
+    sb_real most = search->nearest_away * (1 + SBI_PAIR_BESIDE), least = SB_REAL_MAX;
+    int organ = pairs->organs[search->nearest], best = -1, count;
+    count = sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
+                                    sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < count; i++) {
             int other = contact->scratch[i];
             sb_vec3 x[SB_MAX_FACE_NODES];
             sbi_closest closest;
             sb_real away;
-            if (contact->pairs.organs[other] != organ || sbi_pair_is_far(search, other, least))
+            if (pairs->organs[other] != organ || !sbi_pairs_are_apart(contact, search->face, other))
                 continue;
             sbi_pair_gather(contact, other, x);
             sbi_closest_on_face(&faces->kinds[faces->sizes[other]], x, at, &closest);
             away = sb_v3_norm(sb_v3_sub(at, closest.point));
             if (pass == 0 && away < least)
-                least = away, best = other, nearest = closest;
+                least = away, best = other, search->closest = closest;
             if (pass == 1 && away <= least * (1 + SBI_PAIR_BESIDE)) /* those of its edge or corner */
                 sum = sb_v3_add(sum, sbi_pairs_face_normal(contact, other));
         }
-    if (best < 0 || least > sbi_pair_deepest(&contact->pairs, best))
-        return;
-    way = sb_v3_sub(at, nearest.point);
-    size = sb_v3_norm(sum);
-    if (!(sb_v3_dot(sum, way) < -SBI_PAIR_TURNED * size * least) ||
-        !(sb_v3_dot(sum, sbi_pairs_face_normal(contact, search->face)) < SBI_PAIR_TURNED * size))
+    if (best < 0 ||
+        !(sb_v3_dot(sum, sb_v3_sub(at, search->closest.point)) < -SBI_PAIR_TURNED * sb_v3_norm(sum) * least) ||
+        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best))
         return;
     search->best = best;
-    search->measure = least;
-    search->closest = nearest;
-}
-
-/* A sample that no face's own rule holds may lie in another organ yet: in a fold, nearest to an edge or a corner, or to
- * a face that does not look at it. */
-static void sbi_pair_look_around(sbi_pair_search *search)
-{
-    sb_contact *contact = search->contact;
-    const int *organs = contact->pairs.organs;
-    sb_vec3 at = search->at;
-    sb_real most = search->best >= 0 ? search->measure : SBI_PAIR_NEAR * contact->pairs.longest;
-    int count, own = organs[search->face];
-    count = sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
-                                    sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch,
-                                    contact->faces->face_room);
-    for (int i = 0; i < count; i++) {
-        int organ = organs[contact->scratch[i]], first = 0;
-        while (organs[contact->scratch[first]] != organ)
-            first++;
-        if (first == i && organ != own && contact->pairs.kinds & SB_CONTACT_ORGANS)
-            sbi_pair_try_organ(search, organ, count);
-    }
 }
 
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    search->best = -1;
+    search->best = search->nearest = -1;
     for (int i = 0; i < search->others; i++)
         sbi_pair_try_near(search, pairs->found[i]);
-    if (search->best < 0 || search->height > 0)
-        sbi_pair_look_around(search);
+    if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
+        search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away) /* else it is beside that face */
+        sbi_pair_try_around(search);
     for (int i = 0; search->best < 0 && search->step->dt > 0 && i < search->others; i++)
         sbi_pair_try_way(search, pairs->found[i]);
 }
@@ -321,7 +306,6 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
 SBI_API void sbi_pairs_forget(sb_contact *contact)
 {
     sbi_pairs *pairs = &contact->pairs;
-
     for (int i = 0; i < pairs->slot_count; i++)
         pairs->slot_of[pairs->slots[i]] = -1;
     pairs->slot_count = pairs->patch_count = pairs->sample_count = pairs->active_count = 0;

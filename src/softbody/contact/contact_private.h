@@ -240,9 +240,9 @@ SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin);
 /* ---- contact_apart.c ---- */
 /* How deep (m) a point may lie behind a face at the end of a step. */
 SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face);
-/* 1 when a point of `face` that lies `depth` behind another is in the other's organ all around: no face of that,
- * wherever it looks, is much nearer. Nodes are at x + way (way NULL: at x). */
-SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real depth, const sb_vec3 *x,
+/* 1 when a point of `face` that lies behind another is in the other's organ all around: no face of that, wherever it
+ * looks, is nearer than `most` (m). Nodes are at x + way (way NULL: at x). */
+SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real most, const sb_vec3 *x,
                                 const sb_vec3 *way);
 /* 1: nothing has passed through; contact->moved and the faces' boxes are those of displacements u. */
 SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u);
