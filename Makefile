@@ -255,7 +255,7 @@ LENIENT = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -outp
 test-host: build/host/tests build/double/tests
 	MALLOC_PERTURB_=1 tests/total.sh "build/host/tests $(or $(FILTER),$(LENIENT))" $(if $(FILTER),,"build/double/tests $(LENIENT:-%=%)")
 sanitize: build/sanitize/tests
-	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
+	CHECK_QUICK=1 CHECK_SHORT=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 
 # The table of cases against closed forms: its introduction is written by hand, its rows by the tests, a section for
 # each suite. `make check` compares the list of cases with the committed one.

@@ -45,8 +45,8 @@ extern check_state check;
 
 /* Whether long loops should be cut short: with CHECK_QUICK in the environment, for slow builds. */
 static inline int check_quick(void) { return getenv("CHECK_QUICK") != NULL; }
-/* Rounds of a long random loop: `count`, or a fifth of it with CHECK_SHORT in the environment, which only make test
- * sets. */
+/* Rounds of a long random loop: `count`, or a fifth of it with CHECK_SHORT in the environment: for make test, and for
+ * builds that look for other things than one more random case. */
 static inline int check_rounds(int count) { return getenv("CHECK_SHORT") ? (count + 4) / 5 : count; }
 
 /* From here on the test hands over what is not finite, or makes a call fail by numbers beyond all range: under

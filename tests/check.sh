@@ -42,7 +42,7 @@ counted "tests under the address and undefined-behaviour sanitizers" "$make sani
 counted "warnings, split build, order of calls, linkage" "$make lint $(few "LINTS='gcc-float clangxx-double'")"
 counted "tests in double, each with 128 kB of stack and bad operations as signals" "$make test-host"
 counted "examples, README, fuzz corpus" "$make test-programs"
-counted "tests in float" "CHECK_QUICK=1 $make test-float FILTER='\$(SLOW)'"
+counted "tests in float" "CHECK_QUICK=1 CHECK_SHORT=1 $make test-float FILTER='\$(SLOW)'"
 counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1"
 # Waiting threads leave their processor to the other step. Long tests that have no threads are left out.
 counted "tests with OpenMP" "OMP_WAIT_POLICY=passive $make test-openmp FILTER='\$(SLOW) -step/rest -step/Newmark \

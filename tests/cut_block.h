@@ -231,4 +231,46 @@ static inline int strip_random(sb_vec3 *triangles, unsigned long long *seed)
     return 2 * QUADS;
 }
 
+/* Volumes of the parts, in the order of their first cells; returns how many. */
+static inline int part_volumes(const block *b, double *volumes, int capacity)
+{
+    const sb_body *body = b->body;
+    int parts = 0, of[64];
+    for (int k = 0; k < 64; k++)
+        of[k] = -1;
+    for (int e = 0; e < sb_body_element_count(body); e++) {
+        int tet = sb_cut_cell_element(b->cut, e), part, at = 0;
+        if (!sb_body_cell_in_use(body, e))
+            continue;
+        part = body->node_component[sb_body_cell_nodes(body, e)[0]];
+        while (at < parts && of[at] != part)
+            at++;
+        if (at == parts && parts < capacity && parts < 64) {
+            of[parts] = part;
+            volumes[parts++] = 0;
+        }
+        volumes[at] += (double)sb_body_cell_share(body, e) * (double)sb_mesh_element_volume(&b->mesh, tet);
+    }
+    return parts;
+}
+
+/* A small block whose memory is counted. */
+static inline block counted_block(scene_memory *memory, int nx, double slack)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_cut_def cut = sb_default_cut_def();
+    block b;
+    memset(&b, 0, sizeof b);
+    b.mesh = scene_box(SB_TET4, nx, 2, 2, block_size, 0);
+    def.mesh = &b.mesh;
+    def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
+    def.slack = REAL(slack);
+    def.allocator = scene_allocator(memory);
+    b.body = scene_body(&def);
+    cut.body = b.body;
+    cut.allocator = def.allocator;
+    CHECK_OK(sb_cut_create(&cut, &b.cut, NULL));
+    return b;
+}
+
 #endif /* CUT_BLOCK_H */

@@ -217,7 +217,7 @@ static inline int hand_call(hand_scene *s)
     sb_tool_state state = hand_sense(s);
     sbi_haptic_frame arrives;
     int follows = sbi_servo_call(&s->servo, &state, hand_simulate(s, &arrives), &s->force);
-    s->posted = sbi_servo_wanted(&s->servo, &state);
+    s->posted = sbi_servo_wanted(&s->servo, 0, &state);
     hand_account(s, &before);
     return follows;
 }

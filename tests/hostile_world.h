@@ -26,6 +26,7 @@ typedef struct world {
     sb_contact_def contact_def;
     sb_body *parted; /* with a cut */
     sb_cut *cut;
+    sb_cut_surface *cut_surface;
     sb_cut_def cut_def;
     sb_haptic *haptic; /* a hand at the sphere */
     sb_haptic_def haptic_def;
@@ -383,6 +384,13 @@ static sb_cut *world_cut(world *w)
     def.body = w->parted;
     CHECK_OK(sb_cut_create(&def, &w->cut, NULL));
     return w->cut;
+}
+
+static sb_cut_surface *world_cut_surface(world *w)
+{
+    if (!w->cut_surface)
+        CHECK_OK(sb_cut_surface_create(world_cut(w), NULL, &w->cut_surface, NULL));
+    return w->cut_surface;
 }
 
 /* A triangle through the mesh. */
@@ -1158,6 +1166,7 @@ static void world_free(world *w)
     sb_recording_destroy(w->recording);
     sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
+    sb_cut_surface_destroy(w->cut_surface);
     sb_cut_destroy(w->cut);
     sb_body_destroy(w->parted);
     sb_body_destroy(w->touched);

@@ -159,11 +159,11 @@ static void check_drag(double stiffness, double turning, int scheme)
 
 static void test_drag(void)
 {
-    check_drag(3, 0, 0);
-    check_drag(3e4, 3, 0);
     check_drag(300, 0.03, 1);
     if (check_quick())
         return;
+    check_drag(3, 0, 0);
+    check_drag(3e4, 3, 0);
     check_drag(3, 0.0003, 0);
     check_drag(300, 0.03, 0);
     check_drag(300, 0.03, 2);

@@ -385,6 +385,12 @@ static sbi_int3 point_random(int limit, unsigned long long *seed)
     return p;
 }
 
+static sbi_int3 point_moved(sbi_int3 p, int scale, sbi_int3 by)
+{
+    p.x = scale * p.x + by.x, p.y = scale * p.y + by.y, p.z = scale * p.z + by.z;
+    return p;
+}
+
 /* The same question in long double, with the blade really moved by (e, e^2, e^3): exact where e and the coordinates are
  * numbers of few bits. -1: a tie. */
 static int crosses_long(const sbi_int3 corners[3], sbi_int3 p, sbi_int3 r, long double e)
@@ -424,13 +430,14 @@ static void test_signs(void)
     unsigned long long seed = 5;
     int rounds = check_quick() ? 20000 : check_rounds(1000000), crossings = 0, different = 0, unlike = 0;
     for (int i = 0; i < rounds; i++) {
-        int limit = i % 2 ? SBI_CROSSING_TISSUE : 2; /* small ones: full of ties */
-        sbi_int3 corners[3], turned[3], p = point_random(limit, &seed), r = point_random(limit, &seed);
+        int limit = i % 2 ? 1 << 17 : 2; /* as large as long double can do; small ones: full of ties */
+        sbi_int3 corners[3], turned[3], large[3], by = point_random(SBI_CROSSING_TISSUE / 2, &seed),
+                                                  p = point_random(limit, &seed), r = point_random(limit, &seed);
         sbi_blade blade, back;
         sb_real t = -1, s = -1;
         int crosses, expected;
         for (int a = 0; a < 3; a++)
-            corners[a] = point_random(i % 2 ? SBI_CROSSING_BLADE : limit, &seed);
+            corners[a] = point_random(i % 2 ? 1 << 19 : limit, &seed);
         turned[0] = corners[2];
         turned[1] = corners[1];
         turned[2] = corners[0];
@@ -441,6 +448,12 @@ static void test_signs(void)
         expected = crosses_long(corners, p, r, i % 2 ? 0 : e);
         different += sbi_blade_crosses(&back, r, p, &s) != crosses;
         unlike += crosses != expected && (i % 2 == 0 || expected >= 0) && LDBL_MANT_DIG >= 64;
+        for (int a = 0; a < 3; a++)
+            large[a] = point_moved(corners[a], i % 2 ? 1 << 8 : 1 << 24, by);
+        CHECK(sbi_blade_make(large, &back)); /* as large as it gets */
+        different += sbi_blade_crosses(&back, point_moved(p, i % 2 ? 1 << 8 : 1 << 24, by),
+                                       point_moved(r, i % 2 ? 1 << 8 : 1 << 24, by), &s) != crosses;
+        s = crosses ? 1 - s : s;
         if (crosses)
             CHECK(t >= 0 && t <= 1 && sb_abs(s - (1 - t)) <= 4 * SB_EPSILON);
         crossings += crosses;
@@ -529,7 +542,7 @@ static void test_far_blades(void)
         sbi_int3 way[4];
         int sum = 0;
         sbi_crossing_frame_make(sb_v3(-1, -1, -1), sb_v3(1, 1, 1), &frame);
-        CHECK_NEAR(frame.scale, 65536, 0);
+        CHECK_NEAR(frame.scale, 33554432, 0);
         for (int k = 0; k < 3; k++) {
             base[k] = vector_in(-reach, reach, &seed);
             base[k].z = REAL(3 * reach); /* the base misses the tissue */
@@ -770,7 +783,7 @@ static sbi_parted parted_random(const sbi_lattice *lattice, double share, unsign
     for (int l = 0; l < lattice->link_count; l++) {
         double t = check_random_in(seed, -0.2, 1.2); /* often at an end */
         parted.cut[l] = (unsigned char)(check_random(seed) < share);
-        parted.turn[l] = (l * 37 + 11) % 131; /* none twice */
+        parted.rank[l] = (l * 37 + 11) % 131; /* none twice */
         parted.t[l] = REAL(t < 0 ? 0 : t > 1 ? 1 : t);
     }
     sbi_parted_find(&parted);
@@ -911,7 +924,7 @@ static void test_later_cuts(void)
                 double sums[SBI_LATTICE_POINTS][2] = {{0}};
                 now.cut[link] = 1;
                 if (!before.cut[link])
-                    now.turn[link] = turn;
+                    now.rank[link] = turn;
                 sbi_parted_find(&now);
                 if (now.piece_count > before.piece_count) {
                     refined += before.piece_count > 1;
@@ -1090,7 +1103,7 @@ static void test_lips(void)
                     heights[k] = n.x * at[1] + n.y * at[2] + n.z * at[3] - level;
                 }
                 parted.cut[l] = (unsigned char)((heights[0] > 0) != (heights[1] > 0));
-                parted.turn[l] = l;
+                parted.rank[l] = l;
                 parted.t[l] = parted.cut[l] ? heights[0] / (heights[0] - heights[1]) : REAL(0.5);
             }
             sbi_parted_find(&parted);
@@ -1129,19 +1142,22 @@ static void test_ring(void)
 {
     for (int i = 0; i < 3; i++) {
         sbi_lattice lattice;
-        unsigned char cut[SBI_LATTICE_LINKS];
+        unsigned char cut[SBI_LATTICE_LINKS], ringed[SBI_LATTICE_LINKS];
         uint64_t pieces[SBI_LATTICE_POINTS];
         sbi_lattice_make(intervals_of[i], &lattice);
         for (int l = 0; l < lattice.link_count; l++) { /* all links about the ends of this one and between them */
             int a = lattice.links[l][0];
             memset(cut, 0, sizeof cut);
-            CHECK(!sbi_lattice_is_ringed(&lattice, cut, l));
+            sbi_lattice_find_ringed(&lattice, cut, ringed);
+            CHECK(!ringed[l]);
             for (int k = 0; k < lattice.link_count; k++)
                 cut[k] = (unsigned char)((lattice.links[k][0] == a || lattice.links[k][1] == a) && k != l);
-            CHECK(sbi_lattice_is_ringed(&lattice, cut, l));
+            sbi_lattice_find_ringed(&lattice, cut, ringed);
+            CHECK(ringed[l]);
             CHECK_INT(sbi_lattice_pieces(&lattice, cut, sbi_lattice_all(&lattice), pieces), 1);
             cut[l] = 1;
-            CHECK(!sbi_lattice_is_ringed(&lattice, cut, l));
+            sbi_lattice_find_ringed(&lattice, cut, ringed);
+            CHECK(!ringed[l]);
             CHECK_INT(sbi_lattice_pieces(&lattice, cut, sbi_lattice_all(&lattice), pieces), 2);
             CHECK(pieces[0] == (uint64_t)1 << a || pieces[1] == (uint64_t)1 << a);
         }

@@ -830,7 +830,7 @@ static double stroke_servo(const hand_case *is, const sb_haptic_def *def, double
         sb_tool_state at = state_at(x.x, x.y, x.z, 1e-3 * i);
         s.time = 1e-3 * i;
         sbi_servo_call(&s.servo, &at, hand_simulate(&s, &arrives), &s.force);
-        s.posted = sbi_servo_wanted(&s.servo, &at);
+        s.posted = sbi_servo_wanted(&s.servo, 0, &at);
         pushes[i] = s.force.force[2];
         if (i > STROKE_BEGINS)
             largest = fmax(largest, fabs(pushes[i] - pushes[i - 1]));

@@ -802,9 +802,10 @@ static sb_body *plain_body(sb_mesh *mesh, sb_precond_kind kind)
 /* 200 changes as of a needle that goes in and comes out five times, with steps between. */
 static void test_in_place(void)
 {
-    const sb_precond_kind kinds[] = {SB_PRECOND_IC0, SB_PRECOND_SSOR, SB_PRECOND_BLOCK_JACOBI};
+    const sb_precond_kind kinds[] = {SB_PRECOND_IC0,       SB_PRECOND_SSOR, SB_PRECOND_BLOCK_JACOBI,
+                                     SB_PRECOND_MULTIGRID, SB_PRECOND_FSAI, SB_PRECOND_CHOLESKY};
     cut *cuts = (cut *)malloc(20 * sizeof *cuts);
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 6; k++) {
         sb_mesh mesh;
         sb_body *body = plain_body(&mesh, kinds[k]);
         unsigned long long seed = 17;

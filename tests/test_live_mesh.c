@@ -1526,12 +1526,13 @@ static void test_both_ways(void)
     const sb_material materials[] = {sb_material_corotated(5000, REAL(0.4), 1000),
                                      with_prony(sb_material_neo_hookean(5000, REAL(0.4), 1000)),
                                      with_prony(with_fibres(sb_material_stable_neo_hookean(5000, REAL(0.4), 1000)))};
-    const sb_integrator integrators[] = {SB_EULER, SB_NEWMARK, SB_CENTRAL_DIFFERENCE};
+    const sb_integrator integrators[] = {SB_EULER, SB_NEWMARK, SB_CENTRAL_DIFFERENCE, SB_EULER};
+    const sb_precond_kind remade[] = {SB_PRECOND_MULTIGRID, SB_PRECOND_FSAI, SB_PRECOND_CHOLESKY};
     sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
     sb_vec3 *fibres = (sb_vec3 *)calloc((size_t)mesh.element_count, sizeof *fibres);
     for (int e = 0; e < mesh.element_count; e++)
         fibres[e] = sb_v3(1, REAL(e % 3), 0);
-    for (int k = 0; k < 9; k++) {
+    for (int k = 0; k < 12; k++) {
         sb_body_def def = live_def(&mesh, materials[k % 3], integrators[k / 3]);
         unsigned long long seeds[2] = {71, 71};
         sb_body *bodies[2];
@@ -1540,6 +1541,7 @@ static void test_both_ways(void)
         int node, same = 1;
         def.fibres = k % 3 == 2 ? fibres : NULL;
         def.mass = k == 4 ? SB_MASS_CONSISTENT : SB_MASS_LUMPED;
+        def.preconditioner = k < 9 ? SB_PRECOND_AUTO : remade[k - 9];
         for (int b = 0; b < 2; b++) {
             def.slack = b ? 4 : REAL(0.001); /* the second has room for all, the first grows again and again */
             bodies[b] = scene_body(&def);
@@ -1611,6 +1613,51 @@ static void test_memory_in_place(void)
         CHECK(sb_body_state_hash(body) == sb_body_state_hash(twin));
     }
     CHECK(failures > 100);
+    sb_body_destroy(body);
+    sb_body_destroy(twin);
+    CHECK_INT(memory.live, 0);
+    sb_mesh_free(&mesh);
+}
+
+/* Where there is no memory for multigrid's levels after a change, the change holds; steps ask for them again, and until
+ * they get them leave everything as it is. */
+static void test_memory_of_levels(void)
+{
+    scene_memory memory = {0, 0, 0, 0};
+    sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
+    sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
+    unsigned long long seeds[2] = {67, 67};
+    sb_body *body, *twin;
+    sb_error error;
+    int failures = 0;
+    op o;
+    def.slack = 4;
+    def.preconditioner = SB_PRECOND_MULTIGRID;
+    twin = scene_body(&def);
+    def.allocator = scene_allocator(&memory);
+    body = scene_body(&def);
+    for (int n = 1; n < 40; n++) {
+        sb_step_info info;
+        CHECK_OK(change_at_random(twin, seeds + 1, (op_kind)(n % OP_COPY_NODE), &o, &error));
+        memory.calls = 0;
+        memory.fail_at = n;
+        CHECK_OK(change_at_random(body, seeds, (op_kind)(n % OP_COPY_NODE), &o, &error));
+        if (memory.calls >= n) {
+            uint64_t hash = sb_body_state_hash(body);
+            failures++;
+            memory.calls = 0;
+            memory.fail_at = 1;
+            CHECK_RESULT(sb_body_step(body, REAL(0.002), &info), SB_ERROR_MEMORY);
+            CHECK_RESULT(info.error.result, SB_ERROR_MEMORY);
+            CHECK(sb_body_state_hash(body) == hash);
+        }
+        memory.fail_at = 0;
+        CHECK_OK(sb_body_live_check(body, &error));
+        CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+        CHECK_OK(sb_body_step(twin, REAL(0.002), NULL));
+        CHECK(sb_body_state_hash(body) == sb_body_state_hash(twin));
+    }
+    CHECK(failures > 10);
     sb_body_destroy(body);
     sb_body_destroy(twin);
     CHECK_INT(memory.live, 0);
@@ -1720,6 +1767,7 @@ CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"random meshes"
             {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
             {"free slots below one in use", test_slots_between},
             {"every allocation of a plain body fails", test_memory_in_place},
-            {"iterations after changes", test_iterations}, {"slides", test_slide},
-            {"momentum of slides", test_slide_momentum}, {"a slide of one free node", test_slide_alone},
-            {"supports of slides", test_slide_supports}, {"calls and recordings of slides", test_slide_calls});
+            {"no memory for levels", test_memory_of_levels}, {"iterations after changes", test_iterations},
+            {"slides", test_slide}, {"momentum of slides", test_slide_momentum},
+            {"a slide of one free node", test_slide_alone}, {"supports of slides", test_slide_supports},
+            {"calls and recordings of slides", test_slide_calls});

@@ -332,8 +332,15 @@
 #define sb_cut_create sb_cut_create_f32
 #define sb_cut_destroy sb_cut_destroy_f32
 #define sb_cut_triangles sb_cut_triangles_f32
+#define sb_cut_begin sb_cut_begin_f32
+#define sb_cut_move sb_cut_move_f32
+#define sb_cut_end sb_cut_end_f32
 #define sb_cut_node_origin sb_cut_node_origin_f32
 #define sb_cut_cell_element sb_cut_cell_element_f32
+#define sb_cut_surface_create sb_cut_surface_create_f32
+#define sb_cut_surface_destroy sb_cut_surface_destroy_f32
+#define sb_cut_surface_update sb_cut_surface_update_f32
+#define sb_cut_surface_get sb_cut_surface_get_f32
 #endif
 #endif
 

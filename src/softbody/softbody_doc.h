@@ -37,7 +37,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No rendering; cuts (sb_cut) of tet4 only, and without a surface to draw.
+ * No rendering; cuts (sb_cut) of tet4 only.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -117,7 +117,7 @@
  *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create
  *              lays them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
- * sb_cut       triangles that cut a body while it runs.
+ * sb_cut       triangles that cut a body while it runs; sb_cut_surface: what is drawn of it.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any

@@ -6,7 +6,9 @@
  *
  * A hand that strokes, and every tenth call a new frame. One line per workload:
  *     name calls median_us p99_us p99.9_us p99.99_us checksum
- * of single calls, less what reading the clock takes; the checksum is the sum of the forces' sizes. Asserts nothing. */
+ * of single calls, less what reading the clock takes; the checksum is the sum of the forces' sizes. After each the same
+ * of plain loops, as long as the median call with and without a new frame, which take turns with the calls: what of the
+ * tail is the machine's own. They read and write nothing and always do the same. Asserts nothing. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -16,7 +18,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { CALLS = 1000000 };
+enum { CALLS = 1000000, FRAMES = 10 /* calls from one to the next */ };
 
 /* Wall time (s) since the first call: now() has too few digits for what takes less than a microsecond. */
 static double instant(void)
@@ -51,13 +53,45 @@ static sbi_haptic_frame dent(int count, double time)
     return frame;
 }
 
+/* `rounds` multiplications in a row. */
+static double plain_loop(int rounds)
+{
+    volatile double factor = 1.0000001;
+    double product = factor, step = factor;
+    for (int i = 0; i < rounds; i++)
+        product *= step;
+    return product;
+}
+
+/* Rounds that take so long (s). */
+static int rounds_for(double seconds)
+{
+    enum { MANY = 1000000, TURNS = 9 };
+    double least = 1, sum = 0;
+    for (int i = 0; i < TURNS; i++) {
+        double begun = instant(), spent;
+        sum += plain_loop(MANY);
+        spent = instant() - begun;
+        least = spent < least ? spent : least;
+    }
+    return sum > 0 ? (int)(seconds * (double)MANY / least) : 1;
+}
+
+static void tell(const char *name, double *values, double sum)
+{
+    qsort(values, CALLS, sizeof values[0], ascending);
+    printf("%-22s %d %.3f %.3f %.3f %.3f %.9g\n", name, (int)CALLS, 1e6 * values[CALLS / 2],
+           1e6 * values[CALLS / 100 * 99], 1e6 * values[CALLS / 1000 * 999], 1e6 * values[CALLS / 10000 * 9999], sum);
+}
+
 static void run(const char *name, int clusters, double max_torque, double coupling)
 {
-    static double times[CALLS];
+    static double times[CALLS], loops[CALLS];
     sb_haptic_def def = sb_default_haptic_def();
     sb_wrench_d out;
     sbi_servo servo;
-    double sum = 0, clock_takes;
+    double sum = 0, product = 0, clock_takes;
+    int rounds[2] = {0, 0}; /* of calls without a frame, and with one */
     def.max_force = 8;
     def.max_torque = max_torque;
     def.max_stiffness = 2000;
@@ -81,13 +115,23 @@ static void run(const char *name, int clusters, double max_torque, double coupli
         state.rotation[0] = state.rotation[4] = state.rotation[8] = 1;
         state.time = time;
         begun = instant();
-        sbi_servo_call(&servo, &state, i % 10 ? NULL : &frame, &out);
+        sbi_servo_call(&servo, &state, i % FRAMES ? NULL : &frame, &out);
         times[i] = instant() - begun - clock_takes;
+        for (int with = 0; i == CALLS / 100 && with < 2; with++) {
+            int count = 0;
+            for (int k = 0; k < i; k++)
+                if ((k % FRAMES == 0) == with)
+                    loops[count++] = times[k];
+            rounds[with] = rounds_for(median(loops, count));
+            memset(loops, 0, (size_t)i * sizeof *loops);
+        }
+        begun = instant();
+        product += plain_loop(rounds[i % FRAMES == 0]);
+        loops[i] = instant() - begun - clock_takes;
         sum += sqrt(out.force[0] * out.force[0] + out.force[1] * out.force[1] + out.force[2] * out.force[2]);
     }
-    qsort(times, CALLS, sizeof times[0], ascending);
-    printf("%s %d %.3f %.3f %.3f %.3f %.9g\n", name, (int)CALLS, 1e6 * times[CALLS / 2], 1e6 * times[CALLS / 100 * 99],
-           1e6 * times[CALLS / 1000 * 999], 1e6 * times[CALLS / 10000 * 9999], sum);
+    tell(name, times, sum);
+    tell("  a plain loop", loops, product);
 }
 
 int main(void)

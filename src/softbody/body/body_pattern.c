@@ -313,3 +313,17 @@ SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_precond
     sbi_free(&body->allocator, moduli);
     return result;
 }
+
+SBI_API sb_result sbi_body_settle_preconditioner(sb_body *body, sb_error *error)
+{
+    sb_preconditioner *before = body->precond;
+    sb_result result;
+    if (sbi_precond_settle(before, &body->matrix))
+        return SB_OK;
+    result = sbi_body_remake_preconditioner(body, before, error);
+    if (result != SB_OK)
+        return result;
+    sbi_precond_set_memory(body->precond, sbi_precond_get_memory(before));
+    sb_preconditioner_free(before);
+    return SB_OK;
+}

@@ -324,6 +324,8 @@ SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_m
 SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
 /* One like that of the body before its mesh became another: what sbi_body_make_preconditioner gives a body made so. */
 SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error);
+/* After a change of the mesh in place: one that does not follow is made anew. A failure leaves it to the next call. */
+SBI_API sb_result sbi_body_settle_preconditioner(sb_body *body, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. young: [material_count] (Pa); NULL: those of the materials now. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,

@@ -18,7 +18,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
         memset(&none, 0, sizeof none);
         return none;
     }
-    sbi_precond_settle(body->precond, &body->matrix);
+    (void)sbi_precond_settle(body->precond, &body->matrix);
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }

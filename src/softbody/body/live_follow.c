@@ -568,5 +568,6 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
+    (void)sbi_body_settle_preconditioner(work.body, NULL); /* without memory for it the next step tries again */
     return 1;
 }

@@ -52,11 +52,13 @@
  * or get another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells
  * in one change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and
  * cuts the coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the
- * body was made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything
- * is made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
- * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
- * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
- * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
+ * body was made from), so iterations, states and changes taken back are those of a body made with that mesh.
+ * SB_PRECOND_MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), FSAI and CHOLESKY are made anew with
+ * the change, which allocates and takes time by the mesh (of 86,000 cells 35 ms); where there is no memory for them the
+ * change holds, and steps say SB_ERROR_MEMORY until there is. Everything is made anew instead, at the cost of creation
+ * (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4, there are constraints or mappings that
+ * couple beyond cells, or a load is on what changes. The bits are the same either way. Consistent masses cost a pass
+ * over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
  * half as much again, and they have to be asked for anew. */

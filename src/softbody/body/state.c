@@ -344,7 +344,7 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
 {
     int used = walk->pass == SBI_STATE_WRITE || walk->pass == SBI_STATE_CHECK;
     sb_preconditioner_info precond;
-    sbi_precond_settle(body->precond, &body->matrix);
+    (void)sbi_precond_settle(body->precond, &body->matrix);
     precond = sb_preconditioner_get_info(body->precond);
     sbi_state_same(walk, (uint64_t)body->domain.node_count, "the number of nodes");
     sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");

@@ -170,7 +170,7 @@ static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body,
     if (order < 0)
         return sbi_fail(error, SB_ERROR_STATE,
                         "the state was saved with a part '%.8s' that the body does not have: make what keeps it first, "
-                        "as needles or their mesher",
+                        "as needles, their mesher or an sb_cut",
                         view->name);
     if (order > 0)
         return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",

@@ -184,6 +184,8 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sbi_step_fill_system(step);
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
+        result = sbi_body_settle_preconditioner(b, &step->info->error);
+    if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
     step->info->seconds_precond += sbi_body_now(b) - begin;
     return result;

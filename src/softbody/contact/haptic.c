@@ -73,10 +73,28 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
             error, SB_ERROR_UNSUPPORTED,
             "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): a hand feels the stiffness of the system "
             "that an implicit step solves");
-    if (sbi_contact_is_hung(def->contact->tools + def->tool))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);
+    if (sbi_contact_is_hung(def->contact->tools + def->tool) && (def->coupling >= 0 || def->coupling_turning >= 0))
+        return sbi_fail(
+            error, SB_ERROR_ARGUMENT,
+            "tool %d hangs on a spring, which couples it to the hand: def.coupling and def.coupling_turning "
+            "must be left at their defaults",
+            def->tool);
     return SB_OK;
+}
+
+/* With the spring that a tool hangs on as its coupling, as the hand feels it. */
+static sb_haptic_def sbi_haptic_couple(const sb_haptic_def *def)
+{
+    const sbi_contact_tool *tool = def->contact->tools + def->tool;
+    sb_haptic_def full = *def;
+    double most = (double)tool->spring.most;
+    if (!sbi_contact_is_hung(tool) || !(def->scale_force > 0) || !(def->scale_motion > 0)) /* these are refused */
+        return full;
+    full.coupling = (double)tool->spring.stiffness * def->scale_force * def->scale_motion;
+    full.coupling_turning = (double)tool->spring.turning * def->scale_force / def->scale_motion;
+    if (most < def->max_force / def->scale_force)
+        full.max_force = most * def->scale_force;
+    return full;
 }
 
 /* A device that does not turn holds the tool as it stands. */
@@ -91,6 +109,7 @@ SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, 
 {
     sb_pose pose;
     sb_haptic *made;
+    sb_haptic_def full;
     sb_result result = sbi_haptic_check_def(def, &pose, error);
     if (result == SB_OK && !haptic)
         result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for what is made");
@@ -102,7 +121,9 @@ SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, 
     made->allocator = def->contact->allocator;
     made->contact = def->contact;
     made->tool = def->tool;
-    result = sbi_servo_begin(&made->servo, def, error);
+    made->hangs = sbi_contact_is_hung(def->contact->tools + def->tool);
+    full = sbi_haptic_couple(def);
+    result = sbi_servo_begin(&made->servo, &full, error);
     if (result == SB_OK && !sbi_haptic_take_memory(made))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for a hand at a tool");
     if (result != SB_OK) {
@@ -193,7 +214,7 @@ SB_API int sb_haptic_force(sb_haptic *haptic, const sb_tool_state *in, sb_wrench
     follows = sbi_servo_call(&haptic->servo, in, frame, out);
     if (sbi_servo_is_sound(in)) {
         report = haptic->reports + sbi_mailbox_back(&haptic->report_box);
-        report->wanted = sbi_servo_wanted(&haptic->servo, in);
+        report->wanted = sbi_servo_wanted(&haptic->servo, haptic->hangs, in);
         report->info = sbi_servo_info(&haptic->servo);
         sbi_mailbox_post(&haptic->report_box);
     }

@@ -34,7 +34,9 @@ typedef struct sb_haptic_def {
     double max_damping;      /* figures. With a larger stiffness it hums in a light hand */
     double max_slew;         /* N/s that the force changes by at most; default -1: max_force in 2 ms */
     double coupling;         /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
-                              * softer than the device can render; default -1: 0.5 max_stiffness */
+                              * softer than the device can render; default -1: 0.5 max_stiffness. Of a tool that hangs
+                              * on a spring (sb_tool_def.coupling_stiffness) that spring is the coupling, and no force
+                              * exceeds its max_force: leave both at -1 */
     double coupling_turning; /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
                               * square of max_torque/max_force */
     double resolution;       /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
@@ -74,14 +76,15 @@ typedef struct sb_haptic_info {
 typedef struct sb_haptic sb_haptic;
 
 /* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
- * contact has no such tool; SB_ERROR_UNSUPPORTED: the tool hangs on a spring, or the compiler has no atomics that are
- * known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY.
- * *haptic is then untouched. */
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the body's steps are explicit, or the compiler has no atomics that
+ * are known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation;
+ * SB_ERROR_MEMORY. *haptic is then untouched. */
 SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
 /* NULL is fine. Neither thread may be in a call. */
 SB_API void sb_haptic_destroy(sb_haptic *haptic);
 
-/* Simulation, before the step: the tool is to go where the hand drew it by its last call (sb_contact_move_tool).
+/* Simulation, before the step: the tool is to go where the hand drew it by its last call (sb_contact_move_tool); of a
+ * tool on a spring the spring's other end goes where the hand is.
  * wanted (NULL: not asked for): that pose, and the hand's velocities, time and buttons; 0 before the first call. What
  * sb_contact_move_tool returns; SB_ERROR_ARGUMENT: NULL. */
 SB_API sb_result sb_haptic_take(sb_haptic *haptic, sb_tool_state *wanted);

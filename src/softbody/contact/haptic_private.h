@@ -28,6 +28,7 @@ struct sb_haptic {
     sb_allocator allocator;
     sb_contact *contact;
     int tool;
+    int hangs; /* 1: the tool's own spring couples it to the hand */
 
     sbi_servo servo; /* of the device's thread */
     sbi_mailbox frame_box, report_box;

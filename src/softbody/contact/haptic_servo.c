@@ -335,11 +335,12 @@ SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_
     return follows;
 }
 
-SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in)
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, int of_hand, const sb_tool_state *in)
 {
     sb_tool_state wanted = *in;
-    sbi_d_put(wanted.position, servo->tool.position);
-    sbi_turn_to_matrix(servo->tool.rotation, wanted.rotation);
+    sbi_d_pose pose = of_hand ? sbi_servo_in_tissue(servo, &servo->hand) : servo->tool;
+    sbi_d_put(wanted.position, pose.position);
+    sbi_turn_to_matrix(pose.rotation, wanted.rotation);
     for (int i = 0; i < 3; i++)
         wanted.velocity[i] *= servo->def.scale_motion;
     return wanted;

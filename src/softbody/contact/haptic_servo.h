@@ -62,9 +62,9 @@ SBI_API int sbi_servo_is_sound(const sb_tool_state *in);
  * in. Returns 1 while the wrench follows the hand, 0 while it fades or there is none. */
 SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out);
 
-/* What the simulation is to move its tool to: the last pose on the tool's side of the coupling, the hand's velocities,
- * time and buttons. */
-SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in);
+/* What the simulation is to move its tool to: the last pose on the tool's side of the coupling, or on the hand's where
+ * the simulation has the spring itself; the hand's velocities, time and buttons. */
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, int of_hand, const sb_tool_state *in);
 
 SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo);
 

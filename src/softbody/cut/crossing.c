@@ -18,7 +18,7 @@ SBI_API void sbi_crossing_frame_make(sb_vec3 low, sb_vec3 high, sbi_crossing_fra
     frame->centre[2] = (double)low.z / 2 + (double)high.z / 2;
     for (int i = 0; i < 3; i++)
         half = sides[i] > half ? sides[i] : half;
-    exponent = half > 0 ? 16 - sbi_dense_exponent(half) : 0; /* half the box becomes 2^16 to 2^17 */
+    exponent = half > 0 ? 25 - sbi_dense_exponent(half) : 0; /* half the box becomes 2^25 to 2^26 */
     frame->scale = sbi_dense_pow2(sbi_min_int(exponent, 1000));
 }
 
@@ -79,9 +79,55 @@ static void sbi_crossing_cross(const int64_t a[3], const int64_t b[3], int64_t v
     v[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-static int64_t sbi_crossing_product(const int64_t a[3], const int64_t b[3])
+/* A sum of 128 bits: high 2^64 + low. */
+typedef struct sbi_crossing_sum {
+    int64_t high;
+    uint64_t low;
+} sbi_crossing_sum;
+
+/* Adds a b, |a| and |b| < 2^62. */
+static void sbi_crossing_add(sbi_crossing_sum *sum, int64_t a, int64_t b)
 {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    const uint64_t half = 0xFFFFFFFFu;
+    uint64_t p = (uint64_t)(a < 0 ? -a : a), q = (uint64_t)(b < 0 ? -b : b);
+    uint64_t low = (p & half) * (q & half), middle = (p >> 32) * (q & half) + (low >> 32);
+    uint64_t other = (p & half) * (q >> 32) + (middle & half), high;
+    high = (p >> 32) * (q >> 32) + (middle >> 32) + (other >> 32);
+    low = (low & half) | other << 32;
+    if ((a < 0) != (b < 0) && (high || low)) {
+        high = ~high + (low == 0);
+        low = ~low + 1;
+    }
+    sum->low += low;
+    sum->high += (int64_t)high + (sum->low < low);
+}
+
+static double sbi_crossing_real(sbi_crossing_sum sum)
+{
+    const double step = 18446744073709551616.0; /* 2^64 */
+    if (sum.high >= 0)
+        return (double)sum.high * step + (double)sum.low;
+    sum.high = -(sum.high + 1) + (sum.low == 0); /* of the opposite, whose sign no rounding takes */
+    sum.low = ~sum.low + 1;
+    return -((double)sum.high * step + (double)sum.low);
+}
+
+/* a.b, rounded, with its sign exact; a of less than 62 bits, b of less than 31. */
+static double sbi_crossing_product(const int64_t a[3], const int64_t b[3])
+{
+    const double rounding = 1e-15; /* of the terms: eight roundings */
+    double sum = 0, size = 0;
+    sbi_crossing_sum exact = {0, 0};
+    for (int i = 0; i < 3; i++) {
+        double term = (double)a[i] * (double)b[i];
+        sum += term;
+        size += term < 0 ? -term : term;
+    }
+    if (sum > rounding * size || sum < -rounding * size)
+        return sum;
+    for (int i = 0; i < 3; i++)
+        sbi_crossing_add(&exact, a[i], b[i]);
+    return sbi_crossing_real(exact);
 }
 
 SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade)
@@ -104,7 +150,7 @@ SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade)
     return blade->tie != 0;
 }
 
-SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
+SBI_API double sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
 {
     int64_t v[3];
     sbi_crossing_difference(p, blade->corners[0], v);
@@ -114,13 +160,14 @@ SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
 /* On which side the line through p along e passes the edge from a to b; 0: e is parallel to it. */
 static int sbi_crossing_edge(sbi_int3 a, sbi_int3 b, sbi_int3 p, const int64_t e[3])
 {
-    int64_t from[3], to[3], v[3], turn;
+    int64_t from[3], to[3], v[3];
+    double passing;
     sbi_crossing_difference(a, p, from);
     sbi_crossing_difference(b, p, to);
     sbi_crossing_cross(from, to, v);
-    turn = sbi_crossing_product(e, v);
-    if (turn != 0)
-        return turn > 0 ? 1 : -1;
+    passing = sbi_crossing_product(e, v);
+    if (passing != 0)
+        return passing > 0 ? 1 : -1;
     sbi_crossing_difference(b, a, from);
     sbi_crossing_cross(from, e, v);
     return sbi_crossing_lex(v);
@@ -138,10 +185,10 @@ SBI_API int sbi_blade_is_passed(const sbi_blade *blade, sbi_int3 p, sbi_int3 r)
 
 SBI_API int sbi_blade_crosses(const sbi_blade *blade, sbi_int3 p, sbi_int3 r, sb_real *t)
 {
-    int64_t from = sbi_blade_height(blade, p), to = sbi_blade_height(blade, r);
+    double from = sbi_blade_height(blade, p), to = sbi_blade_height(blade, r);
     if (sbi_blade_side(blade, from) == sbi_blade_side(blade, to) || !sbi_blade_is_passed(blade, p, r))
         return 0;
-    *t = (sb_real)((double)from / ((double)from - (double)to)); /* one of them is not 0, and they have other signs */
+    *t = (sb_real)(from / (from - to)); /* one of them is not 0, and they have other signs */
     return 1;
 }
 
@@ -177,6 +224,8 @@ static int sbi_crossing_clip(double (*corners)[3], int count, int axis, int sign
     for (int k = 0; k < count; k++) {
         const double *a = corners[k], *b = corners[k + 1 < count ? k + 1 : 0];
         int a_in = sign * a[axis] <= limit, b_in = sign * b[axis] <= limit;
+        SB_ASSERT(kept_count + a_in + (a_in != b_in) <=
+                  SBI_CROSSING_CORNERS); /* a plane adds one to a convex polygon */
         if (a_in)
             memcpy(kept[kept_count++], a, sizeof *kept);
         if (a_in != b_in)

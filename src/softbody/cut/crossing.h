@@ -1,8 +1,9 @@
 /* crossing: whether a triangle of a blade crosses a link, exactly. Internal. Floor 4, calls base only.
  *
- * Signs worked out in floating point hang bodies by threads. Here places are integers, all determinants fit 64 bits,
- * and ties are decided as if the whole blade were moved by (e, e^2, e^3) for an e > 0 however small: with
- * n = (b - a) x (c - a) of a triangle and lex(v) the sign of the first component of v that is not 0
+ * Signs worked out in floating point hang bodies by threads. Here places are integers of 29 bits, determinants are
+ * worked out exactly where rounding leaves their signs open, and ties are decided as if the whole blade were moved by
+ * (e, e^2, e^3) for an e > 0 however small: with n = (b - a) x (c - a) of a triangle and lex(v) the sign of the first
+ * component of v that is not 0
  *
  *     side of p                    sign n.(p - a),                  if 0: -lex(n)
  *     link p + s e passes ab on    sign e.((a - p) x (b - p)),      if 0: lex((b - a) x e)
@@ -16,8 +17,8 @@
 #include "../base/dense.h"
 
 enum {
-    SBI_CROSSING_TISSUE = 1 << 17, /* places in the box of the tissue are at most this far from its centre, per axis */
-    SBI_CROSSING_BLADE = 1 << 19,  /* corners of blades: what lies farther is cut off */
+    SBI_CROSSING_TISSUE = 1 << 26, /* places in the box of the tissue are at most this far from its centre, per axis */
+    SBI_CROSSING_BLADE = 1 << 28,  /* corners of blades: what lies farther is cut off */
     SBI_CROSSING_PARTS = 7         /* triangles that one of a blade can leave within that */
 };
 
@@ -48,9 +49,9 @@ SBI_API int sbi_crossing_blades(const sbi_crossing_frame *frame, const sb_vec3 t
                                 sbi_blade blades[SBI_CROSSING_PARTS]);
 /* Returns 0 when the triangle has no area. */
 SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade);
-/* n.(p - a): > 0 above; 0: sbi_blade_side decides. */
-SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p);
-SB_INLINE int sbi_blade_side(const sbi_blade *blade, int64_t height)
+/* n.(p - a), rounded, with its sign exact: > 0 above; 0: sbi_blade_side decides. */
+SBI_API double sbi_blade_height(const sbi_blade *blade, sbi_int3 p);
+SB_INLINE int sbi_blade_side(const sbi_blade *blade, double height)
 {
     return height > 0 ? 1 : height < 0 ? -1 : blade->tie;
 }

@@ -1,4 +1,4 @@
-/* cut: making what cuts a body, and its calls. */
+/* cut: making what cuts a body. */
 #include "cut.h"
 
 #include <string.h>
@@ -12,11 +12,14 @@ SB_API sb_cut_def sb_default_cut_def(void)
     sb_cut_def def;
     memset(&def, 0, sizeof def);
     def.lattice = 2;
+    def.max_strokes = 4;
     def.cookie = SBI_CUT_COOKIE;
     return def;
 }
 
 /* ---- the mesh before any cut ---- */
+
+enum { SBI_CUT_MOST_STROKES = 1024 };
 
 static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
 {
@@ -26,6 +29,9 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a cut needs a body");
     if (def->lattice != 1 && def->lattice != 2 && def->lattice != 4)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.lattice is %d, it must be 1, 2 or 4", def->lattice);
+    if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
+                        SBI_CUT_MOST_STROKES);
     if (!def->body->live)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
     if (def->body->domain.element_type != SB_TET4)
@@ -35,6 +41,21 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
         if (sb_body_cell_in_use(def->body, e) && sb_body_cell_share(def->body, e) < 1)
             return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d is a piece of an element: the body is cut", e);
     return SB_OK;
+}
+
+static void sbi_cut_measure_rest(sb_cut *cut)
+{
+    const sb_vec3 *x = sb_body_rest_positions(cut->body);
+    sbi_cut_box box = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
+    double sum = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        const int *nodes = cut->tets + 4 * (size_t)tet;
+        sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
+        double volume = (double)sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]]));
+        sum += sbi_dense_cbrt(volume > 0 ? volume : -volume);
+    }
+    cut->rest_size = sbi_cut_size_of(&box);
+    cut->element_size = (sb_real)(sum / (double)cut->tet_count);
 }
 
 /* Tets, their neighbours, and those around each node. */
@@ -60,29 +81,41 @@ static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
     return result == SB_OK ? sb_mesh_node_elements(&mesh, &cut->allocator, &cut->node_tets, error) : result;
 }
 
+/* Tets around the node that has most. */
+static int sbi_cut_most_around(const sb_cut *cut)
+{
+    int most = 0;
+    for (int node = 0; node < cut->node_end; node++)
+        most = sbi_max_int(most, cut->node_tets.offsets[node + 1] - cut->node_tets.offsets[node]);
+    return most;
+}
+
 /* Each tet is one piece. Lists have room for what the body has room for. */
 static int sbi_cut_take_pieces(sb_cut *cut)
 {
     enum { FEW = 256 };
     const sb_body *body = cut->body;
     int cells = body->live->cells.capacity, more = cells - cut->tet_count;
-    void *pieces = NULL, *blades = NULL, *records = NULL, *classes = NULL;
+    void *pieces = NULL, *records = NULL, *classes = NULL;
     int taken = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, 0, cells, sizeof *cut->pieces) &&
-                sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, 0, FEW, sizeof *cut->blades);
+                sbi_cut_reserve_blades(cut, FEW);
     taken =
         taken && sbi_cut_grow(&cut->allocator, &records, &cut->cell_capacity, 0, 4 * FEW + more, sizeof *cut->cells);
     taken = taken && sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, 0, FEW, sizeof *cut->classes);
     cut->pieces = (sbi_cut_piece *)pieces;
-    cut->blades = (sbi_blade *)blades;
     cut->cells = (sbi_cut_cell *)records;
     cut->classes = (sbi_cut_class *)classes;
     cut->tet_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
     cut->node_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->node_end, 1);
     cut->cell_of = (int *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(int));
-    if (!taken || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
+    cut->is_near = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
+    if (!taken || !cut->is_near || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
         !sbi_cut_list_grow(cut, &cut->elements, cells) || !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
         !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
-        !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) || !sbi_cut_list_grow(cut, &cut->near, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->near_hits, cut->tet_count + 1) ||
+        !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) ||
+        !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||
         !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
         return 0;
     for (int e = 0; e < sb_body_element_count(body); e++)
@@ -109,7 +142,7 @@ static void sbi_cut_follow(void *user, const sb_body *body, const sb_mesh_change
         cut->stale = 1;
 }
 
-static void sbi_cut_end(void *user) { ((sb_cut *)user)->body = NULL; }
+static void sbi_cut_body_ends(void *user) { ((sb_cut *)user)->body = NULL; }
 
 static sb_result sbi_cut_listen(sb_cut *cut, sb_error *error)
 {
@@ -117,7 +150,7 @@ static sb_result sbi_cut_listen(sb_cut *cut, sb_error *error)
     memset(&listener, 0, sizeof listener);
     listener.user = cut;
     listener.follow = sbi_cut_follow;
-    listener.end = sbi_cut_end;
+    listener.end = sbi_cut_body_ends;
     return sb_body_listen(cut->body, &listener, &cut->listener, error);
 }
 
@@ -139,10 +172,15 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
     made->listener = -1;
     sbi_lattice_make(def->lattice, &made->lattice);
     result = sbi_cut_take_mesh(made, error);
-    if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_live_take_pieces(made->body)))
+    if (result == SB_OK)
+        sbi_cut_measure_rest(made);
+    if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_cut_take_strokes(made, def->max_strokes) &&
+                             sbi_live_take_pieces(made->body)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", made->tet_count);
     if (result == SB_OK)
         result = sbi_cut_listen(made, error);
+    if (result == SB_OK)
+        result = sbi_cut_join_state(made, error);
     if (result != SB_OK) {
         sb_cut_destroy(made);
         return result;
@@ -159,8 +197,10 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     if (!cut)
         return;
     allocator = cut->allocator;
+    sbi_cut_leave_state(cut);
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    sbi_cut_free_strokes(cut);
     if (cut->body && cut->body->live->find_user == cut)
         cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
@@ -169,9 +209,24 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);
     sbi_free(&allocator, cut->links.table);
+    sbi_free(&allocator, cut->loaded_links.items);
+    sbi_free(&allocator, cut->loaded_links.table);
+    sbi_free(&allocator, cut->loaded_cells.items);
+    sbi_free(&allocator, cut->loaded_elements.items);
     sbi_free(&allocator, cut->origins.items);
     sbi_free(&allocator, cut->elements.items);
     sbi_free(&allocator, cut->blades);
+    sbi_free(&allocator, cut->tree.order);
+    sbi_free(&allocator, cut->tree.boxes);
+    sbi_free(&allocator, cut->blade_scratch);
+    sbi_free(&allocator, cut->blade_codes);
+    sbi_free(&allocator, cut->is_near);
+    sbi_free(&allocator, cut->near.items);
+    sbi_free(&allocator, cut->near_hits.items);
+    sbi_free(&allocator, cut->blade_hits.items);
+    sbi_free(&allocator, cut->hits);
+    sbi_free(&allocator, cut->sorted_hits);
+    sbi_free(&allocator, cut->around.items);
     sbi_free(&allocator, cut->tet_marks);
     sbi_free(&allocator, cut->node_marks);
     sbi_free(&allocator, cut->cell_of);
@@ -181,108 +236,6 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->roots.items);
     sbi_free(&allocator, cut->classes);
     sbi_free(&allocator, cut);
-}
-
-/* ---- cutting ---- */
-
-static sb_result sbi_cut_check_call(const sb_cut *cut, const sb_vec3 *triangles, int count, sb_error *error)
-{
-    if (!cut || count < 0 || (count > 0 && !triangles))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_triangles needs a cut, triangles and their count");
-    if (!cut->body)
-        return sbi_fail(error, SB_ERROR_STATE, "the body is gone");
-    if (cut->stale)
-        return sbi_fail(error, SB_ERROR_STATE, "the body's mesh was changed by others: make a new sb_cut");
-    for (int k = 0; k < count; k++)
-        for (int a = 0; a < 3; a++)
-            if (!sb_v3_is_finite(triangles[3 * (size_t)k + (size_t)a]))
-                return sbi_fail(error, SB_ERROR_NOT_FINITE, "corner %d of triangle %d is not finite", a, k);
-    return SB_OK;
-}
-
-/* How many times as large as at rest a body may be for one frame to resolve all of it. */
-#define SBI_CUT_SPREAD ((sb_real)8)
-
-/* The box at x of the nodes in use of a part, or of all parts. */
-static sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part)
-{
-    sbi_cut_box box = {{0, 0, 0}, {0, 0, 0}};
-    int first = 1;
-    for (int i = 0; i < sb_body_node_count(cut->body); i++) {
-        if (!sb_body_node_in_use(cut->body, i) || !sbi_cut_is_of(cut, i, part))
-            continue;
-        if (first)
-            box.low = box.high = x[i];
-        first = 0;
-        box.low = sb_v3(sb_min(box.low.x, x[i].x), sb_min(box.low.y, x[i].y), sb_min(box.low.z, x[i].z));
-        box.high = sb_v3(sb_max(box.high.x, x[i].x), sb_max(box.high.y, x[i].y), sb_max(box.high.z, x[i].z));
-    }
-    return box;
-}
-
-static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, const sb_vec3 *triangles, int count)
-{
-    cut->blade_count = 0;
-    for (int k = 0; k < count; k++) {
-        void *blades = cut->blades;
-        int grown = sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, cut->blade_count, SBI_CROSSING_PARTS,
-                                 sizeof *cut->blades);
-        cut->blades = (sbi_blade *)blades;
-        if (!grown)
-            return 0;
-        cut->blade_count += sbi_crossing_blades(frame, triangles + 3 * (size_t)k, cut->blades + cut->blade_count);
-    }
-    return 1;
-}
-
-/* Cuts the links of a part, or of all parts, in a frame about what lies in the box; 0: no memory. */
-static int sbi_cut_sweep_box(sb_cut *cut, const sbi_cut_box *box, int part, const sb_vec3 *triangles, int count)
-{
-    sbi_crossing_frame frame;
-    sbi_crossing_frame_make(box->low, box->high, &frame);
-    return sbi_cut_take_blades(cut, &frame, triangles, count) && sbi_cut_sweep(cut, &frame, part);
-}
-
-/* Cuts links in one frame for all the body; where parts of it have gone far apart, in one for each part, which no link
- * leaves: otherwise the distance between them would take the digits that a cut needs. 0: no memory. */
-static int sbi_cut_sweep_body(sb_cut *cut, const sb_vec3 *triangles, int count)
-{
-    const sb_vec3 *x = sb_body_positions(cut->body);
-    sbi_cut_box now = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
-    sbi_cut_box rest = sbi_cut_box_of(cut, sb_body_rest_positions(cut->body), SBI_CUT_ALL_PARTS);
-    int parts = cut->body->component_count, swept = 1;
-    if (sb_v3_norm(sb_v3_sub(now.high, now.low)) <= SBI_CUT_SPREAD * sb_v3_norm(sb_v3_sub(rest.high, rest.low)))
-        return sbi_cut_sweep_box(cut, &now, SBI_CUT_ALL_PARTS, triangles, count);
-    for (int part = 0; part < parts && swept; part++) {
-        now = sbi_cut_box_of(cut, x, part);
-        swept = sbi_cut_sweep_box(cut, &now, part, triangles, count);
-    }
-    return swept;
-}
-
-SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
-{
-    int links;
-    sb_result result = sbi_cut_check_call(cut, triangles, count, error);
-    if (result != SB_OK)
-        return result;
-    links = cut->links.count;
-    if (!sbi_cut_sweep_body(cut, triangles, count)) {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
-        sbi_cut_clear(cut);
-    } else
-        result = sbi_cut_part(cut, error);
-    if (result != SB_OK) {
-        sbi_cut_links_truncate(&cut->links, links);
-        return result;
-    }
-    if (info) {
-        info->links = cut->links.count - links;
-        info->cells = cut->made_cells;
-        info->nodes = cut->made_nodes;
-        info->parts = cut->body->component_count;
-    }
-    return SB_OK;
 }
 
 /* ---- readings ---- */

@@ -7,6 +7,8 @@
 
 #include "../body/body_private.h"
 #include "../body/live_private.h"
+#include "../body/state_part.h"
+#include "blade_tree.h"
 #include "crossing.h"
 #include "cut.h"
 #include "parted.h"
@@ -38,17 +40,49 @@ typedef struct sbi_cut_class {
     int number;
 } sbi_cut_class;
 
+/* A blade that crosses a link. */
+typedef struct sbi_cut_hit {
+    int blade, tet, link;
+    sb_real t;
+} sbi_cut_hit;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
 } sbi_cut_list;
 
+typedef struct sbi_cut_box {
+    sb_vec3 low, high;
+} sbi_cut_box;
+
+/* A point of a stroke's front: material that it moves with, or a place in space. */
+typedef struct sbi_cut_sample {
+    int side;      /* of the blade's edge */
+    sb_real along; /* from its first corner, 0, to its last, 1 */
+    int tet;       /* -1: outside of the body */
+    sb_real at[4]; /* barycentrics in the tet */
+    sb_vec3 place; /* when it was put there (m) */
+} sbi_cut_sample;
+
+/* A stretch of a side of an edge. */
+typedef struct sbi_cut_span {
+    sb_real first, last;
+} sbi_cut_span;
+
+typedef struct sbi_cut_stroke {
+    int edge_count;          /* corners of the blade's edge; 0: no stroke */
+    sbi_cut_sample *samples; /* the front, from the first corner to the last, all corners among them */
+    int sample_count, sample_capacity;
+} sbi_cut_stroke;
+
 struct sb_cut {
     sb_body *body; /* NULL: it is gone */
     sb_allocator allocator;
     int listener;
-    int changing; /* 1: the change under way is our own */
-    int stale;    /* 1: the body's mesh is not what we know */
+    int joined;      /* 1: a part of the body's state */
+    int changing;    /* 1: the change under way is our own */
+    int stale;       /* 1: the body's mesh is not what we know */
+    int keeps_rings; /* 1: links in rings stay whole: for tests */
     sbi_lattice lattice;
 
     int tet_count, node_end;
@@ -62,9 +96,35 @@ struct sb_cut {
     sbi_cut_list origins;  /* [node] of the uncut mesh that it is a copy of, or itself */
     sbi_cut_list elements; /* [cell] tet */
 
+    double rest_size;        /* of the body's box at rest (m) */
+    sb_real element_size;    /* mean edge of elements at rest (m) */
+    sbi_cut_stroke *strokes; /* [max_strokes] */
+    int max_strokes;
+
+    /* of a state that is being loaded */
+    sbi_cut_links loaded_links;
+    sbi_cut_list loaded_cells, loaded_elements; /* pieces' cells, tet after tet; like elements */
+
     /* of a call; marks are 0 between calls */
     sbi_blade *blades;
     int blade_count, blade_capacity;
+    sbi_blade_tree tree;
+    int tree_capacity;
+    uint64_t *blade_codes; /* [tree_capacity] */
+    int *blade_scratch;
+    unsigned char *is_near; /* [tet_count] */
+    sbi_cut_list near, near_hits, blade_hits;
+    sbi_cut_box reach; /* of the triangles */
+    sbi_cut_hit *hits, *sorted_hits;
+    int hit_capacity, sorted_capacity;
+    sbi_cut_list around; /* tets around a link */
+    sb_vec3 *strip;      /* triangles of a move */
+    int strip_capacity;
+    sbi_cut_sample *front, *sorted_front; /* a stroke's next one */
+    int front_capacity, sorted_front_capacity;
+    sbi_cut_list front_order, front_scratch;
+    sbi_cut_span *spans; /* of a side of the edge, in cells */
+    int span_count, span_capacity;
     unsigned char *tet_marks, *node_marks; /* [tet_count], [node_end] */
     int *cell_of;                          /* [tet_count] 1 + first of its records, or 0 */
     sbi_cut_list touched, parted;          /* tets */
@@ -76,10 +136,6 @@ struct sb_cut {
     int made_nodes, made_cells;
 };
 
-typedef struct sbi_cut_box {
-    sb_vec3 low, high;
-} sbi_cut_box;
-
 enum { SBI_CUT_ALL_PARTS = -1 };
 SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
 {
@@ -88,6 +144,8 @@ SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
 
 enum { SBI_CUT_TOUCHED = 1, SBI_CUT_PARTED = 2, SBI_CUT_NEAR = 4 };
 
+/* ---- cut_lists.c ---- */
+
 /* Room for `more` items behind those that are there; 0: no memory. */
 SBI_API int sbi_cut_grow(const sb_allocator *allocator, void **items, int *capacity, int count, int more, size_t size);
 SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more);
@@ -95,9 +153,52 @@ SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more);
 SBI_API void sbi_cut_list_set(sbi_cut_list *list, int at, int value);
 /* Room for so many more links; 0: no memory. */
 SBI_API int sbi_cut_reserve_links(sb_cut *cut, int more);
-/* Cuts the links of a connected part, or of all, that the blades cross in the body's present shape, and lists the tets
- * around them as touched. 0: no memory, and links are to be taken back. */
+/* Room for so many more blades, and a tree over them. */
+SBI_API int sbi_cut_reserve_blades(sb_cut *cut, int more);
+
+/* ---- cut_sweep.c, cut_ring.c ---- */
+
+SBI_API void sbi_cut_box_add(sbi_cut_box *box, sb_vec3 x);
+SBI_API void sbi_cut_box_widen(sbi_cut_box *box, sb_real by);
+SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count);
+/* Lists the tets around a link in cut->around. */
+SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key);
+/* Cuts a link that is whole, and lists the tets around it as touched; 0: no memory. */
+SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t);
+/* Lists the tets with a piece whose box meets this one (m, in space) in cut->near. now: the body's box. */
+SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach);
+/* 1 when the box of a piece of a tet meets this one. */
+SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box);
+/* Room for so many hits; 0: no memory. */
+SBI_API int sbi_cut_reserve_hits(sb_cut *cut, int count);
+/* Cuts the links of near tets of a connected part, or of all, that the blades cross in the body's present shape. 0: no
+ * memory, and links are to be taken back. */
 SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part);
+/* Cuts links of touched tets that are ringed by cut ones, among them one cut from number `first` on. 0: no memory. */
+SBI_API int sbi_cut_close_rings(sb_cut *cut, int first);
+
+/* ---- cut_tell.c ---- */
+
+#define SBI_CUT_PART "cut" /* of the body's state */
+/* What a recording holds of a cut. Calls of strokes: the stroke, and the edge. */
+enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4 };
+SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
+
+/* ---- cut_along.c ---- */
+
+/* The box at x of the nodes in use of a part, or of all parts, and its diagonal (m). */
+SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part);
+SBI_API double sbi_cut_size_of(const sbi_cut_box *box);
+
+/* Lists the tets near the box of points in space, or no farther from it than that (m), in cut->near. */
+SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin);
+/* Cuts near tets along triangles, and says what that did (info may be NULL). On failure nothing has happened. */
+SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
+/* Whether a call may go on: SB_ERROR_STATE. */
+SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error);
+
+/* ---- topology.c ---- */
+
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
@@ -107,4 +208,17 @@ SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3]);
 /* Forgets what tets have been touched. */
 SBI_API void sbi_cut_clear(sb_cut *cut);
 
+/* ---- cut_stroke.c ---- */
+
+/* Room for the strokes; 0: no memory. */
+SBI_API int sbi_cut_take_strokes(sb_cut *cut, int max_strokes);
+SBI_API void sbi_cut_free_strokes(sb_cut *cut);
+/* Room for so many samples in a stroke, which keeps those that it has; 0: no memory. */
+SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, int samples);
+
+/* ---- cut_state.c ---- */
+
+/* The cut becomes a part of its body's state and recordings, or is no longer one. */
+SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error);
+SBI_API void sbi_cut_leave_state(const sb_cut *cut);
 #endif /* SB_CUT_PRIVATE_H */

@@ -1,64 +1,11 @@
-/* cut_sweep: which links the triangles of a call cut, where the body is now. */
+/* cut_sweep: which links the triangles of a call cut, where the body is now.
+ *
+ * Tets near the triangles are listed once; each of their pieces asks a tree which blades come near, and finds the first
+ * of them, in the order that they were given in, that crosses each of its links. Links are then cut in the order of
+ * blades, tets and links: whoever looks for crossings on how many threads, names, ranks and places are the same. */
 #include "cut_private.h"
 
 #include <string.h>
-
-/* ---- lists ---- */
-
-SBI_API int sbi_cut_grow(const sb_allocator *allocator, void **items, int *capacity, int count, int more, size_t size)
-{
-    int64_t needed = (int64_t)count + more, roomy = needed + needed / 2 + 16;
-    void *grown;
-    if (needed <= *capacity)
-        return 1;
-    grown = roomy < INT32_MAX ? sbi_alloc(allocator, (size_t)roomy, size) : NULL;
-    if (!grown)
-        return 0;
-    if (count)
-        memcpy(grown, *items, (size_t)count * size);
-    sbi_free(allocator, *items);
-    *items = grown;
-    *capacity = (int)roomy;
-    return 1;
-}
-
-SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more)
-{
-    void *items = list->items;
-    int grown = sbi_cut_grow(&cut->allocator, &items, &list->capacity, list->count, more, sizeof(int));
-    list->items = (int *)items;
-    return grown;
-}
-
-SBI_API void sbi_cut_list_set(sbi_cut_list *list, int at, int value)
-{
-    while (list->count <= at)
-        list->items[list->count++] = -1;
-    list->items[at] = value;
-}
-
-SBI_API int sbi_cut_reserve_links(sb_cut *cut, int more)
-{
-    sbi_cut_links *links = &cut->links, old = *links;
-    int64_t capacity = 2 * (int64_t)links->count + more;
-    sbi_cut_link *items;
-    int *table;
-    if (links->count + (int64_t)more <= links->capacity)
-        return 1;
-    if (capacity > INT32_MAX / 8)
-        return 0;
-    items = (sbi_cut_link *)sbi_alloc(&cut->allocator, (size_t)capacity, sizeof *items);
-    table = (int *)sbi_alloc(&cut->allocator, (size_t)sbi_cut_links_table((int)capacity), sizeof *table);
-    if (!items || !table) {
-        sbi_free(&cut->allocator, items);
-        sbi_free(&cut->allocator, table);
-        return 0;
-    }
-    sbi_cut_links_move(links, items, table, (int)capacity);
-    sbi_free(&cut->allocator, old.items);
-    sbi_free(&cut->allocator, old.table);
-    return 1;
-}
 
 /* ---- which tets a cut link belongs to ---- */
 
@@ -68,25 +15,107 @@ static int sbi_cut_has_corner(const sb_cut *cut, int tet, int node)
     return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
 }
 
-static void sbi_cut_touch(sb_cut *cut, int tet)
+SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key)
 {
-    if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
-        cut->touched.items[cut->touched.count++] = tet;
-    cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
-}
-
-/* Lists the tets around a link. */
-static void sbi_cut_touch_link(sb_cut *cut, const sbi_link_key *key)
-{
+    cut->around.count = 0;
     if (key->at[1] < 0) {
-        sbi_cut_touch(cut, key->at[0]);
+        cut->around.items[cut->around.count++] = key->at[0];
         return;
     }
     for (int k = cut->node_tets.offsets[key->at[0]]; k < cut->node_tets.offsets[key->at[0] + 1]; k++) {
         int tet = cut->node_tets.items[k];
         if (sbi_cut_has_corner(cut, tet, key->at[1]) && (key->at[2] < 0 || sbi_cut_has_corner(cut, tet, key->at[2])))
-            sbi_cut_touch(cut, tet);
+            cut->around.items[cut->around.count++] = tet;
     }
+}
+
+SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t)
+{
+    if (!sbi_cut_reserve_links(cut, 1))
+        return 0;
+    sbi_cut_links_add(&cut->links, key, t, SBI_LINK_CUT);
+    sbi_cut_list_around(cut, key);
+    for (int i = 0; i < cut->around.count; i++) {
+        int tet = cut->around.items[i];
+        if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
+            cut->touched.items[cut->touched.count++] = tet;
+        cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
+    }
+    return 1;
+}
+
+/* ---- near tets ---- */
+
+enum { SBI_CUT_TETS = 1024, SBI_CUT_NEARS = 32 }; /* for one task */
+
+typedef struct sbi_cut_near_work {
+    sb_cut *cut;
+    sbi_cut_box reach;
+} sbi_cut_near_work;
+
+static int sbi_cut_boxes_meet(const sbi_cut_box *a, const sbi_cut_box *b)
+{
+    return a->low.x <= b->high.x && a->low.y <= b->high.y && a->low.z <= b->high.z && a->high.x >= b->low.x &&
+           a->high.y >= b->low.y && a->high.z >= b->low.z;
+}
+
+SBI_API void sbi_cut_box_add(sbi_cut_box *box, sb_vec3 x)
+{
+    box->low = sb_v3(sb_min(box->low.x, x.x), sb_min(box->low.y, x.y), sb_min(box->low.z, x.z));
+    box->high = sb_v3(sb_max(box->high.x, x.x), sb_max(box->high.y, x.y), sb_max(box->high.z, x.z));
+}
+
+SBI_API void sbi_cut_box_widen(sbi_cut_box *box, sb_real by)
+{
+    box->low = sb_v3_sub(box->low, sb_v3(by, by, by));
+    box->high = sb_v3_add(box->high, sb_v3(by, by, by));
+}
+
+SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count)
+{
+    sbi_cut_box box = {{0, 0, 0}, {0, 0, 0}};
+    if (count > 0)
+        box.low = box.high = points[0];
+    for (int i = 1; i < count; i++)
+        sbi_cut_box_add(&box, points[i]);
+    return box;
+}
+
+SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box)
+{
+    const sb_vec3 *x = cut->body->position;
+    int meets = 0;
+    for (int piece = tet; piece >= 0 && !meets; piece = cut->pieces[piece].next) {
+        const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
+        sbi_cut_box of;
+        of.low = of.high = x[nodes[0]];
+        for (int a = 1; a < 4; a++)
+            sbi_cut_box_add(&of, x[nodes[a]]);
+        meets = sbi_cut_boxes_meet(&of, box);
+    }
+    return meets;
+}
+
+static void sbi_cut_near_task(void *user, int task)
+{
+    const sbi_cut_near_work *work = (const sbi_cut_near_work *)user;
+    int end = sbi_min_int(SBI_CUT_TETS * (task + 1), work->cut->tet_count);
+    for (int tet = SBI_CUT_TETS * task; tet < end; tet++)
+        work->cut->is_near[tet] = (unsigned char)sbi_cut_meets_tet(work->cut, tet, &work->reach);
+}
+
+SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach)
+{
+    sbi_cut_near_work work;
+    cut->near.count = 0;
+    if (!sbi_cut_boxes_meet(now, reach))
+        return;
+    work.cut = cut;
+    work.reach = *reach;
+    sbi_run(&cut->body->jobs, sbi_cut_near_task, &work, (cut->tet_count + SBI_CUT_TETS - 1) / SBI_CUT_TETS);
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        if (cut->is_near[tet])
+            cut->near.items[cut->near.count++] = tet;
 }
 
 /* ---- one piece ---- */
@@ -96,8 +125,31 @@ typedef struct sbi_cut_shape {
     sbi_corner_order order;
     sb_vec3 corners[4];
     sbi_int3 places[SBI_LATTICE_POINTS];
-    sbi_int3 low, high; /* of the places */
 } sbi_cut_shape;
+
+/* The first blade that crosses each link of a piece, and where. */
+typedef struct sbi_cut_crossings {
+    int blades[SBI_LATTICE_LINKS]; /* -1: none */
+    sb_real t[SBI_LATTICE_LINKS];
+} sbi_cut_crossings;
+
+/* Box of the corners, rounded; lattice points lie in it but for their own rounding. */
+static sbi_blade_box sbi_cut_shape_box(const sbi_crossing_frame *frame, const sb_vec3 corners[4])
+{
+    const int rounding = 1;
+    sbi_blade_box box;
+    for (int a = 0; a < 4; a++) {
+        sbi_int3 at = sbi_crossing_round(frame, corners[a]);
+        if (a == 0)
+            box.low = box.high = at;
+        box.low.x = sbi_min_int(box.low.x, at.x), box.high.x = sbi_max_int(box.high.x, at.x);
+        box.low.y = sbi_min_int(box.low.y, at.y), box.high.y = sbi_max_int(box.high.y, at.y);
+        box.low.z = sbi_min_int(box.low.z, at.z), box.high.z = sbi_max_int(box.high.z, at.z);
+    }
+    box.low.x -= rounding, box.low.y -= rounding, box.low.z -= rounding;
+    box.high.x += rounding, box.high.y += rounding, box.high.z += rounding;
+    return box;
+}
 
 static void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape)
 {
@@ -105,114 +157,175 @@ static void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_fr
     shape->order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     for (int p = 0; p < lattice->point_count; p++) {
         sb_real barycentrics[4];
-        sbi_int3 *at = shape->places + p;
         sbi_lattice_point(lattice, p, barycentrics);
-        *at = sbi_crossing_round(frame, sbi_lattice_place(&shape->order, barycentrics, shape->corners));
-        if (p == 0)
-            shape->low = shape->high = *at;
-        shape->low.x = sbi_min_int(shape->low.x, at->x);
-        shape->low.y = sbi_min_int(shape->low.y, at->y);
-        shape->low.z = sbi_min_int(shape->low.z, at->z);
-        shape->high.x = sbi_max_int(shape->high.x, at->x);
-        shape->high.y = sbi_max_int(shape->high.y, at->y);
-        shape->high.z = sbi_max_int(shape->high.z, at->z);
+        shape->places[p] = sbi_crossing_round(frame, sbi_lattice_place(&shape->order, barycentrics, shape->corners));
     }
 }
 
-static int sbi_cut_is_near(const sbi_cut_shape *shape, const sbi_blade *blade)
-{
-    return shape->low.x <= blade->high.x && shape->low.y <= blade->high.y && shape->low.z <= blade->high.z &&
-           shape->high.x >= blade->low.x && shape->high.y >= blade->low.y && shape->high.z >= blade->low.z;
-}
-
-/* Cuts what links of a piece the blade crosses; 0: no memory. */
-static int sbi_cut_links_of(sb_cut *cut, int tet, uint64_t points, const sbi_cut_shape *shape, const sbi_blade *blade)
+/* Takes the links that a blade crosses before those that have crossed them so far. */
+static void sbi_cut_cross(const sb_cut *cut, uint64_t points, const sbi_cut_shape *shape, int number,
+                          sbi_cut_crossings *found)
 {
     const sbi_lattice *lattice = &cut->lattice;
-    int64_t heights[SBI_LATTICE_POINTS];
+    const sbi_blade *blade = cut->blades + number;
     uint64_t above = 0;
-    for (int p = 0; p < lattice->point_count; p++) {
-        heights[p] = sbi_blade_height(blade, shape->places[p]);
-        if (sbi_blade_side(blade, heights[p]) > 0)
+    for (int p = 0; p < lattice->point_count; p++)
+        if (sbi_blade_side(blade, sbi_blade_height(blade, shape->places[p])) > 0)
             above |= (uint64_t)1 << p;
-    }
     if (!(above & points) || !(~above & points))
-        return 1;
+        return;
     for (int l = 0; l < lattice->link_count; l++) {
-        sbi_link_key key;
+        const unsigned char *link = lattice->links[l];
         int ends[2];
         sb_real t;
+        if (!(points >> link[0] & points >> link[1] & 1) || (above >> link[0] & 1) == (above >> link[1] & 1) ||
+            (found->blades[l] >= 0 && found->blades[l] < number))
+            continue;
         sbi_lattice_ends(lattice, &shape->order, l, ends);
-        if (!(points >> ends[0] & 1) || !(points >> ends[1] & 1) || (above >> ends[0] & 1) == (above >> ends[1] & 1) ||
-            !sbi_blade_crosses(blade, shape->places[ends[0]], shape->places[ends[1]], &t))
+        if (!sbi_blade_crosses(blade, shape->places[ends[0]], shape->places[ends[1]], &t))
             continue;
-        key = sbi_lattice_key(lattice, &shape->order, tet, l);
-        if (sbi_cut_links_find(&cut->links, &key) >= 0)
-            continue;
-        if (!sbi_cut_reserve_links(cut, 1))
-            return 0;
-        sbi_cut_links_add(&cut->links, &key, t, SBI_LINK_CUT);
-        sbi_cut_touch_link(cut, &key);
+        found->blades[l] = number;
+        found->t[l] = t;
     }
+}
+
+/* Crossings of a piece; 0: there are none. */
+static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *frame, int tet, int piece,
+                                  sbi_cut_crossings *found)
+{
+    const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
+    sbi_cut_shape shape;
+    sbi_blade_box box;
+    sbi_blade_walk walk;
+    int blade;
+    for (int a = 0; a < 4; a++)
+        shape.corners[a] = cut->body->position[nodes[a]];
+    box = sbi_cut_shape_box(frame, shape.corners);
+    sbi_blade_walk_begin(&cut->tree, &box, &walk);
+    blade = sbi_blade_walk_next(&cut->tree, &walk);
+    if (blade < 0)
+        return 0;
+    sbi_cut_shape_make(cut, tet, frame, &shape);
+    memset(found->blades, -1, sizeof found->blades);
+    for (; blade >= 0; blade = sbi_blade_walk_next(&cut->tree, &walk))
+        sbi_cut_cross(cut, cut->pieces[piece].points, &shape, blade, found);
     return 1;
 }
 
 /* ---- all pieces ---- */
 
-/* Box of all blades in space, a little wider (m). */
-static void sbi_cut_reach(const sb_cut *cut, const sbi_crossing_frame *frame, double low[3], double high[3])
+typedef struct sbi_cut_sweep_work {
+    sb_cut *cut;
+    const sbi_crossing_frame *frame;
+    int part;
+    int fills; /* 0: hits are counted */
+} sbi_cut_sweep_work;
+
+/* Counts the hits of a near tet, or writes them; returns how many. */
+static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hit *hits)
 {
-    const double slack = 2; /* units of the frame: more than rounding to whole ones */
-    for (int i = 0; i < 3; i++) {
-        low[i] = (double)SBI_CROSSING_BLADE;
-        high[i] = -low[i];
-    }
-    for (int k = 0; k < cut->blade_count; k++) {
-        const sbi_blade *blade = cut->blades + k;
-        const int from[3] = {blade->low.x, blade->low.y, blade->low.z};
-        const int to[3] = {blade->high.x, blade->high.y, blade->high.z};
-        for (int i = 0; i < 3; i++) {
-            low[i] = low[i] < from[i] ? low[i] : from[i];
-            high[i] = high[i] > to[i] ? high[i] : to[i];
+    const sb_cut *cut = work->cut;
+    int count = 0;
+    if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
+        return 0;
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+        const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
+        sbi_cut_crossings found;
+        if (!sbi_cut_is_of(cut, nodes[0], work->part) || !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
+            continue;
+        for (int l = 0; l < cut->lattice.link_count; l++) {
+            if (found.blades[l] < 0)
+                continue;
+            if (work->fills) {
+                hits[count].blade = found.blades[l];
+                hits[count].tet = tet;
+                hits[count].link = l;
+                hits[count].t = found.t[l];
+            }
+            count++;
         }
     }
-    for (int i = 0; i < 3; i++) {
-        low[i] = frame->centre[i] + (low[i] - slack) / frame->scale;
-        high[i] = frame->centre[i] + (high[i] + slack) / frame->scale;
+    return count;
+}
+
+/* near_hits: number of hits of each near tet, then where they begin. */
+static void sbi_cut_sweep_task(void *user, int task)
+{
+    const sbi_cut_sweep_work *work = (const sbi_cut_sweep_work *)user;
+    sb_cut *cut = work->cut;
+    int *hits = cut->near_hits.items;
+    int end = sbi_min_int(SBI_CUT_NEARS * (task + 1), cut->near.count);
+    for (int i = SBI_CUT_NEARS * task; i < end; i++) {
+        if (!work->fills)
+            hits[i] = sbi_cut_sweep_tet(work, cut->near.items[i], NULL);
+        else if (hits[i] < hits[i + 1])
+            (void)sbi_cut_sweep_tet(work, cut->near.items[i], cut->hits + hits[i]);
     }
 }
 
-static int sbi_cut_is_within(const sb_vec3 x[4], const double low[3], const double high[3])
+/* Turns numbers of hits into where they begin, the last one where all end; returns how many there are. */
+static int sbi_cut_sum(int *counts, int count)
 {
-    sb_vec3 from = x[0], to = x[0];
-    for (int a = 1; a < 4; a++) {
-        from = sb_v3(sb_min(from.x, x[a].x), sb_min(from.y, x[a].y), sb_min(from.z, x[a].z));
-        to = sb_v3(sb_max(to.x, x[a].x), sb_max(to.y, x[a].y), sb_max(to.z, x[a].z));
+    int sum = 0;
+    for (int i = 0; i < count; i++) {
+        int more = counts[i];
+        counts[i] = sum;
+        sum += more;
     }
-    return (double)from.x <= high[0] && (double)from.y <= high[1] && (double)from.z <= high[2] &&
-           (double)to.x >= low[0] && (double)to.y >= low[1] && (double)to.z >= low[2];
+    counts[count] = sum;
+    return sum;
+}
+
+/* Cuts the links of all hits, in the order of their blades. 0: no memory. */
+static int sbi_cut_take_hits(sb_cut *cut, int count)
+{
+    sbi_cut_list *starts = &cut->blade_hits;
+    starts->count = 0;
+    if (!sbi_cut_list_grow(cut, starts, cut->blade_count + 1))
+        return 0;
+    memset(starts->items, 0, ((size_t)cut->blade_count + 1) * sizeof(int));
+    for (int i = 0; i < count; i++)
+        starts->items[cut->hits[i].blade]++;
+    sbi_cut_sum(starts->items, cut->blade_count);
+    for (int i = 0; i < count; i++)
+        cut->sorted_hits[starts->items[cut->hits[i].blade]++] = cut->hits[i];
+    for (int i = 0; i < count; i++) {
+        const sbi_cut_hit *hit = cut->sorted_hits + i;
+        sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)hit->tet);
+        sbi_link_key key = sbi_lattice_key(&cut->lattice, &order, hit->tet, hit->link);
+        if (sbi_cut_links_find(&cut->links, &key) < 0 && !sbi_cut_add_link(cut, &key, hit->t))
+            return 0;
+    }
+    return 1;
+}
+
+SBI_API int sbi_cut_reserve_hits(sb_cut *cut, int count)
+{
+    void *hits = cut->hits, *sorted = cut->sorted_hits;
+    int grown = sbi_cut_grow(&cut->allocator, &hits, &cut->hit_capacity, 0, count, sizeof *cut->hits);
+    grown = grown && sbi_cut_grow(&cut->allocator, &sorted, &cut->sorted_capacity, 0, count, sizeof *cut->sorted_hits);
+    cut->hits = (sbi_cut_hit *)hits;
+    cut->sorted_hits = (sbi_cut_hit *)sorted;
+    return grown;
 }
 
 SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part)
 {
-    const sb_vec3 *x = sb_body_positions(cut->body);
-    double low[3], high[3];
-    sbi_cut_reach(cut, frame, low, high);
-    for (int tet = 0; tet < cut->tet_count && cut->blade_count > 0; tet++)
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-            sbi_cut_shape shape;
-            if (!sbi_cut_is_of(cut, nodes[0], part))
-                continue;
-            for (int a = 0; a < 4; a++)
-                shape.corners[a] = x[nodes[a]];
-            if (!sbi_cut_is_within(shape.corners, low, high))
-                continue;
-            sbi_cut_shape_make(cut, tet, frame, &shape);
-            for (int k = 0; k < cut->blade_count; k++)
-                if (sbi_cut_is_near(&shape, cut->blades + k) &&
-                    !sbi_cut_links_of(cut, tet, cut->pieces[piece].points, &shape, cut->blades + k))
-                    return 0;
-        }
-    return 1;
+    sbi_cut_sweep_work work;
+    int tasks = (cut->near.count + SBI_CUT_NEARS - 1) / SBI_CUT_NEARS, count;
+    if (!cut->near.count || !cut->blade_count)
+        return 1;
+    work.cut = cut;
+    work.frame = frame;
+    work.part = part;
+    work.fills = 0;
+    sbi_run(&cut->body->jobs, sbi_cut_sweep_task, &work, tasks);
+    count = sbi_cut_sum(cut->near_hits.items, cut->near.count);
+    if (!count)
+        return 1;
+    if (!sbi_cut_reserve_hits(cut, count))
+        return 0;
+    work.fills = 1;
+    sbi_run(&cut->body->jobs, sbi_cut_sweep_task, &work, tasks);
+    return sbi_cut_take_hits(cut, count);
 }

@@ -224,6 +224,19 @@ SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real b
     return place;
 }
 
+SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4])
+{
+    sb_vec3 e = sb_v3_sub(x[1], x[0]), f = sb_v3_sub(x[2], x[0]), g = sb_v3_sub(x[3], x[0]), q = sb_v3_sub(p, x[0]);
+    sb_real volume = sb_v3_dot(sb_v3_cross(e, f), g);
+    if (volume == 0)
+        return -SB_REAL_MAX;
+    at[1] = sb_v3_dot(sb_v3_cross(q, f), g) / volume;
+    at[2] = sb_v3_dot(sb_v3_cross(e, q), g) / volume;
+    at[3] = sb_v3_dot(sb_v3_cross(e, f), q) / volume;
+    at[0] = 1 - at[1] - at[2] - at[3];
+    return sb_min(sb_min(at[0], at[1]), sb_min(at[2], at[3]));
+}
+
 SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4])
 {
     for (int a = 0; a < 4; a++)
@@ -278,20 +291,17 @@ SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_co
     return marks;
 }
 
-SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned char *cut, int link)
+SBI_API void sbi_lattice_find_ringed(const sbi_lattice *lattice, const unsigned char *cut, unsigned char *ringed)
 {
     static const signed char triangles[4][3] = {{0, 1, 2}, {0, 4, 3}, {1, 5, 4}, {2, 5, 3}}; /* their edges */
+    memset(ringed, 1, (size_t)lattice->link_count);
     for (int k = 0; k < lattice->micro_count; k++)
         for (int f = 0; f < 4; f++) {
             const unsigned char *links = lattice->micro_links[k];
-            int around = 0, count = 0;
-            for (int e = 0; e < 3; e++) {
-                int side = links[(int)triangles[f][e]];
-                around |= side == link;
-                count += cut[side] != 0;
-            }
-            if (around && count != 1)
-                return 0;
+            int count = 0;
+            for (int e = 0; e < 3; e++)
+                count += cut[links[(int)triangles[f][e]]] != 0;
+            for (int e = 0; e < 3 && count != 1; e++)
+                ringed[links[(int)triangles[f][e]]] = 0;
         }
-    return 1;
 }

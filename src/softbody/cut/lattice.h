@@ -52,6 +52,8 @@ SBI_API sbi_link_key sbi_lattice_key(const sbi_lattice *lattice, const sbi_corne
 SBI_API void sbi_lattice_ends(const sbi_lattice *lattice, const sbi_corner_order *order, int link, int ends[2]);
 /* Where a point with these barycentrics is, of a tet with corners at x: the same bits from all tets around. */
 SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real barycentrics[4], const sb_vec3 x[4]);
+/* Barycentrics of p in a tet with corners at x; returns the least of them, -SB_REAL_MAX where it is flat. */
+SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4]);
 SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4]);
 
 /* Pieces of a tet, in the order of their lowest points; returns how many (0: no point).
@@ -65,8 +67,8 @@ SB_INLINE uint64_t sbi_lattice_all(const sbi_lattice *lattice) { return ((uint64
  * when their marks have one in common. */
 SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
                                         uint64_t piece);
-/* 1 when every micro-triangle of this tet around a link has exactly one cut link: of a whole link that is so in all
- * tets around it nothing holds but itself. */
-SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned char *cut, int link);
+/* ringed[link_count]: 1 where every micro-triangle of this tet around the link has exactly one cut link: of a whole
+ * link that is so in all tets around it nothing holds but itself. */
+SBI_API void sbi_lattice_find_ringed(const sbi_lattice *lattice, const unsigned char *cut, unsigned char *ringed);
 
 #endif /* SB_LATTICE_H */

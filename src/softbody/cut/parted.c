@@ -32,7 +32,7 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
         sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
         int item = sbi_cut_links_find(links, &key);
         parted->cut[l] = (unsigned char)(item < 0 ? SBI_LINK_WHOLE : links->items[item].state);
-        parted->turn[l] = item;
+        parted->rank[l] = item;
         parted->t[l] = item < 0 ? (sb_real)0.5 : links->items[item].t;
     }
     sbi_parted_find(parted);
@@ -82,7 +82,7 @@ static int sbi_parted_cut_edges(const sbi_parted *parted, int micro, int mask, i
         int at = count;
         if (!(mask >> edge & 1) || !parted->cut[links[edge]])
             continue;
-        for (; at > 0 && parted->turn[links[edges[at - 1]]] > parted->turn[links[edge]]; at--)
+        for (; at > 0 && parted->rank[links[edges[at - 1]]] > parted->rank[links[edge]]; at--)
             edges[at] = edges[at - 1];
         edges[at] = edge;
         count++;
@@ -212,9 +212,36 @@ SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least,
     return count;
 }
 
+SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
+{
+    const sbi_lattice *lattice = parted->lattice;
+    sb_vec3 xi = sbi_parted_xi(at);
+    sb_real deepest = -SB_REAL_MAX;
+    sbi_flag flags[SBI_FLAGS];
+    int within = 0, count, piece;
+    for (int micro = 0; micro < lattice->micro_count; micro++) {
+        sb_vec3 corners[4];
+        sb_real of_micro[4], depth;
+        for (int v = 0; v < 4; v++)
+            corners[v] = sbi_parted_corner(lattice, lattice->micros[micro][v]);
+        depth = sbi_lattice_barycentrics(corners, xi, of_micro);
+        within = depth > deepest ? micro : within;
+        deepest = sb_max(depth, deepest);
+    }
+    count = sbi_parted_flags(parted, within, 0, flags);
+    piece = flags[0].piece;
+    deepest = -SB_REAL_MAX;
+    for (int k = 0; k < count; k++) {
+        sb_real of_flag[4], depth = sbi_lattice_barycentrics(flags[k].corners, xi, of_flag);
+        piece = depth > deepest ? flags[k].piece : piece;
+        deepest = sb_max(depth, deepest);
+    }
+    return piece;
+}
+
 SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS])
 {
-    static const signed char turn[4][4] = {
+    static const signed char next[4][4] = {
         {0, 2, 3, 1}, {3, 0, 0, 2}, {1, 3, 0, 0}, {2, 0, 1, 0}}; /* v, w, u, x even */
     const unsigned char *corners = parted->lattice->micros[micro];
     sbi_micro_points points;
@@ -225,7 +252,7 @@ SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SB
     for (int v = 0; v < 4; v++)
         for (int w = v + 1; w < 4; w++) {
             int edge = sbi_parted_edge[v][w], link = parted->lattice->micro_links[micro][edge];
-            int u = turn[v][w], x = 6 - v - w - u;
+            int u = next[v][w], x = 6 - v - w - u;
             for (int side = 0; side < 2 && sbi_parted_is_parting(parted, link); side++) {
                 sbi_lip *lip = lips + count++;
                 int face = SBI_MICRO_FACES + sbi_parted_opposite[side ? u : x];

@@ -23,7 +23,7 @@ typedef struct sbi_parted {
     sbi_corner_order order;
     unsigned char cut[SBI_LATTICE_LINKS]; /* state of each link */
     sb_real t[SBI_LATTICE_LINKS];         /* crossings of cut ones, 0 at the first end (sbi_lattice_ends) */
-    int turn[SBI_LATTICE_LINKS];          /* of cut ones: rises in the order in which they were cut */
+    int rank[SBI_LATTICE_LINKS];          /* of cut ones: rises in the order in which they were cut */
     int piece_count;
     uint64_t pieces[SBI_LATTICE_POINTS];
     unsigned char piece_of[SBI_LATTICE_POINTS];
@@ -79,6 +79,8 @@ SBI_API void sbi_parted_points(const sbi_parted *parted, int micro, sb_real leas
 SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least, sbi_flag flags[SBI_FLAGS]);
 /* Triangles of a micro-tet between pieces; returns how many. */
 SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS]);
+/* The piece that has the material at these barycentrics of the tet. */
+SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4]);
 /* Moments of all pieces: moments [piece_count]. A piece without volume has its lowest point for a centre. */
 SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments);
 /* What each piece has of a face (sb_element_face): moments [piece_count]. */

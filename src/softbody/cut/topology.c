@@ -430,7 +430,9 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         cut->changing = 1;
+        sbi_body_mute(cut->body); /* a recording has the call itself */
         result = sb_body_change_commit(change, error);
+        sbi_body_unmute(cut->body);
         cut->changing = 0;
     }
     if (result != SB_OK)
@@ -440,6 +442,8 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
 
 SBI_API void sbi_cut_clear(sb_cut *cut)
 {
+    if (!cut->touched.count)
+        return;
     memset(cut->tet_marks, 0, (size_t)cut->tet_count);
     memset(cut->node_marks, 0, (size_t)cut->node_end);
     memset(cut->cell_of, 0, (size_t)cut->tet_count * sizeof(int));

@@ -420,11 +420,15 @@ static int sbi_precond_kind_follows(sb_precond_kind kind)
 /* Scratch for the patterns to come of a matrix that follows; 0: no memory. */
 static int sbi_precond_take_following(sb_preconditioner *p, const sb_matrix *a)
 {
+    int times; /* as many rows as there are may come; where they are copies, rows grow with them */
     if (!a->live || !sbi_precond_kind_follows(p->kind))
         return 1;
     p->row_room = sbi_matrix_row_capacity(a);
     p->block_room = sbi_matrix_capacity(a);
-    p->longest_room = 2 * a->live->longest + SBI_LIVE_PIECE;
+    times = a->row_count > 0 ? 1 + (p->row_room - 1) / a->row_count : 1;
+    if (times > INT_MAX / 16 / (2 * a->live->longest + SBI_LIVE_PIECE))
+        return 0;
+    p->longest_room = times * (2 * a->live->longest + SBI_LIVE_PIECE);
     if (p->row_room > INT_MAX / 16 || p->block_room > INT_MAX / 2)
         return 0;
     p->scratch = sbi_owned_take_ints(&p->owned, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
@@ -572,36 +576,39 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 
 SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *matrix)
 {
-    if (!sbi_precond_kind_follows(p->kind))
-        return 0;
-    return p->kind == SB_PRECOND_NONE ||
+    return p->kind == SB_PRECOND_NONE || !sbi_precond_kind_follows(p->kind) ||
            (sbi_matrix_row_capacity(matrix) <= p->row_room && sbi_matrix_capacity(matrix) <= p->block_room &&
             matrix->live->longest <= p->longest_room);
 }
 
 SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
 {
+    p->ready = p->turned = 0;
+    p->coarse.ready = 0;
+    p->stale = 1;
+    if (!sbi_precond_kind_follows(p->kind))
+        return;
     p->row_count = matrix->row_count;
     p->block_count = sbi_matrix_used_blocks(matrix);
     p->lower_count = (p->block_count - p->row_count) / 2;
     p->pattern_version = sbi_matrix_version(matrix);
     p->rest = rest;
     p->pattern_hash = 0; /* for images of a factor, which nobody makes of these */
-    p->ready = p->turned = 0;
-    p->coarse.ready = 0;
-    p->stale = 1;
 }
 
-SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
+SBI_API int sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
 {
     int pieces = sbi_precond_pieces(p, p->row_count);
     if (!p->stale)
-        return;
+        return 1;
+    if (!sbi_precond_kind_follows(p->kind))
+        return 0;
     p->stale = 0;
     if (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0)
         sbi_precond_shape_lower(p, matrix, p->kind == SB_PRECOND_IC0 && pieces > 0);
     if (p->coarse.piece_room)
         sbi_precond_shape_coarse(p, matrix, pieces);
+    return 1;
 }
 
 /* ---- update -------------------------------------------------------------------------------------------- */
@@ -704,7 +711,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;
-    sbi_precond_settle(p, matrix);
+    (void)sbi_precond_settle(p, matrix); /* what cannot has not the matrix' pattern */
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;

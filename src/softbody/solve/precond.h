@@ -189,13 +189,14 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
                                      const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
                                      sb_error *error);
 /* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
- * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
+ * SSOR, IC(0); others are to be made anew. 0: it would have to have the memory for what sbi_matrix_reserve has planned,
+ * and has not. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
  * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
-/* Does so now, if that is still to be done. */
-SBI_API void sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* Does so now, if that is still to be done. 0: it is of a kind that does not follow, and of the pattern of before. */
+SBI_API int sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* Another Poisson's ratio than that of the def, for all updates to come. */
 SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson);
 /* 1: z of one connected part of the pattern depends on r of another, as the user's levels may have it. */

@@ -1,0 +1,468 @@
+/* cut_state: a cut as a part of its body's saved state, and in its recordings.
+ *
+ * Saved are the cut links, the cells of the pieces of each tet that has parted, and the strokes under way; what the
+ * pieces are follows from the links, and what nodes are copies of from the cells. A recording has the calls. */
+#include "cut_private.h"
+
+#include <string.h>
+
+#include "../base/bytes.h"
+
+enum { SBI_CUT_STATE_VERSION = 1, SBI_CUT_LINK_BYTES = 5 * 4 + 8, SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8 };
+
+/* ---- numbers ---- */
+
+static void sbi_cut_put_int(sbi_state_out *out, int value)
+{
+    unsigned char bytes[4];
+    sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 4);
+    sbi_state_put(out, bytes, sizeof bytes);
+}
+
+static void sbi_cut_put_real(sbi_state_out *out, sb_real value)
+{
+    unsigned char bytes[8];
+    sbi_put_bytes(bytes, sbi_real_bits(value), 8);
+    sbi_state_put(out, bytes, sizeof bytes);
+}
+
+typedef struct sbi_cut_in {
+    const unsigned char *bytes;
+    size_t left;
+    int bad; /* 1: it has ended, or a number is not finite */
+} sbi_cut_in;
+
+static uint64_t sbi_cut_get(sbi_cut_in *in, int bytes)
+{
+    uint64_t value;
+    if (in->left < (size_t)bytes) {
+        in->bad = 1;
+        in->left = 0;
+        return 0;
+    }
+    value = sbi_get_bytes(in->bytes, bytes);
+    in->bytes += bytes;
+    in->left -= (size_t)bytes;
+    return value;
+}
+
+static int sbi_cut_get_int(sbi_cut_in *in) { return sbi_int_of(sbi_cut_get(in, 4)); }
+
+static sb_real sbi_cut_get_real(sbi_cut_in *in)
+{
+    sb_real value = sbi_real_of(sbi_cut_get(in, 8));
+    if (!sb_is_finite(value)) {
+        in->bad = 1;
+        return 0;
+    }
+    return value;
+}
+
+/* A number of items, each of at least so many bytes; 0 where the rest cannot hold them. */
+static int sbi_cut_get_count(sbi_cut_in *in, int bytes)
+{
+    int count = sbi_cut_get_int(in);
+    if (count >= 0 && (size_t)count <= in->left / (size_t)bytes)
+        return count;
+    in->bad = 1;
+    return 0;
+}
+
+/* ---- saving ---- */
+
+/* What a cut has to be like to take the state of another. */
+enum { SBI_CUT_MAKE = 6 };
+static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
+{
+    uint64_t hash = 0;
+    for (int i = 0; i < 4 * cut->tet_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)cut->tets[i]);
+    make[0] = cut->lattice.intervals;
+    make[1] = cut->tet_count;
+    make[2] = cut->node_end;
+    make[3] = cut->max_strokes;
+    make[4] = sbi_int_of(hash & 0xFFFFFFFFu);
+    make[5] = sbi_int_of(hash >> 32);
+}
+
+static int sbi_cut_count_pieces(const sb_cut *cut, int tet)
+{
+    int count = 0;
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        count++;
+    return count;
+}
+
+static void sbi_cut_save_pieces(const sb_cut *cut, sbi_state_out *out)
+{
+    int parted = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        parted += cut->pieces[tet].next >= 0;
+    sbi_cut_put_int(out, parted);
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        if (cut->pieces[tet].next < 0)
+            continue;
+        sbi_cut_put_int(out, tet);
+        sbi_cut_put_int(out, sbi_cut_count_pieces(cut, tet));
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_put_int(out, cut->pieces[piece].cell);
+    }
+}
+
+static void sbi_cut_save_stroke(const sbi_cut_stroke *stroke, sbi_state_out *out)
+{
+    sbi_cut_put_int(out, stroke->edge_count);
+    sbi_cut_put_int(out, stroke->sample_count);
+    for (int i = 0; i < stroke->sample_count; i++) {
+        const sbi_cut_sample *sample = stroke->samples + i;
+        sbi_cut_put_int(out, sample->side);
+        sbi_cut_put_real(out, sample->along);
+        sbi_cut_put_int(out, sample->tet);
+        for (int a = 0; a < 4; a++)
+            sbi_cut_put_real(out, sample->at[a]);
+        sbi_cut_put_real(out, sample->place.x);
+        sbi_cut_put_real(out, sample->place.y);
+        sbi_cut_put_real(out, sample->place.z);
+    }
+}
+
+static void sbi_cut_save(const void *user, sbi_state_out *out)
+{
+    const sb_cut *cut = (const sb_cut *)user;
+    int make[SBI_CUT_MAKE];
+    sbi_cut_list_make(cut, make);
+    for (int i = 0; i < SBI_CUT_MAKE; i++)
+        sbi_cut_put_int(out, make[i]);
+    sbi_cut_put_int(out, cut->stale);
+    if (cut->stale)
+        return;
+    sbi_cut_put_int(out, cut->links.count);
+    for (int i = 0; i < cut->links.count; i++) {
+        const sbi_cut_link *link = cut->links.items + i;
+        for (int k = 0; k < 4; k++)
+            sbi_cut_put_int(out, link->key.at[k]);
+        sbi_cut_put_int(out, link->state);
+        sbi_cut_put_real(out, link->t);
+    }
+    sbi_cut_save_pieces(cut, out);
+    for (int i = 0; i < cut->max_strokes; i++)
+        sbi_cut_save_stroke(cut->strokes + i, out);
+}
+
+/* ---- checking: links and cells are read into cut->loaded ---- */
+
+static sb_result sbi_cut_damaged(const char *what, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_FORMAT, "the saved cut is damaged in its %s", what);
+}
+
+static sb_result sbi_cut_check_make(const sb_cut *cut, sbi_cut_in *in, sb_error *error)
+{
+    int make[SBI_CUT_MAKE], same = 1;
+    sbi_cut_list_make(cut, make);
+    for (int i = 0; i < SBI_CUT_MAKE; i++)
+        same &= sbi_cut_get_int(in) == make[i];
+    if (!same || in->bad)
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the state was saved with a cut of another mesh, lattice or number of strokes");
+    return SB_OK;
+}
+
+/* Room for the links of the image besides those that there are. */
+static int sbi_cut_reserve_loaded(sb_cut *cut, int count)
+{
+    sbi_cut_links *links = &cut->loaded_links, old = *links;
+    int capacity = sbi_max_int(count, cut->links.capacity);
+    sbi_cut_link *items;
+    int *table;
+    links->count = 0;
+    if (capacity > links->capacity) {
+        items = (sbi_cut_link *)sbi_alloc(&cut->allocator, (size_t)capacity, sizeof *items);
+        table = (int *)sbi_alloc(&cut->allocator, (size_t)sbi_cut_links_table(capacity), sizeof *table);
+        if (!items || !table) {
+            sbi_free(&cut->allocator, items);
+            sbi_free(&cut->allocator, table);
+            return 0;
+        }
+        sbi_cut_links_move(links, items, table, capacity);
+        sbi_free(&cut->allocator, old.items);
+        sbi_free(&cut->allocator, old.table);
+    }
+    sbi_cut_links_move(links, links->items, links->table, links->capacity); /* clears the table */
+    return 1;
+}
+
+static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+{
+    int count = sbi_cut_get_count(in, SBI_CUT_LINK_BYTES);
+    if (!sbi_cut_reserve_loaded(cut, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d links of a saved cut", count);
+    for (int i = 0; i < count; i++) {
+        sbi_link_key key;
+        int state, ends;
+        sb_real t;
+        for (int k = 0; k < 4; k++)
+            key.at[k] = sbi_cut_get_int(in);
+        state = sbi_cut_get_int(in);
+        t = sbi_cut_get_real(in);
+        ends = key.at[1] < 0 ? cut->tet_count : cut->node_end;
+        if (in->bad || state != SBI_LINK_CUT || !(t >= 0) || !(t <= 1) || key.at[0] < 0 || key.at[0] >= ends ||
+            key.at[1] < -1 || key.at[1] >= cut->node_end || key.at[2] < -1 || key.at[2] >= cut->node_end ||
+            sbi_cut_links_find(&cut->loaded_links, &key) >= 0)
+            return sbi_cut_damaged("links", error);
+        sbi_cut_links_add(&cut->loaded_links, &key, t, state);
+    }
+    return in->bad ? sbi_cut_damaged("links", error) : SB_OK;
+}
+
+/* Whether a cell of the body can be a piece of a tet with these points: it has the tet's own nodes where it has the
+ * material at them, and no other nodes of the uncut mesh. */
+static int sbi_cut_cell_fits(const sb_cut *cut, const sb_body *body, int tet, int cell, uint64_t points)
+{
+    const int *nodes, *own = cut->tets + 4 * (size_t)tet;
+    if (!sb_body_cell_in_use(body, cell) || cut->loaded_elements.items[cell] >= 0)
+        return 0;
+    nodes = sb_body_cell_nodes(body, cell);
+    for (int a = 0; a < 4; a++)
+        if (nodes[a] != own[a] && ((points >> a & 1) || nodes[a] < cut->node_end))
+            return 0;
+    cut->loaded_elements.items[cell] = tet;
+    return 1;
+}
+
+/* The cells of a tet's pieces; those of one that has not parted are not in the image. */
+static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, sbi_cut_in *in,
+                                   sb_error *error)
+{
+    sbi_parted parted;
+    int count = is_parted ? sbi_cut_get_int(in) : 1;
+    sbi_parted_make(&cut->lattice, &cut->loaded_links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    if (count != parted.piece_count || (is_parted && count < 2))
+        return sbi_cut_damaged("pieces", error);
+    if (!sbi_cut_list_grow(cut, &cut->loaded_cells, count + 2))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
+    for (int k = 0; k < count; k++) {
+        int cell = is_parted ? sbi_cut_get_int(in) : cut->pieces[tet].cell;
+        if ((k == 0 && cell != cut->pieces[tet].cell) || !sbi_cut_cell_fits(cut, body, tet, cell, parted.pieces[k]))
+            return sbi_cut_damaged("pieces", error);
+        cut->loaded_cells.items[cut->loaded_cells.count++] = cell;
+    }
+    return SB_OK;
+}
+
+/* loaded_cells: the cells of all tets, in their order. */
+static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
+{
+    int parted = sbi_cut_get_count(in, 4 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
+    int end = sb_body_element_count(body);
+    sb_result result = SB_OK;
+    cut->loaded_cells.count = cut->loaded_elements.count = 0;
+    if (!sbi_cut_list_grow(cut, &cut->loaded_elements, end) ||
+        !sbi_cut_list_grow(cut, &cut->origins, sb_body_node_count(body) - cut->origins.count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the cells of a saved cut");
+    for (int e = 0; e < end; e++) {
+        cut->loaded_elements.items[e] = -1;
+        cells += sb_body_cell_in_use(body, e);
+    }
+    cut->loaded_elements.count = end;
+    for (int tet = 0; tet < cut->tet_count && result == SB_OK; tet++) {
+        result = sbi_cut_check_tet(cut, body, tet, tet == next, in, error);
+        if (tet == next)
+            next = --parted > 0 ? sbi_cut_get_int(in) : -1;
+    }
+    if (result == SB_OK && (in->bad || parted > 0 || cut->loaded_cells.count != cells))
+        result = sbi_cut_damaged("pieces", error);
+    if (result == SB_OK) {
+        void *pieces = cut->pieces;
+        int grown = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, cut->piece_count,
+                                 cells - cut->piece_count, sizeof *cut->pieces);
+        cut->pieces = (sbi_cut_piece *)pieces;
+        if (!grown)
+            result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
+    }
+    return result;
+}
+
+static sbi_cut_sample sbi_cut_get_sample(sbi_cut_in *in)
+{
+    sbi_cut_sample sample;
+    sample.side = sbi_cut_get_int(in);
+    sample.along = sbi_cut_get_real(in);
+    sample.tet = sbi_cut_get_int(in);
+    for (int a = 0; a < 4; a++)
+        sample.at[a] = sbi_cut_get_real(in);
+    sample.place.x = sbi_cut_get_real(in);
+    sample.place.y = sbi_cut_get_real(in);
+    sample.place.z = sbi_cut_get_real(in);
+    return sample;
+}
+
+/* Room for a stroke of the image; what there is stays. */
+static sb_result sbi_cut_check_stroke(sb_cut *cut, sbi_cut_stroke *stroke, sbi_cut_in *in, sb_error *error)
+{
+    int corners = sbi_cut_get_int(in), count = sbi_cut_get_count(in, SBI_CUT_SAMPLE_BYTES), side = 0;
+    if (in->bad || corners < 0 || corners == 1 || corners > count || (count > 0 && !corners))
+        return sbi_cut_damaged("strokes", error);
+    if (!sbi_cut_stroke_reserve(cut, stroke, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a stroke of a saved cut");
+    for (int i = 0; i < count; i++) {
+        sbi_cut_sample sample = sbi_cut_get_sample(in);
+        in->bad |= sample.side < side || sample.side > corners - 2 || !(sample.along >= 0) || !(sample.along <= 1) ||
+                   sample.tet < -1 || sample.tet >= cut->tet_count;
+        side = sample.side;
+    }
+    return in->bad ? sbi_cut_damaged("strokes", error) : SB_OK;
+}
+
+static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                     sb_error *error)
+{
+    sb_cut *cut = (sb_cut *)user;
+    sbi_cut_in in;
+    sb_result result;
+    int stale;
+    in.bytes = bytes;
+    in.left = size;
+    in.bad = 0;
+    result = sbi_cut_check_make(cut, &in, error);
+    stale = sbi_cut_get_int(&in);
+    if (result == SB_OK && !stale) {
+        result = sbi_cut_check_links(cut, &in, error);
+        if (result == SB_OK)
+            result = sbi_cut_check_pieces(cut, body, &in, error);
+        for (int i = 0; i < cut->max_strokes && result == SB_OK; i++)
+            result = sbi_cut_check_stroke(cut, cut->strokes + i, &in, error);
+    }
+    if (result == SB_OK && (in.bad || in.left > 0))
+        result = sbi_cut_damaged("length", error);
+    return result;
+}
+
+/* ---- loading what was checked ---- */
+
+static void sbi_cut_load_pieces(sb_cut *cut)
+{
+    const int *cell = cut->loaded_cells.items;
+    cut->piece_count = cut->tet_count;
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        sbi_parted parted;
+        int piece = tet;
+        sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+        for (int k = 0; k < parted.piece_count; k++) {
+            cut->pieces[piece].points = parted.pieces[k];
+            cut->pieces[piece].cell = *cell++;
+            cut->pieces[piece].next = k + 1 < parted.piece_count ? cut->piece_count++ : -1;
+            piece = cut->pieces[piece].next;
+        }
+    }
+}
+
+/* Nodes are copies of what their cells' corners were. */
+static void sbi_cut_load_origins(sb_cut *cut)
+{
+    cut->origins.count = 0;
+    sbi_cut_list_set(&cut->origins, sb_body_node_count(cut->body) - 1, -1);
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+            for (int a = 0; a < 4; a++)
+                cut->origins.items[nodes[a]] = cut->tets[4 * (size_t)tet + (size_t)a];
+        }
+}
+
+static void sbi_cut_load_stroke(sbi_cut_stroke *stroke, sbi_cut_in *in)
+{
+    stroke->edge_count = sbi_cut_get_int(in);
+    stroke->sample_count = sbi_cut_get_int(in);
+    for (int i = 0; i < stroke->sample_count; i++)
+        stroke->samples[i] = sbi_cut_get_sample(in);
+}
+
+/* Steps over links and pieces, which are in cut->loaded. */
+static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
+{
+    int count = sbi_cut_get_int(in);
+    in->bytes += (size_t)count * SBI_CUT_LINK_BYTES;
+    in->left -= (size_t)count * SBI_CUT_LINK_BYTES;
+    for (count = sbi_cut_get_int(in); count > 0; count--) {
+        (void)sbi_cut_get_int(in);
+        for (int k = sbi_cut_get_int(in); k > 0; k--)
+            (void)sbi_cut_get_int(in);
+    }
+}
+
+static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
+{
+    sb_cut *cut = (sb_cut *)user;
+    sbi_cut_links links = cut->links;
+    sbi_cut_list elements = cut->elements;
+    sbi_cut_in in;
+    in.bytes = bytes;
+    in.left = size;
+    in.bad = 0;
+    for (int i = 0; i < SBI_CUT_MAKE; i++)
+        (void)sbi_cut_get_int(&in);
+    cut->stale = sbi_cut_get_int(&in) != 0;
+    if (cut->stale)
+        return;
+    cut->links = cut->loaded_links, cut->loaded_links = links;
+    cut->elements = cut->loaded_elements, cut->loaded_elements = elements;
+    sbi_cut_load_pieces(cut);
+    sbi_cut_load_origins(cut);
+    sbi_cut_skip_to_strokes(&in);
+    for (int i = 0; i < cut->max_strokes; i++)
+        sbi_cut_load_stroke(cut->strokes + i, &in);
+}
+
+/* ---- recording ---- */
+
+static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
+                                sb_error *error)
+{
+    sb_cut *cut = (sb_cut *)user;
+    const sb_vec3 *points = (const sb_vec3 *)(const void *)reals;
+    int stroke, is_known = int_count == 2 && real_count % 3 == 0 && real_count < INT32_MAX;
+    int count = is_known ? (int)(real_count / 3) : 0, command = is_known ? ints[0] : 0;
+    if (command == SBI_CUT_TRIANGLES && count % 3 == 0)
+        return sb_cut_triangles(cut, points, count / 3, NULL, error);
+    if (command == SBI_CUT_BEGIN) {
+        sb_result result = sb_cut_begin(cut, points, count, &stroke, error);
+        if (result == SB_OK && stroke != ints[1])
+            result =
+                sbi_fail(error, SB_ERROR_STATE, "stroke %d begins where the recording has number %d", stroke, ints[1]);
+        return result;
+    }
+    if (command == SBI_CUT_MOVE && ints[1] >= 0 && ints[1] < cut->max_strokes && count > 0 &&
+        cut->strokes[ints[1]].edge_count == count)
+        return sb_cut_move(cut, ints[1], points, NULL, error);
+    if (command == SBI_CUT_END && count == 0) {
+        sb_cut_end(cut, ints[1]);
+        return SB_OK;
+    }
+    return sbi_fail(error, SB_ERROR_FORMAT, "a recorded cut is none");
+}
+
+/* ---- joining ---- */
+
+SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error)
+{
+    sbi_state_part part;
+    sb_result result;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, SBI_CUT_PART, sizeof SBI_CUT_PART);
+    part.version = SBI_CUT_STATE_VERSION;
+    part.user = cut;
+    part.save = sbi_cut_save;
+    part.check = sbi_cut_check_state;
+    part.load = sbi_cut_load;
+    part.replay = sbi_cut_replay;
+    result = sbi_body_join(cut->body, &part, error);
+    cut->joined = result == SB_OK;
+    return result;
+}
+
+SBI_API void sbi_cut_leave_state(const sb_cut *cut)
+{
+    if (cut->joined && cut->body)
+        sbi_body_leave(cut->body, SBI_CUT_PART);
+}

@@ -1,0 +1,379 @@
+/* cut_stroke: a blade that cuts as it moves.
+ *
+ * The front is where the blade's edge was: samples at its corners, and wherever it goes through a face of a cell.
+ * Between calls they move with the material that they are in, and what is between two of them, in one cell, as straight
+ * as it was; outside of the tissue they stay where they are. So the next strip begins exactly where the last one ended,
+ * however the tissue has moved, but for the rounding of places: cut_ring.c closes what that may leave. Tissue that
+ * moves against a blade at rest is cut as well. */
+#include "cut_private.h"
+
+#include <string.h>
+
+#include "../base/sort.h"
+
+enum {
+    SBI_CUT_SAMPLES = 256,    /* of a stroke, that there is room for from the start */
+    SBI_CUT_MOST_EDGE = 65536 /* corners */
+};
+
+/* ---- memory ---- */
+
+SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, int samples)
+{
+    void *of = stroke->samples;
+    int grown = sbi_cut_grow(&cut->allocator, &of, &stroke->sample_capacity, stroke->sample_count,
+                             samples - stroke->sample_count, sizeof *stroke->samples);
+    stroke->samples = (sbi_cut_sample *)of;
+    return grown;
+}
+
+/* Room for a front of so many samples besides the `kept` ones that are there. */
+static int sbi_cut_reserve_front(sb_cut *cut, int kept, int more)
+{
+    void *front = cut->front, *sorted = cut->sorted_front;
+    const sb_allocator *allocator = &cut->allocator;
+    int grown = sbi_cut_grow(allocator, &front, &cut->front_capacity, kept, more, sizeof *cut->front) &&
+                sbi_cut_grow(allocator, &sorted, &cut->sorted_front_capacity, 0, kept + more, sizeof *cut->front);
+    cut->front = (sbi_cut_sample *)front;
+    cut->sorted_front = (sbi_cut_sample *)sorted;
+    return grown && sbi_cut_list_grow(cut, &cut->front_order, kept + more) &&
+           sbi_cut_list_grow(cut, &cut->front_scratch, kept + more);
+}
+
+static int sbi_cut_add_span(sb_cut *cut, const sb_real stretch[2])
+{
+    void *spans = cut->spans;
+    int grown = sbi_cut_grow(&cut->allocator, &spans, &cut->span_capacity, cut->span_count, 1, sizeof *cut->spans);
+    cut->spans = (sbi_cut_span *)spans;
+    if (!grown)
+        return 0;
+    cut->spans[cut->span_count].first = stretch[0];
+    cut->spans[cut->span_count++].last = stretch[1];
+    return 1;
+}
+
+static int sbi_cut_reserve_strip(sb_cut *cut, int samples)
+{
+    void *strip = cut->strip;
+    int grown = sbi_cut_grow(&cut->allocator, &strip, &cut->strip_capacity, 0, 6 * samples, sizeof *cut->strip);
+    cut->strip = (sb_vec3 *)strip;
+    return grown;
+}
+
+SBI_API int sbi_cut_take_strokes(sb_cut *cut, int max_strokes)
+{
+    void *spans = NULL;
+    int taken = sbi_cut_reserve_front(cut, 0, SBI_CUT_SAMPLES) && sbi_cut_reserve_strip(cut, SBI_CUT_SAMPLES) &&
+                sbi_cut_grow(&cut->allocator, &spans, &cut->span_capacity, 0, SBI_CUT_SAMPLES, sizeof *cut->spans);
+    cut->spans = (sbi_cut_span *)spans;
+    cut->strokes = (sbi_cut_stroke *)sbi_alloc_zeroed(&cut->allocator, (size_t)max_strokes, sizeof *cut->strokes);
+    cut->max_strokes = cut->strokes ? max_strokes : 0;
+    for (int i = 0; i < cut->max_strokes && taken; i++)
+        taken = sbi_cut_stroke_reserve(cut, cut->strokes + i, SBI_CUT_SAMPLES);
+    return taken && cut->strokes;
+}
+
+SBI_API void sbi_cut_free_strokes(sb_cut *cut)
+{
+    for (int i = 0; i < cut->max_strokes; i++)
+        sbi_free(&cut->allocator, cut->strokes[i].samples);
+    sbi_free(&cut->allocator, cut->strokes);
+    sbi_free(&cut->allocator, cut->front);
+    sbi_free(&cut->allocator, cut->sorted_front);
+    sbi_free(&cut->allocator, cut->strip);
+    sbi_free(&cut->allocator, cut->spans);
+    sbi_free(&cut->allocator, cut->front_order.items);
+    sbi_free(&cut->allocator, cut->front_scratch.items);
+}
+
+/* ---- samples in the tissue ---- */
+
+/* The piece of a tet that has the material at these barycentrics. */
+static int sbi_cut_piece_at(const sb_cut *cut, int tet, const sb_real at[4])
+{
+    int piece = tet;
+    uint64_t points;
+    sbi_parted parted;
+    if (cut->pieces[tet].next < 0)
+        return tet;
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    points = parted.pieces[sbi_parted_piece_at(&parted, at)];
+    while (cut->pieces[piece].next >= 0 && !(cut->pieces[piece].points & points))
+        piece = cut->pieces[piece].next;
+    return piece;
+}
+
+static void sbi_cut_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
+{
+    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    for (int a = 0; a < 4; a++)
+        x[a] = sb_body_positions(cut->body)[nodes[a]];
+}
+
+/* Where a sample is now. */
+static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
+{
+    sb_vec3 x[4], place = {0, 0, 0};
+    if (sample->tet < 0)
+        return sample->place;
+    sbi_cut_corners(cut, sbi_cut_piece_at(cut, sample->tet, sample->at), x);
+    for (int a = 0; a < 4; a++)
+        place = sb_v3_madd(place, sample->at[a], x[a]);
+    return place;
+}
+
+/* Outside of the tissue a blade moves with the skin where it is no farther than that, in barycentrics of the cell:
+ * tissue that comes upon it is cut from its skin on. */
+static const sb_real sbi_cut_skin = 1;
+
+/* A sample at a corner: in the piece of a near tet that has it deepest inside or nearest, or in space. */
+static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, int *count)
+{
+    sbi_cut_sample *sample = cut->front + (*count)++;
+    sbi_cut_box box = sbi_cut_box_around(&p, 1);
+    sb_real deepest = -sbi_cut_skin;
+    sbi_cut_box_widen(&box, cut->element_size);
+    memset(sample, 0, sizeof *sample);
+    sample->side = sbi_min_int(corner, corners - 2);
+    sample->along = corner == corners - 1;
+    sample->tet = -1;
+    sample->place = p;
+    for (int i = 0; i < cut->near.count; i++)
+        for (int tet = cut->near.items[i], piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+            sb_vec3 x[4];
+            sb_real at[4], depth;
+            if (!sbi_cut_meets_tet(cut, tet, &box))
+                continue;
+            sbi_cut_corners(cut, piece, x);
+            depth = sbi_lattice_barycentrics(x, p, at);
+            if (!(depth > deepest) || sbi_cut_piece_at(cut, tet, at) != piece)
+                continue;
+            deepest = depth;
+            sample->tet = tet;
+            memcpy(sample->at, at, sizeof at);
+        }
+}
+
+/* ---- the front along an edge ---- */
+
+/* The stretch of a side from p to q that is in a tet with corners at x, or out of it by no more than `beyond` in
+ * barycentrics, and barycentrics at its ends; 0: there is none. */
+static int sbi_cut_clip(const sb_vec3 x[4], sb_vec3 p, sb_vec3 q, sb_real beyond, sb_real stretch[2], sb_real at[2][4])
+{
+    sb_real from[4], to[4];
+    stretch[0] = 0;
+    stretch[1] = 1;
+    if (!(sbi_lattice_barycentrics(x, p, from) > -SB_REAL_MAX) || !(sbi_lattice_barycentrics(x, q, to) > -SB_REAL_MAX))
+        return 0;
+    for (int a = 0; a < 4; a++) {
+        sb_real first = from[a] + beyond, last = to[a] + beyond;
+        if (first < 0 && last < 0)
+            return 0;
+        if (first < 0)
+            stretch[0] = sb_max(stretch[0], first / (first - last));
+        else if (last < 0)
+            stretch[1] = sb_min(stretch[1], first / (first - last));
+    }
+    for (int end = 0; end < 2; end++)
+        for (int a = 0; a < 4; a++)
+            at[end][a] = (1 - stretch[end]) * from[a] + stretch[end] * to[a];
+    return stretch[0] < stretch[1];
+}
+
+static int sbi_cut_is_on_skin(const sb_cut *cut, int tet)
+{
+    const int *others = cut->neighbours.items + 4 * (size_t)tet;
+    return others[0] < 0 || others[1] < 0 || others[2] < 0 || others[3] < 0;
+}
+
+/* 1 when a place of the side is in no cell that it goes through. */
+static int sbi_cut_is_outside(const sb_cut *cut, sb_real along)
+{
+    for (int i = 0; i < cut->span_count; i++)
+        if (along >= cut->spans[i].first && along <= cut->spans[i].last)
+            return 0;
+    return 1;
+}
+
+/* Adds where a side goes into and out of a piece that has the material there; beyond > 0: of what is near its skin,
+ * outside of the tissue. The ends of the side are not of these. 0: no memory. */
+static int sbi_cut_add_passes(sb_cut *cut, int piece, sb_real beyond, const sbi_cut_sample *side, const sb_vec3 ends[2],
+                              int *count)
+{
+    sb_vec3 x[4];
+    sb_real stretch[2], at[2][4];
+    sbi_cut_corners(cut, piece, x);
+    if (!sbi_cut_clip(x, ends[0], ends[1], beyond, stretch, at))
+        return 1;
+    if (!sbi_cut_reserve_front(cut, *count, 2) || (beyond == 0 && !sbi_cut_add_span(cut, stretch)))
+        return 0;
+    for (int end = 0; end < 2; end++) {
+        sbi_cut_sample *sample = cut->front + *count;
+        if (!(stretch[end] > 0) || !(stretch[end] < 1) || sbi_cut_piece_at(cut, side->tet, at[end]) != piece ||
+            (beyond > 0 && !sbi_cut_is_outside(cut, stretch[end])))
+            continue;
+        *sample = *side;
+        sample->along = stretch[end];
+        sample->place = sb_v3_madd(sb_v3_scale(1 - stretch[end], ends[0]), stretch[end], ends[1]);
+        memcpy(sample->at, at[end], sizeof sample->at);
+        (*count)++;
+    }
+    return 1;
+}
+
+/* Adds the samples of a side that are not corners; 0: no memory. */
+static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *count)
+{
+    sbi_cut_box box = sbi_cut_box_around(ends, 2);
+    sbi_cut_sample passing;
+    memset(&passing, 0, sizeof passing);
+    passing.side = side;
+    sbi_cut_box_widen(&box, cut->element_size);
+    cut->span_count = 0;
+    for (int skin = 0; skin < 2; skin++)
+        for (int i = 0; i < cut->near.count; i++) {
+            int tet = passing.tet = cut->near.items[i];
+            if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
+                continue;
+            for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+                if (!sbi_cut_add_passes(cut, piece, skin ? sbi_cut_skin : 0, &passing, ends, count))
+                    return 0;
+        }
+    return 1;
+}
+
+static int sbi_cut_is_sooner(const void *context, int a, int b)
+{
+    const sbi_cut_sample *front = (const sbi_cut_sample *)context;
+    if (front[a].side != front[b].side)
+        return front[a].side < front[b].side;
+    return front[a].along < front[b].along;
+}
+
+/* Samples along an edge among the near tets, in cut->front; returns how many, 0: no memory. */
+static int sbi_cut_find_front(sb_cut *cut, const sb_vec3 *edge, int corners)
+{
+    const sb_real apart = (sb_real)1e-6; /* two samples on a side */
+    int count = 0, kept = 0;
+    if (!sbi_cut_reserve_front(cut, 0, corners))
+        return 0;
+    for (int k = 0; k < corners; k++)
+        sbi_cut_add_corner(cut, k, corners, edge[k], &count);
+    for (int side = 0; side + 1 < corners; side++)
+        if (!sbi_cut_add_side(cut, edge + side, side, &count))
+            return 0;
+    for (int i = 0; i < count; i++)
+        cut->front_order.items[i] = i;
+    sbi_merge_sort(cut->front_order.items, cut->front_scratch.items, count, sbi_cut_is_sooner, cut->front);
+    for (int i = 0; i < count; i++) {
+        const sbi_cut_sample *next = cut->front + cut->front_order.items[i];
+        const sbi_cut_sample *last = kept ? cut->sorted_front + kept - 1 : NULL;
+        int is_corner = next->along == 0 || next->along == 1;
+        if (is_corner || !last || last->side != next->side || next->along - last->along > apart)
+            cut->sorted_front[kept++] = *next;
+    }
+    return kept;
+}
+
+/* The front of a stroke is the one that was found. */
+static void sbi_cut_take_front(const sb_cut *cut, sbi_cut_stroke *stroke, int corners, int samples)
+{
+    memcpy(stroke->samples, cut->sorted_front, (size_t)samples * sizeof *stroke->samples);
+    stroke->edge_count = corners;
+    stroke->sample_count = samples;
+}
+
+static sb_vec3 sbi_cut_on_edge(const sb_vec3 *edge, const sbi_cut_sample *sample)
+{
+    const sb_vec3 *p = edge + sample->side;
+    if (sample->along == 0 || sample->along == 1)
+        return p[sample->along == 1];
+    return sb_v3_madd(sb_v3_scale(1 - sample->along, p[0]), sample->along, p[1]);
+}
+
+/* Two triangles between each two samples, from where they are now to where the edge is. */
+static void sbi_cut_make_strip(const sb_cut *cut, const sbi_cut_stroke *stroke, const sb_vec3 *edge, sb_vec3 *strip)
+{
+    sb_vec3 from = sbi_cut_carry(cut, stroke->samples), to = sbi_cut_on_edge(edge, stroke->samples);
+    for (int i = 1; i < stroke->sample_count; i++, strip += 6) {
+        strip[0] = strip[3] = from;
+        strip[5] = to;
+        from = sbi_cut_carry(cut, stroke->samples + i);
+        to = sbi_cut_on_edge(edge, stroke->samples + i);
+        strip[1] = from;
+        strip[2] = strip[4] = to;
+    }
+}
+
+/* ---- calls ---- */
+
+static sb_result sbi_cut_check_edge(const sb_cut *cut, const sb_vec3 *edge, int count, sb_error *error)
+{
+    sb_result result = sbi_cut_check_use(cut, error);
+    for (int k = 0; k < count && result == SB_OK; k++)
+        if (!sb_v3_is_finite(edge[k]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "corner %d of the edge is not finite", k);
+    return result;
+}
+
+SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *stroke, sb_error *error)
+{
+    int at = 0, samples;
+    sb_result result;
+    if (!cut || !edge || !stroke || count < 2 || count > SBI_CUT_MOST_EDGE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_cut_begin needs a cut, an edge of 2 to %d corners and a place for the stroke",
+                        SBI_CUT_MOST_EDGE);
+    result = sbi_cut_check_edge(cut, edge, count, error);
+    if (result != SB_OK)
+        return result;
+    while (at < cut->max_strokes && cut->strokes[at].edge_count)
+        at++;
+    if (at == cut->max_strokes)
+        return sbi_fail(error, SB_ERROR_STATE, "all %d strokes of def.max_strokes are under way", cut->max_strokes);
+    sbi_cut_list_reached(cut, edge, count, cut->element_size);
+    samples = sbi_cut_find_front(cut, edge, count);
+    if (!samples || !sbi_cut_stroke_reserve(cut, cut->strokes + at, samples))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a stroke with %d corners", count);
+    sbi_cut_take_front(cut, cut->strokes + at, count, samples);
+    *stroke = at;
+    sbi_cut_tell(cut, SBI_CUT_BEGIN, at, edge, count);
+    return SB_OK;
+}
+
+SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error)
+{
+    sbi_cut_stroke *of;
+    int samples, triangles;
+    sb_result result;
+    if (!cut || !edge)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_move needs a cut and an edge");
+    if (stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
+        return sbi_fail(error, SB_ERROR_INDEX, "there is no stroke %d under way", stroke);
+    of = cut->strokes + stroke;
+    result = sbi_cut_check_edge(cut, edge, of->edge_count, error);
+    if (result != SB_OK)
+        return result;
+    triangles = 2 * (of->sample_count - 1);
+    if (!sbi_cut_reserve_strip(cut, of->sample_count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    sbi_cut_make_strip(cut, of, edge, cut->strip);
+    sbi_cut_list_reached(cut, cut->strip, 3 * triangles, cut->element_size);
+    samples = sbi_cut_find_front(cut, edge, of->edge_count);
+    if (!samples || !sbi_cut_stroke_reserve(cut, of, samples))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    result = sbi_cut_along(cut, cut->strip, triangles, info, error);
+    if (result != SB_OK)
+        return result;
+    sbi_cut_take_front(cut, of, of->edge_count, samples);
+    sbi_cut_tell(cut, SBI_CUT_MOVE, stroke, edge, of->edge_count);
+    return SB_OK;
+}
+
+SB_API void sb_cut_end(sb_cut *cut, int stroke)
+{
+    if (!cut || stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
+        return;
+    cut->strokes[stroke].edge_count = cut->strokes[stroke].sample_count = 0;
+    sbi_cut_tell(cut, SBI_CUT_END, stroke, NULL, 0);
+}

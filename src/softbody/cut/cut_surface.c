@@ -1,0 +1,1065 @@
+/* cut_surface: skin and lips of a body that is cut.
+ *
+ * Vertices stand for points of the lattices: lattice points on the skin, points of cut links, of faces of micro-tets,
+ * and centres of micro-tets. Each has one vertex for each side of the cut that it is on. A link has two sides, unless
+ * its ends are of one piece in some element around it: there the cut ends. A face has a side for each set of its
+ * corners that are of one piece in an element on either side of it. So the sides agree in all elements around, and
+ * edges close. */
+#include "cut_surface.h"
+
+#include <string.h>
+
+#include "cut_private.h"
+
+enum { SBI_DRAW_WHOLE = 0, SBI_DRAW_SPLIT = 1, SBI_DRAW_FAN = 2 }; /* faces of the skin */
+enum { SBI_DRAW_POINT = 0, SBI_DRAW_LINK = 1, SBI_DRAW_FACE = 2, SBI_DRAW_CENTRE = 3, SBI_DRAW_MIDDLE = 4 };
+enum { SBI_DRAW_KEY = 7 };
+
+/* Of a corner of a micro-tet the face without it, in the order of sbi_micro_points. */
+static const signed char sbi_draw_opposite[4] = {2, 3, 1, 0};
+
+/* Name of a vertex, or of what is looked up by nodes: kind and side, then where. */
+typedef struct sbi_draw_key {
+    int at[SBI_DRAW_KEY];
+} sbi_draw_key;
+
+/* A table of open addresses over keys. */
+typedef struct sbi_draw_table {
+    sbi_draw_key *keys;
+    int *values;
+    int count, capacity; /* of keys and values */
+    int *slots;          /* [slot_count] 1 + item, or 0 */
+    int slot_count;
+} sbi_draw_table;
+
+typedef struct sbi_draw_vertex {
+    sb_cut_origin origin;
+    int cell_nodes[4];
+    int stamp; /* of the last rebuild that used it */
+} sbi_draw_vertex;
+
+typedef struct sbi_draw_axes {
+    sb_vec3 normal, u, v;
+} sbi_draw_axes;
+
+struct sb_cut_surface {
+    sb_cut *cut;
+    sb_allocator allocator;
+    int version; /* of the body's mesh that triangles are of; -1: to be made */
+    int stamp;
+    int failed; /* 1: no memory since the update began */
+
+    int face_count;             /* of the skin */
+    int *faces;                 /* [face_count] 4 tet + face */
+    int *face_of;               /* [4 tet_count] number of the skin's face, or -1 */
+    unsigned char *face_states; /* [face_count] */
+    unsigned char *tet_marks;   /* [tet_count] */
+    sbi_cut_list tets;          /* that are drawn by pieces, ascending */
+    unsigned char *merged;      /* [link] 1: the cut ends there */
+    int merged_capacity;
+    sbi_draw_table joins; /* of faces between elements: which corners are of one piece, as bits of pairs */
+    sbi_draw_table edges; /* of the skin that faces meet at by links */
+    signed char edge_of[4][4], opposite[4];
+
+    sbi_draw_table names; /* of vertices */
+    sbi_draw_vertex *vertices;
+    sb_cut_origin *origins;
+    sb_vec3 *positions, *normals, *rest;
+    sb_real (*texture)[2];
+    int *points;
+    int vertex_capacity;
+    int (*triangles)[3];
+    unsigned char *tags;
+    int *cells;
+    int triangle_count, triangle_capacity, triangles_before;
+    int first_triangle, triangle_end, first_vertex;
+    sbi_draw_axes *axes;
+    int axes_count, axes_capacity;
+};
+
+/* An element at work. */
+typedef struct sbi_draw_tet {
+    int tet;
+    sbi_parted parted;
+    int cells[SBI_LATTICE_POINTS]; /* of the pieces */
+} sbi_draw_tet;
+
+/* ---- tables ---- */
+
+static int sbi_draw_slot(const sbi_draw_table *table, const sbi_draw_key *key)
+{
+    unsigned mask = (unsigned)table->slot_count - 1;
+    uint64_t mixed = 0;
+    for (int i = 0; i < SBI_DRAW_KEY; i++) {
+        mixed = (mixed ^ (unsigned)key->at[i]) * UINT64_C(0x9e3779b97f4a7c15);
+        mixed ^= mixed >> 32;
+    }
+    for (unsigned slot = (unsigned)mixed & mask;; slot = (slot + 1) & mask) {
+        int item = table->slots[slot] - 1;
+        if (item < 0 || memcmp(table->keys[item].at, key->at, sizeof key->at) == 0)
+            return (int)slot;
+    }
+}
+
+/* Item of a key, or -1. */
+static int sbi_draw_find(const sbi_draw_table *table, const sbi_draw_key *key)
+{
+    return table->count ? table->slots[sbi_draw_slot(table, key)] - 1 : -1;
+}
+
+static void sbi_draw_free_table(const sb_allocator *allocator, sbi_draw_table *table)
+{
+    sbi_free(allocator, table->keys);
+    sbi_free(allocator, table->values);
+    sbi_free(allocator, table->slots);
+}
+
+/* Room for one more; 0: no memory. */
+static int sbi_draw_grow_table(const sb_allocator *allocator, sbi_draw_table *table)
+{
+    sbi_draw_table next = *table;
+    if (table->count < table->capacity)
+        return 1;
+    next.capacity = table->capacity ? 2 * table->capacity : 256;
+    next.slot_count = 4 * next.capacity;
+    if (table->capacity > INT32_MAX / 16)
+        return 0;
+    next.keys = (sbi_draw_key *)sbi_alloc(allocator, (size_t)next.capacity, sizeof *next.keys);
+    next.values = (int *)sbi_alloc(allocator, (size_t)next.capacity, sizeof(int));
+    next.slots = (int *)sbi_alloc_zeroed(allocator, (size_t)next.slot_count, sizeof(int));
+    if (!next.keys || !next.values || !next.slots) {
+        sbi_draw_free_table(allocator, &next);
+        return 0;
+    }
+    if (table->count) {
+        memcpy(next.keys, table->keys, (size_t)table->count * sizeof *next.keys);
+        memcpy(next.values, table->values, (size_t)table->count * sizeof(int));
+    }
+    for (int i = 0; i < next.count; i++)
+        next.slots[sbi_draw_slot(&next, &next.keys[i])] = i + 1;
+    sbi_draw_free_table(allocator, table);
+    *table = next;
+    return 1;
+}
+
+/* Item of a key, which is added with value 0 where it is not there; -1: no memory. */
+static int sbi_draw_put(const sb_allocator *allocator, sbi_draw_table *table, const sbi_draw_key *key)
+{
+    int item = sbi_draw_find(table, key);
+    if (item >= 0)
+        return item;
+    if (!sbi_draw_grow_table(allocator, table))
+        return -1;
+    table->keys[table->count] = *key;
+    table->values[table->count] = 0;
+    table->slots[sbi_draw_slot(table, key)] = table->count + 1;
+    return table->count++;
+}
+
+static void sbi_draw_clear_table(sbi_draw_table *table)
+{
+    if (table->count)
+        memset(table->slots, 0, (size_t)table->slot_count * sizeof(int));
+    table->count = 0;
+}
+
+static sbi_draw_key sbi_draw_key_make(int kind, int a, int b, int c, int d, int node)
+{
+    sbi_draw_key key;
+    key.at[0] = kind;
+    key.at[1] = a;
+    key.at[2] = b;
+    key.at[3] = c;
+    key.at[4] = d;
+    key.at[5] = node;
+    key.at[6] = 0;
+    return key;
+}
+
+static sbi_draw_key sbi_draw_edge_key(int a, int b)
+{
+    return sbi_draw_key_make(SBI_DRAW_POINT, sbi_min_int(a, b), sbi_max_int(a, b), -1, 0, 0);
+}
+
+/* ---- arrays ---- */
+
+/* Room for one vertex more in all arrays; 0: no memory. */
+static int sbi_draw_grow_vertices(sb_cut_surface *s)
+{
+    int count = s->names.count, capacity = s->vertex_capacity ? 2 * s->vertex_capacity : 1024;
+    size_t n = (size_t)capacity, used = (size_t)count;
+    sbi_draw_vertex *vertices;
+    sb_cut_origin *origins;
+    sb_vec3 *vectors[3], **old[3];
+    sb_real(*texture)[2];
+    int *points;
+    if (count < s->vertex_capacity)
+        return 1;
+    if (s->vertex_capacity > INT32_MAX / 16)
+        return 0;
+    old[0] = &s->positions, old[1] = &s->normals, old[2] = &s->rest;
+    vertices = (sbi_draw_vertex *)sbi_alloc(&s->allocator, n, sizeof *vertices);
+    origins = (sb_cut_origin *)sbi_alloc(&s->allocator, n, sizeof *origins);
+    texture = (sb_real(*)[2])sbi_alloc(&s->allocator, n, sizeof *texture);
+    points = (int *)sbi_alloc(&s->allocator, n, sizeof *points);
+    for (int k = 0; k < 3; k++)
+        vectors[k] = (sb_vec3 *)sbi_alloc(&s->allocator, n, sizeof(sb_vec3));
+    if (!vertices || !origins || !texture || !points || !vectors[0] || !vectors[1] || !vectors[2]) {
+        sbi_free(&s->allocator, vertices);
+        sbi_free(&s->allocator, origins);
+        sbi_free(&s->allocator, texture);
+        sbi_free(&s->allocator, points);
+        for (int k = 0; k < 3; k++)
+            sbi_free(&s->allocator, vectors[k]);
+        return 0;
+    }
+    if (used) {
+        memcpy(vertices, s->vertices, used * sizeof *vertices);
+        memcpy(origins, s->origins, used * sizeof *origins);
+        memcpy(texture, s->texture, used * sizeof *texture);
+        memcpy(points, s->points, used * sizeof *points);
+    }
+    sbi_free(&s->allocator, s->vertices);
+    sbi_free(&s->allocator, s->origins);
+    sbi_free(&s->allocator, s->texture);
+    sbi_free(&s->allocator, s->points);
+    for (int k = 0; k < 3; k++) {
+        if (used)
+            memcpy(vectors[k], *old[k], used * sizeof(sb_vec3));
+        sbi_free(&s->allocator, *old[k]);
+        *old[k] = vectors[k];
+    }
+    s->vertices = vertices;
+    s->origins = origins;
+    s->texture = texture;
+    s->points = points;
+    s->vertex_capacity = capacity;
+    return 1;
+}
+
+/* Room for one triangle more; 0: no memory. */
+static int sbi_draw_grow_triangles(sb_cut_surface *s)
+{
+    void *triangles = s->triangles, *tags = s->tags, *cells = s->cells;
+    int capacity[3], grown;
+    if (s->triangle_count < s->triangle_capacity)
+        return 1;
+    capacity[0] = capacity[1] = capacity[2] = s->triangle_capacity;
+    grown = sbi_cut_grow(&s->allocator, &triangles, capacity, s->triangle_count, 1, sizeof *s->triangles) &&
+            sbi_cut_grow(&s->allocator, &tags, capacity + 1, s->triangle_count, 1, 1) &&
+            sbi_cut_grow(&s->allocator, &cells, capacity + 2, s->triangle_count, 1, sizeof(int));
+    s->triangles = (int(*)[3])triangles;
+    s->tags = (unsigned char *)tags;
+    s->cells = (int *)cells;
+    if (grown)
+        s->triangle_capacity = capacity[0];
+    return grown;
+}
+
+/* ---- vertices and triangles ---- */
+
+/* Where a vertex of a lip is along the cut, whose triangle at rest has this normal. */
+static void sbi_draw_put_texture(sb_cut_surface *s, int vertex, sb_vec3 normal)
+{
+    const sb_real near = (sb_real)0.7;
+    int at = 0;
+    void *axes = s->axes;
+    sb_real size = sb_v3_norm(normal);
+    s->texture[vertex][0] = s->texture[vertex][1] = 0;
+    if (!(size > 0))
+        return;
+    normal = sb_v3_scale(1 / size, normal);
+    while (at < s->axes_count && !(sb_abs(sb_v3_dot(s->axes[at].normal, normal)) > near))
+        at++;
+    if (at == s->axes_count) {
+        int grown = sbi_cut_grow(&s->allocator, &axes, &s->axes_capacity, at, 1, sizeof *s->axes);
+        s->axes = (sbi_draw_axes *)axes;
+        s->failed |= !grown;
+        if (!grown)
+            return;
+        s->axes[at].normal = normal;
+        s->axes[at].u = sb_v3_perpendicular(normal);
+        s->axes[at].u = sb_v3_scale(1 / sb_v3_norm(s->axes[at].u), s->axes[at].u);
+        s->axes[at].v = sb_v3_cross(normal, s->axes[at].u);
+        s->axes_count++;
+    }
+    s->texture[vertex][0] = sb_v3_dot(s->rest[vertex], s->axes[at].u);
+    s->texture[vertex][1] = sb_v3_dot(s->rest[vertex], s->axes[at].v);
+}
+
+/* The vertex with this name, on a piece of the element, at these barycentrics. The lowest bit of at[6] of the
+ * name is its tag; normal: of a lip, at rest. */
+static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piece, sbi_draw_key key,
+                              const sb_real at[4], sb_vec3 normal)
+{
+    const int *tet = s->cut->tets + 4 * (size_t)t->tet;
+    int before = s->names.count, vertex, other;
+    sbi_draw_vertex *made;
+    if (!sbi_draw_grow_vertices(s) || (vertex = sbi_draw_put(&s->allocator, &s->names, &key)) < 0) {
+        s->failed = 1;
+        return 0;
+    }
+    made = s->vertices + vertex;
+    if (vertex == before) {
+        sb_vec3 x[4];
+        made->stamp = -1;
+        for (int a = 0; a < 4; a++)
+            x[a] = s->cut->body->reference[tet[a]];
+        s->rest[vertex] = sbi_lattice_place(&t->parted.order, at, x);
+        key.at[6] ^= 1;
+        other = sbi_draw_find(&s->names, &key);
+        s->points[vertex] = other >= 0 ? s->points[other] : vertex;
+        s->normals[vertex] = sb_v3(0, 0, 0);
+        sbi_draw_put_texture(s, vertex, normal);
+    }
+    if (made->stamp != s->stamp) {
+        made->stamp = s->stamp;
+        made->origin.element = t->tet;
+        memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
+        memcpy(made->origin.weights, at, sizeof made->origin.weights);
+        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]), sizeof made->cell_nodes);
+        s->origins[vertex] = made->origin;
+    }
+    return vertex;
+}
+
+static void sbi_draw_set_triangle(sb_cut_surface *s, int at, int a, int b, int c, int tag, int cell)
+{
+    int *triangle = s->triangles[at];
+    if (at < s->triangles_before && triangle[0] == a && triangle[1] == b && triangle[2] == c && s->tags[at] == tag &&
+        s->cells[at] == cell)
+        return;
+    s->first_triangle = sbi_min_int(s->first_triangle, at);
+    s->triangle_end = sbi_max_int(s->triangle_end, at + 1);
+    triangle[0] = a;
+    triangle[1] = b;
+    triangle[2] = c;
+    s->tags[at] = (unsigned char)tag;
+    s->cells[at] = cell;
+}
+
+static void sbi_draw_add_triangle(sb_cut_surface *s, int a, int b, int c, int tag, int cell)
+{
+    if (!sbi_draw_grow_triangles(s)) {
+        s->failed = 1;
+        return;
+    }
+    sbi_draw_set_triangle(s, s->triangle_count, a, b, c, tag, cell);
+    s->triangle_count++;
+}
+
+/* ---- names ---- */
+
+/* A number for a place, from its bits: points of faces and centres are others once more of their links are cut. */
+static int sbi_draw_place(const sbi_draw_tet *t, const sb_real at[4])
+{
+    uint64_t mixed = 0;
+    for (int k = 0; k < 4; k++) {
+        uint64_t bits = 0;
+        memcpy(&bits, &at[t->parted.order.corners[k]], sizeof *at);
+        if (bits) { /* the corner that the other element of a face does not have counts for nothing */
+            mixed = (mixed ^ bits) * UINT64_C(0x9e3779b97f4a7c15);
+            mixed ^= mixed >> 32;
+        }
+    }
+    return (int)(mixed & 0x3fffffff);
+}
+
+/* Node of a piece's cell at the first corner, in ascending order, that a place depends on. */
+static int sbi_draw_node(const sb_cut_surface *s, const sbi_draw_tet *t, int piece, const sb_real at[4])
+{
+    for (int k = 0; k < 4; k++) {
+        int corner = t->parted.order.corners[k];
+        if (at[corner] != 0)
+            return sb_body_cell_nodes(s->cut->body, t->cells[piece])[corner];
+    }
+    return -1;
+}
+
+/* A lattice point on the skin: its element's nodes with their weights, ascending. */
+static int sbi_draw_point(sb_cut_surface *s, const sbi_draw_tet *t, int point)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const sbi_corner_order *order = &t->parted.order;
+    int names[3] = {-1, -1, -1}, count = 0, code = 0, piece = t->parted.piece_of[point];
+    sb_real at[4];
+    sbi_lattice_point(lattice, point, at);
+    for (int k = 0; k < 4; k++) {
+        int corner = order->corners[k], weight = lattice->points[point][corner];
+        if (weight == 0 || count == 3)
+            continue;
+        names[count++] = order->nodes[corner];
+        code = 8 * code + weight;
+    }
+    return sbi_draw_vertex_of(
+        s, t, piece,
+        sbi_draw_key_make(SBI_DRAW_POINT, names[0], names[1], names[2], code, sbi_draw_node(s, t, piece, at)), at,
+        sb_v3(0, 0, 0));
+}
+
+/* The point of a cut link, on the side of the lattice point `end`. */
+static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int end, int tag, sb_vec3 normal)
+{
+    const sbi_parted *parted = &t->parted;
+    sbi_link_key name = sbi_lattice_key(parted->lattice, &parted->order, t->tet, link);
+    int item = sbi_cut_links_find(&s->cut->links, &name), ends[2], piece = parted->piece_of[end], side;
+    sb_real first[4], last[4], at[4];
+    sbi_draw_key key;
+    sbi_lattice_ends(parted->lattice, &parted->order, link, ends);
+    sbi_lattice_point(parted->lattice, ends[0], first);
+    sbi_lattice_point(parted->lattice, ends[1], last);
+    for (int a = 0; a < 4; a++)
+        at[a] = (1 - parted->t[link]) * first[a] + parted->t[link] * last[a];
+    side = s->merged[item] ? 0 : end == ends[1];
+    for (int a = 0; a < 4; a++) /* crossings at an end still depend on all of the link's corners */
+        first[a] += last[a];
+    key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name.at[0], name.at[1], name.at[2], name.at[3],
+                            sbi_draw_node(s, t, piece, first));
+    key.at[6] = tag;
+    return sbi_draw_vertex_of(s, t, piece, key, at, normal);
+}
+
+/* Name of a face of a micro-tet, and the ranks of its three corners (ascending in `ranked`): of a face of the element
+ * by its nodes, and then *shared is 1. */
+static sbi_draw_key sbi_draw_face_key(const sbi_draw_tet *t, int micro, const int local[3], int ranked[3], int *shared)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    int rank[3], code = 0, outer = -1;
+    for (int face = 0; face < 4; face++) {
+        uint64_t all = lattice->face_points[face];
+        if ((all >> corners[local[0]] & 1) && (all >> corners[local[1]] & 1) && (all >> corners[local[2]] & 1))
+            outer = face;
+    }
+    for (int k = 0; k < 3; k++) {
+        rank[k] = corners[local[k]];
+        ranked[k] = k;
+        if (outer >= 0) {
+            unsigned mark = sbi_lattice_face_marks(lattice, &t->parted.order, outer, (uint64_t)1 << corners[local[k]]);
+            for (rank[k] = 0; mark > 1; mark >>= 1)
+                rank[k]++;
+        }
+    }
+    for (int i = 1; i < 3; i++)
+        for (int k = i; k > 0 && rank[ranked[k - 1]] > rank[ranked[k]]; k--) {
+            int swap = ranked[k];
+            ranked[k] = ranked[k - 1];
+            ranked[k - 1] = swap;
+        }
+    for (int k = 0; k < 3; k++)
+        code = 64 * code + rank[ranked[k]];
+    *shared = outer >= 0;
+    if (outer >= 0) {
+        int names[3], count = 0, lacking[SB_MAX_FACE_NODES];
+        sb_element_face(SB_TET4, outer, lacking, NULL);
+        for (int k = 0; k < 4; k++) {
+            int corner = t->parted.order.corners[k];
+            if (corner == lacking[0] || corner == lacking[1] || corner == lacking[2])
+                names[count++] = t->parted.order.nodes[corner];
+        }
+        return sbi_draw_key_make(SBI_DRAW_FACE, names[0], names[1], names[2], code, 0);
+    }
+    return sbi_draw_key_make(SBI_DRAW_FACE, t->tet, -1, -1, code, 0);
+}
+
+/* Which pairs (01, 02, 12) of the ranked corners of a face are of one piece, as bits. */
+static int sbi_draw_pairs(const sbi_draw_tet *t, int micro, const int local[3], const int ranked[3])
+{
+    const unsigned char *corners = t->parted.lattice->micros[micro], *piece_of = t->parted.piece_of;
+    int a = piece_of[corners[local[ranked[0]]]], b = piece_of[corners[local[ranked[1]]]];
+    int c = piece_of[corners[local[ranked[2]]]];
+    return (a == b) | (a == c) << 1 | (b == c) << 2;
+}
+
+/* The point of a face of a micro-tet on the side of corner `local[k]`. */
+static int sbi_draw_face(sb_cut_surface *s, const sbi_draw_tet *t, int micro, const int local[3], int k,
+                         const sb_real at[4], int tag, sb_vec3 normal)
+{
+    int ranked[3], shared, pairs, mine = 0, side, piece;
+    sbi_draw_key key = sbi_draw_face_key(t, micro, local, ranked, &shared);
+    pairs = sbi_draw_pairs(t, micro, local, ranked);
+    if (shared) {
+        int item = sbi_draw_find(&s->joins, &key);
+        pairs |= item >= 0 ? s->joins.values[item] : 0;
+    }
+    if ((pairs & 3) == 3 || (pairs & 5) == 5 || (pairs & 6) == 6)
+        pairs = 7; /* two pairs join all */
+    while (ranked[mine] != k)
+        mine++;
+    side = mine == 0 ? 0 : mine == 1 ? (pairs & 1 ? 0 : 1) : pairs & 2 ? 0 : pairs & 4 ? 1 : 2;
+    piece = t->parted.piece_of[t->parted.lattice->micros[micro][local[k]]];
+    key.at[0] |= side << 3;
+    key.at[5] = sbi_draw_node(s, t, piece, at);
+    key.at[6] = tag | sbi_draw_place(t, at) << 1;
+    return sbi_draw_vertex_of(s, t, piece, key, at, normal);
+}
+
+static int sbi_draw_centre(sb_cut_surface *s, const sbi_draw_tet *t, int micro, int piece, const sb_real at[4],
+                           sb_vec3 normal)
+{
+    int cell_node = sb_body_cell_nodes(s->cut->body, t->cells[piece])[t->parted.order.corners[0]], lowest = 0;
+    sbi_draw_key key;
+    while (!(t->parted.pieces[piece] >> lowest & 1))
+        lowest++;
+    key = sbi_draw_key_make(SBI_DRAW_CENTRE, t->tet, micro, lowest, 0, cell_node);
+    key.at[6] = SB_CUT_LIP | sbi_draw_place(t, at) << 1;
+    return sbi_draw_vertex_of(s, t, piece, key, at, normal);
+}
+
+/* ---- what is to be drawn by pieces ---- */
+
+static void sbi_draw_load_tet(const sb_cut_surface *s, int tet, sbi_draw_tet *t)
+{
+    const sb_cut *cut = s->cut;
+    int count = 0;
+    t->tet = tet;
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &t->parted);
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        t->cells[count++] = cut->pieces[piece].cell;
+}
+
+static void sbi_draw_mark_tet(sb_cut_surface *s, int tet) { s->tet_marks[tet] = 1; }
+
+static int sbi_draw_has_node(const sb_cut *cut, int tet, int node)
+{
+    const int *nodes = cut->tets + 4 * (size_t)tet;
+    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
+}
+
+/* Marks the elements around all cut links. */
+static void sbi_draw_mark_links(sb_cut_surface *s)
+{
+    const sb_cut *cut = s->cut;
+    for (int i = 0; i < cut->links.count; i++) {
+        const int *at = cut->links.items[i].key.at;
+        if (at[1] < 0) {
+            sbi_draw_mark_tet(s, at[0]);
+            continue;
+        }
+        for (int k = cut->node_tets.offsets[at[0]]; k < cut->node_tets.offsets[at[0] + 1]; k++) {
+            int tet = cut->node_tets.items[k];
+            if (sbi_draw_has_node(cut, tet, at[1]) && (at[2] < 0 || sbi_draw_has_node(cut, tet, at[2])))
+                sbi_draw_mark_tet(s, tet);
+        }
+    }
+}
+
+static void sbi_draw_list_tets(sb_cut_surface *s)
+{
+    s->tets.count = 0;
+    for (int tet = 0; tet < s->cut->tet_count; tet++)
+        if (s->tet_marks[tet])
+            s->tets.items[s->tets.count++] = tet;
+}
+
+/* Local corners of a face of a micro-tet without corner x, counter-clockwise from outside. */
+static void sbi_draw_micro_face(const sb_cut_surface *s, int x, int local[3])
+{
+    int nodes[SB_MAX_FACE_NODES];
+    sb_element_face(SB_TET4, s->opposite[x], nodes, NULL);
+    for (int k = 0; k < 3; k++)
+        local[k] = nodes[k];
+}
+
+/* Where cuts end, and which corners of faces between elements are of one piece in one of them. */
+static void sbi_draw_find_sides(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const sbi_parted *parted = &t->parted;
+    const sbi_lattice *lattice = parted->lattice;
+    for (int l = 0; l < lattice->link_count; l++) {
+        sbi_link_key key;
+        if (!parted->cut[l] || parted->piece_of[lattice->links[l][0]] != parted->piece_of[lattice->links[l][1]])
+            continue;
+        key = sbi_lattice_key(lattice, &parted->order, t->tet, l);
+        s->merged[sbi_cut_links_find(&s->cut->links, &key)] = 1;
+    }
+    for (int micro = 0; micro < lattice->micro_count; micro++)
+        for (int x = 0; x < 4; x++) {
+            int local[3], ranked[3], shared, item, cut = 0;
+            sbi_draw_key key;
+            sbi_draw_micro_face(s, x, local);
+            for (int k = 0; k < 3; k++)
+                cut |= parted->cut[lattice->micro_links[micro][s->edge_of[local[k]][local[(k + 1) % 3]]]];
+            if (!cut)
+                continue;
+            key = sbi_draw_face_key(t, micro, local, ranked, &shared);
+            if (!shared)
+                continue;
+            item = sbi_draw_put(&s->allocator, &s->joins, &key);
+            s->failed |= item < 0;
+            if (item >= 0)
+                s->joins.values[item] |= sbi_draw_pairs(t, micro, local, ranked);
+        }
+}
+
+/* Whether a face of the skin has a cut link. */
+static int sbi_draw_face_is_cut(const sbi_draw_tet *t, int face)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    uint64_t on = lattice->face_points[face];
+    int cut = 0;
+    for (int l = 0; l < lattice->link_count && !cut; l++)
+        cut = t->parted.cut[l] && (on >> lattice->links[l][0] & 1) && (on >> lattice->links[l][1] & 1);
+    return cut;
+}
+
+/* Splits the faces of the skin that are cut, and lists their edges. */
+static void sbi_draw_split_faces(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const int *nodes = s->cut->tets + 4 * (size_t)t->tet;
+    for (int face = 0; face < 4; face++) {
+        int number = s->face_of[4 * (size_t)t->tet + (size_t)face], local[SB_MAX_FACE_NODES];
+        if (number < 0 || !sbi_draw_face_is_cut(t, face))
+            continue;
+        s->face_states[number] = SBI_DRAW_SPLIT;
+        sb_element_face(SB_TET4, face, local, NULL);
+        for (int k = 0; k < 3 && t->parted.lattice->intervals > 1; k++) {
+            sbi_draw_key key = sbi_draw_edge_key(nodes[local[k]], nodes[local[(k + 1) % 3]]);
+            s->failed |= sbi_draw_put(&s->allocator, &s->edges, &key) < 0;
+        }
+    }
+}
+
+/* Faces beside those that were split have their edges in links, too. */
+static void sbi_draw_find_fans(sb_cut_surface *s)
+{
+    const sb_cut *cut = s->cut;
+    for (int i = 0; i < s->edges.count; i++) {
+        int a = s->edges.keys[i].at[1], b = s->edges.keys[i].at[2];
+        for (int k = cut->node_tets.offsets[a]; k < cut->node_tets.offsets[a + 1]; k++) {
+            int tet = cut->node_tets.items[k];
+            if (!sbi_draw_has_node(cut, tet, b))
+                continue;
+            for (int face = 0; face < 4; face++) {
+                int number = s->face_of[4 * (size_t)tet + (size_t)face], local[SB_MAX_FACE_NODES], found = 0;
+                sb_element_face(SB_TET4, face, local, NULL);
+                for (int c = 0; c < 3; c++)
+                    found += cut->tets[4 * (size_t)tet + (size_t)local[c]] == a ||
+                             cut->tets[4 * (size_t)tet + (size_t)local[c]] == b;
+                if (found < 2 || number < 0 || s->face_states[number] != SBI_DRAW_WHOLE)
+                    continue;
+                s->face_states[number] = SBI_DRAW_FAN;
+                sbi_draw_mark_tet(s, tet);
+            }
+        }
+    }
+}
+
+/* ---- drawing an element ---- */
+
+/* A triangle of the lattice on the skin: whole where no link of it is cut, else as its flags about the face's point. */
+static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int micro, int x)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    const sb_vec3 none = {0, 0, 0};
+    sbi_micro_points points;
+    sb_real middle[4];
+    int local[3], cut = 0;
+    sbi_draw_micro_face(s, x, local);
+    for (int k = 0; k < 3; k++)
+        cut |= t->parted.cut[lattice->micro_links[micro][s->edge_of[local[k]][local[(k + 1) % 3]]]];
+    if (!cut) {
+        sbi_draw_add_triangle(s, sbi_draw_point(s, t, corners[local[0]]), sbi_draw_point(s, t, corners[local[1]]),
+                              sbi_draw_point(s, t, corners[local[2]]), SB_CUT_SKIN,
+                              t->cells[t->parted.piece_of[corners[local[0]]]]);
+        return;
+    }
+    for (int a = 0; a < 4; a++)
+        middle[a] = (sb_real)(lattice->points[corners[local[0]]][a] + lattice->points[corners[local[1]]][a] +
+                              lattice->points[corners[local[2]]][a]) /
+                    (sb_real)(3 * lattice->intervals);
+    if (sbi_parted_is_split(&t->parted, micro)) {
+        sbi_parted_points(&t->parted, micro, 0, &points);
+        memcpy(middle, points.tet[SBI_MICRO_FACES + sbi_draw_opposite[x]], sizeof middle);
+    }
+    for (int k = 0; k < 3; k++) {
+        int v = local[k], w = local[(k + 1) % 3], link = lattice->micro_links[micro][s->edge_of[v][w]];
+        int from = sbi_draw_point(s, t, corners[v]), to = sbi_draw_point(s, t, corners[w]);
+        int hub = sbi_draw_face(s, t, micro, local, k, middle, SB_CUT_SKIN, none);
+        int cell = t->cells[t->parted.piece_of[corners[v]]];
+        if (!t->parted.cut[link]) {
+            sbi_draw_add_triangle(s, from, to, hub, SB_CUT_SKIN, cell);
+            continue;
+        }
+        sbi_draw_add_triangle(s, from, sbi_draw_link(s, t, link, corners[v], SB_CUT_SKIN, none), hub, SB_CUT_SKIN,
+                              cell);
+        hub = sbi_draw_face(s, t, micro, local, (k + 1) % 3, middle, SB_CUT_SKIN, none);
+        sbi_draw_add_triangle(s, sbi_draw_link(s, t, link, corners[w], SB_CUT_SKIN, none), to, hub, SB_CUT_SKIN,
+                              t->cells[t->parted.piece_of[corners[w]]]);
+    }
+}
+
+/* A face of the skin whose edges are drawn in links where it meets faces that are cut: triangles about its middle. */
+static void sbi_draw_skin_fan(sb_cut_surface *s, const sbi_draw_tet *t, int face)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const int *nodes = s->cut->tets + 4 * (size_t)t->tet;
+    int local[SB_MAX_FACE_NODES], m = lattice->intervals, hub, piece, cell;
+    sb_real middle[4] = {0, 0, 0, 0};
+    sbi_draw_key key;
+    sb_element_face(SB_TET4, face, local, NULL);
+    for (int k = 0; k < 3; k++)
+        middle[local[k]] = (sb_real)1 / 3;
+    piece = t->parted.piece_of[local[0]];
+    cell = t->cells[piece];
+    key = sbi_draw_key_make(SBI_DRAW_MIDDLE, t->tet, face, 0, 0, sbi_draw_node(s, t, piece, middle));
+    hub = sbi_draw_vertex_of(s, t, piece, key, middle, sb_v3(0, 0, 0));
+    for (int k = 0; k < 3; k++) {
+        int v = local[k], w = local[(k + 1) % 3], from = sbi_draw_point(s, t, v);
+        sbi_draw_key edge = sbi_draw_edge_key(nodes[v], nodes[w]);
+        int parts = sbi_draw_find(&s->edges, &edge) >= 0 ? m : 1;
+        for (int i = 1; i <= parts; i++) {
+            int weights[4] = {0, 0, 0, 0}, to;
+            weights[w] = i * m / parts;
+            weights[v] = m - weights[w];
+            to = sbi_draw_point(s, t, lattice->lookup[weights[1]][weights[2]][weights[3]]);
+            sbi_draw_add_triangle(s, from, to, hub, SB_CUT_SKIN, cell);
+            from = to;
+        }
+    }
+}
+
+static void sbi_draw_skin(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    for (int face = 0; face < 4; face++) {
+        int number = s->face_of[4 * (size_t)t->tet + (size_t)face];
+        if (number < 0 || s->face_states[number] == SBI_DRAW_WHOLE)
+            continue;
+        if (s->face_states[number] == SBI_DRAW_FAN)
+            sbi_draw_skin_fan(s, t, face);
+        for (int micro = 0; micro < lattice->micro_count && s->face_states[number] == SBI_DRAW_SPLIT; micro++)
+            for (int x = 0; x < 4; x++) {
+                int on = 0;
+                for (int v = 0; v < 4; v++)
+                    on += v != x && (lattice->face_points[face] >> lattice->micros[micro][v] & 1);
+                if (on == 3)
+                    sbi_draw_skin_micro(s, t, micro, x);
+            }
+    }
+}
+
+/* The triangle between v and w of a micro-tet beside the face without corner x, on the side of each. turned: link, face
+ * and centre go round v the other way than out of it. */
+static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, int micro, const sbi_micro_points *points, int v,
+                         int w, int x, int turned)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    int link = lattice->micro_links[micro][s->edge_of[v][w]], local[3];
+    const sb_real *of_face = points->tet[SBI_MICRO_FACES + sbi_draw_opposite[x]];
+    const sb_real *of_link = points->tet[s->edge_of[v][w]], *of_centre = points->tet[SBI_MICRO_CENTRE];
+    sb_vec3 rest[3], nodes[4], normal;
+    for (int a = 0; a < 4; a++)
+        nodes[a] = s->cut->body->reference[s->cut->tets[4 * (size_t)t->tet + (size_t)a]];
+    rest[0] = sbi_lattice_place(&t->parted.order, of_link, nodes);
+    rest[1] = sbi_lattice_place(&t->parted.order, of_face, nodes);
+    rest[2] = sbi_lattice_place(&t->parted.order, of_centre, nodes);
+    normal = sb_v3_cross(sb_v3_sub(rest[1], rest[0]), sb_v3_sub(rest[2], rest[0]));
+    sbi_draw_micro_face(s, x, local);
+    for (int side = 0; side < 2; side++) {
+        int corner = side ? w : v, piece = t->parted.piece_of[corners[corner]], k = 0, a, b, c;
+        while (local[k] != corner)
+            k++;
+        a = sbi_draw_link(s, t, link, corners[corner], SB_CUT_LIP, normal);
+        b = sbi_draw_face(s, t, micro, local, k, of_face, SB_CUT_LIP, normal);
+        c = sbi_draw_centre(s, t, micro, piece, of_centre, normal);
+        if (side == turned)
+            sbi_draw_add_triangle(s, a, b, c, SB_CUT_LIP, t->cells[piece]);
+        else
+            sbi_draw_add_triangle(s, a, c, b, SB_CUT_LIP, t->cells[piece]);
+    }
+}
+
+static void sbi_draw_lips(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    for (int micro = 0; micro < lattice->micro_count && t->parted.piece_count > 1; micro++) {
+        const unsigned char *corners = lattice->micros[micro];
+        sbi_micro_points points;
+        if (!sbi_parted_is_split(&t->parted, micro))
+            continue;
+        sbi_parted_points(&t->parted, micro, 0, &points);
+        for (int v = 0; v < 4; v++)
+            for (int w = v + 1; w < 4; w++) {
+                int u = v == 0 ? (w == 1 ? 2 : 1) : 0, x = 6 - v - w - u;
+                int odd = (v > u) + (w > u) + (v > x) + (w > x) + (u > x); /* of the order v, w, u, x */
+                if (t->parted.piece_of[corners[v]] == t->parted.piece_of[corners[w]])
+                    continue;
+                sbi_draw_lip(s, t, micro, &points, v, w, x, odd & 1);
+                sbi_draw_lip(s, t, micro, &points, v, w, u, !(odd & 1));
+            }
+    }
+}
+
+/* ---- all of it ---- */
+
+static int sbi_draw_reserve_merged(sb_cut_surface *s)
+{
+    void *merged = s->merged;
+    int grown = sbi_cut_grow(&s->allocator, &merged, &s->merged_capacity, 0, s->cut->links.count, 1);
+    s->merged = (unsigned char *)merged;
+    if (grown && s->cut->links.count)
+        memset(s->merged, 0, (size_t)s->cut->links.count);
+    return grown;
+}
+
+/* 1 when a whole face of an element without cuts is drawn as it is now. */
+static int sbi_draw_is_same(const sb_cut_surface *s, int f, int tet, const int *local)
+{
+    int cell = s->cut->pieces[tet].cell, same = s->cells[f] == cell;
+    for (int k = 0; k < 3 && same; k++)
+        same = sb_body_cell_nodes(s->cut->body, cell)[local[k]] == s->names.keys[s->triangles[f][k]].at[5];
+    return same;
+}
+
+/* The faces of the skin that are one triangle each; others have none there. */
+static void sbi_draw_whole_faces(sb_cut_surface *s)
+{
+    sbi_draw_tet t;
+    for (int f = 0; f < s->face_count; f++) {
+        int tet = s->faces[f] / 4, face = s->faces[f] % 4, local[SB_MAX_FACE_NODES];
+        if (s->face_states[f] != SBI_DRAW_WHOLE) {
+            sbi_draw_set_triangle(s, f, 0, 0, 0, SB_CUT_SKIN, -1);
+            continue;
+        }
+        sb_element_face(SB_TET4, face, local, NULL);
+        if (s->triangles_before > f && !s->tet_marks[tet] && sbi_draw_is_same(s, f, tet, local))
+            continue;
+        sbi_draw_load_tet(s, tet, &t);
+        sbi_draw_set_triangle(s, f, sbi_draw_point(s, &t, local[0]), sbi_draw_point(s, &t, local[1]),
+                              sbi_draw_point(s, &t, local[2]), SB_CUT_SKIN, t.cells[t.parted.piece_of[local[0]]]);
+    }
+}
+
+/* Makes the triangles anew; 0: no memory. */
+static int sbi_draw_rebuild(sb_cut_surface *s)
+{
+    sbi_draw_tet t;
+    s->failed = 0;
+    s->stamp++;
+    sbi_draw_clear_table(&s->joins);
+    sbi_draw_clear_table(&s->edges);
+    memset(s->face_states, 0, (size_t)s->face_count);
+    memset(s->tet_marks, 0, (size_t)s->cut->tet_count);
+    if (!sbi_draw_reserve_merged(s))
+        return 0;
+    sbi_draw_mark_links(s);
+    sbi_draw_list_tets(s);
+    for (int i = 0; i < s->tets.count; i++) {
+        sbi_draw_load_tet(s, s->tets.items[i], &t);
+        sbi_draw_find_sides(s, &t);
+        sbi_draw_split_faces(s, &t);
+    }
+    sbi_draw_find_fans(s);
+    sbi_draw_list_tets(s);
+    sbi_draw_whole_faces(s);
+    s->triangle_count = s->face_count;
+    for (int i = 0; i < s->tets.count && !s->failed; i++) {
+        sbi_draw_load_tet(s, s->tets.items[i], &t);
+        sbi_draw_skin(s, &t);
+        sbi_draw_lips(s, &t);
+    }
+    if (s->triangle_count < s->triangles_before) {
+        s->first_triangle = sbi_min_int(s->first_triangle, s->triangle_count);
+        s->triangle_end = sbi_max_int(s->triangle_end, s->triangle_count);
+    }
+    return !s->failed;
+}
+
+/* Vertices that are not used any more; those of whole faces far from cuts are, though nobody asked for them. */
+static void sbi_draw_find_unused(sb_cut_surface *s)
+{
+    for (int f = 0; f < s->face_count; f++)
+        for (int k = 0; k < 3 && s->face_states[f] == SBI_DRAW_WHOLE; k++)
+            s->vertices[s->triangles[f][k]].stamp = s->stamp;
+    for (int i = 0; i < s->names.count; i++)
+        s->origins[i].element = s->vertices[i].stamp == s->stamp ? s->vertices[i].origin.element : -1;
+}
+
+static void sbi_draw_move(sb_cut_surface *s)
+{
+    const sb_vec3 *x = sb_body_positions(s->cut->body);
+    for (int i = 0; i < s->names.count; i++) {
+        const sbi_draw_vertex *vertex = s->vertices + i;
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        s->normals[i] = sum;
+        if (s->origins[i].element < 0)
+            continue;
+        for (int a = 0; a < 4; a++)
+            if (vertex->origin.weights[a] != 0)
+                sum = sb_v3_madd(sum, vertex->origin.weights[a], x[vertex->cell_nodes[a]]);
+        s->positions[i] = sum;
+    }
+    for (int f = 0; f < s->triangle_count; f++) {
+        const int *v = s->triangles[f];
+        sb_vec3 n = sb_v3_cross(sb_v3_sub(s->positions[v[1]], s->positions[v[0]]),
+                                sb_v3_sub(s->positions[v[2]], s->positions[v[0]]));
+        for (int k = 0; k < 3; k++)
+            s->normals[v[k]] = sb_v3_add(s->normals[v[k]], n);
+    }
+    for (int i = 0; i < s->names.count; i++) {
+        sb_real size = sb_v3_norm(s->normals[i]);
+        if (size > 0)
+            s->normals[i] = sb_v3_scale(1 / size, s->normals[i]);
+    }
+}
+
+static sb_result sbi_draw_check(const sb_cut *cut, sb_error *error)
+{
+    if (!cut->body)
+        return sbi_fail(error, SB_ERROR_STATE, "the body is gone");
+    if (cut->stale)
+        return sbi_fail(error, SB_ERROR_STATE, "the body's mesh was changed by others: make a new sb_cut");
+    return SB_OK;
+}
+
+SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
+{
+    sb_result result;
+    if (!s)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_update needs a surface");
+    result = sbi_draw_check(s->cut, error);
+    if (result != SB_OK)
+        return result;
+    s->first_vertex = s->names.count;
+    s->first_triangle = s->triangle_count;
+    s->triangle_end = 0;
+    if (s->version != sb_body_mesh_version(s->cut->body)) {
+        int made = sbi_draw_rebuild(s);
+        s->version = made ? sb_body_mesh_version(s->cut->body) : -1;
+        sbi_draw_find_unused(s);
+        s->triangles_before = made ? s->triangle_count : 0;
+        result = made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
+    }
+    s->triangle_end = sbi_max_int(s->triangle_end, s->first_triangle);
+    sbi_draw_move(s);
+    return result;
+}
+
+/* ---- creation ---- */
+
+/* The faces of the skin, and tables of local numbers. */
+static int sbi_draw_take_skin(sb_cut_surface *s)
+{
+    const sb_cut *cut = s->cut;
+    size_t sides = 4 * (size_t)cut->tet_count;
+    void *triangles = NULL, *tags = NULL, *cells = NULL;
+    int capacity[3] = {0, 0, 0}, taken;
+    for (int face = 0; face < 4; face++) {
+        int local[SB_MAX_FACE_NODES], missing = 6;
+        sb_element_face(SB_TET4, face, local, NULL);
+        for (int k = 0; k < 3; k++)
+            missing -= local[k];
+        s->opposite[missing] = (signed char)face;
+    }
+    for (int edge = 0; edge < 6; edge++) {
+        int ends[3];
+        sb_element_edge(SB_TET4, edge, ends);
+        s->edge_of[ends[0]][ends[1]] = s->edge_of[ends[1]][ends[0]] = (signed char)edge;
+    }
+    for (size_t i = 0; i < sides; i++)
+        s->face_count += cut->neighbours.items[i] < 0;
+    s->faces = (int *)sbi_alloc(&s->allocator, (size_t)s->face_count, sizeof(int));
+    s->face_of = (int *)sbi_alloc(&s->allocator, sides, sizeof(int));
+    s->face_states = (unsigned char *)sbi_alloc_zeroed(&s->allocator, (size_t)s->face_count, 1);
+    s->tet_marks = (unsigned char *)sbi_alloc_zeroed(&s->allocator, (size_t)cut->tet_count, 1);
+    s->tets.items = (int *)sbi_alloc(&s->allocator, (size_t)cut->tet_count, sizeof(int));
+    taken = s->faces && s->face_of && s->face_states && s->tet_marks && s->tets.items &&
+            sbi_cut_grow(&s->allocator, &triangles, capacity, 0, s->face_count, sizeof *s->triangles) &&
+            sbi_cut_grow(&s->allocator, &tags, capacity + 1, 0, s->face_count, 1) &&
+            sbi_cut_grow(&s->allocator, &cells, capacity + 2, 0, s->face_count, sizeof(int));
+    s->triangles = (int(*)[3])triangles;
+    s->tags = (unsigned char *)tags;
+    s->cells = (int *)cells;
+    if (!taken)
+        return 0;
+    s->triangle_capacity = capacity[0];
+    s->face_count = 0;
+    for (size_t i = 0; i < sides; i++) {
+        s->face_of[i] = cut->neighbours.items[i] < 0 ? s->face_count : -1;
+        if (cut->neighbours.items[i] < 0)
+            s->faces[s->face_count++] = (int)i;
+    }
+    return 1;
+}
+
+SB_API sb_result sb_cut_surface_create(sb_cut *cut, const sb_allocator *allocator, sb_cut_surface **surface,
+                                       sb_error *error)
+{
+    sb_cut_surface *made;
+    sb_result result;
+    if (!cut || !surface)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_create needs a cut and a place for the surface");
+    result = sbi_draw_check(cut, error);
+    if (result != SB_OK)
+        return result;
+    made = (sb_cut_surface *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
+    made->cut = cut;
+    if (allocator)
+        made->allocator = *allocator;
+    made->version = -1;
+    result = sbi_draw_take_skin(made) ? sb_cut_surface_update(made, error)
+                                      : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
+    if (result != SB_OK) {
+        sb_cut_surface_destroy(made);
+        return result;
+    }
+    *surface = made;
+    return SB_OK;
+}
+
+SB_API void sb_cut_surface_destroy(sb_cut_surface *s)
+{
+    sb_allocator allocator;
+    if (!s)
+        return;
+    allocator = s->allocator;
+    sbi_draw_free_table(&allocator, &s->joins);
+    sbi_draw_free_table(&allocator, &s->edges);
+    sbi_draw_free_table(&allocator, &s->names);
+    sbi_free(&allocator, s->faces);
+    sbi_free(&allocator, s->face_of);
+    sbi_free(&allocator, s->face_states);
+    sbi_free(&allocator, s->tet_marks);
+    sbi_free(&allocator, s->tets.items);
+    sbi_free(&allocator, s->merged);
+    sbi_free(&allocator, s->vertices);
+    sbi_free(&allocator, s->origins);
+    sbi_free(&allocator, s->positions);
+    sbi_free(&allocator, s->normals);
+    sbi_free(&allocator, s->rest);
+    sbi_free(&allocator, s->texture);
+    sbi_free(&allocator, s->points);
+    sbi_free(&allocator, s->triangles);
+    sbi_free(&allocator, s->tags);
+    sbi_free(&allocator, s->cells);
+    sbi_free(&allocator, s->axes);
+    sbi_free(&allocator, s);
+}
+
+SB_API sb_cut_drawing sb_cut_surface_get(const sb_cut_surface *s)
+{
+    sb_cut_drawing drawing;
+    memset(&drawing, 0, sizeof drawing);
+    if (!s)
+        return drawing;
+    drawing.vertex_count = s->names.count;
+    drawing.triangle_count = s->triangle_count;
+    drawing.positions = s->positions;
+    drawing.normals = s->normals;
+    drawing.rest = s->rest;
+    drawing.texture = (const sb_real(*)[2])s->texture;
+    drawing.origins = s->origins;
+    drawing.points = s->points;
+    drawing.triangles = (const int(*)[3])s->triangles;
+    drawing.tags = s->tags;
+    drawing.cells = s->cells;
+    drawing.first_triangle = s->first_triangle;
+    drawing.triangle_end = s->triangle_end;
+    drawing.first_vertex = s->first_vertex;
+    return drawing;
+}

@@ -1,0 +1,359 @@
+/* The surface of a body that is cut: closed, with the parts' volumes, and its vertices where their material is. */
+#include "cut_block.h"
+
+#include "../src/softbody/cut/cut_surface.h"
+
+/* ---- measures ---------------------------------------------------------------------------------------------------- */
+
+/* A side of a triangle, by points. */
+typedef struct edge {
+    int a, b, turn; /* a < b; turn 1: from b to a */
+    int at_a, at_b; /* corners, 3 triangle + k */
+} edge;
+
+static int edge_order(const void *p, const void *q)
+{
+    const edge *a = (const edge *)p, *b = (const edge *)q;
+    return a->a != b->a ? (a->a > b->a) - (a->a < b->a) : (a->b > b->b) - (a->b < b->b);
+}
+
+static int is_drawn(const sb_cut_drawing *d, int f) { return d->triangles[f][0] != d->triangles[f][1]; }
+
+/* Edges of all triangles by points, sorted. */
+static edge *edges_of(const sb_cut_drawing *d, int *count)
+{
+    edge *edges = (edge *)malloc((size_t)d->triangle_count * 3 * sizeof *edges);
+    *count = 0;
+    for (int f = 0; f < d->triangle_count; f++)
+        for (int k = 0; k < 3 && is_drawn(d, f); k++) {
+            int next = (k + 1) % 3, from = d->points[d->triangles[f][k]], to = d->points[d->triangles[f][next]];
+            edge *e = edges + (*count)++;
+            e->turn = from > to;
+            e->a = e->turn ? to : from;
+            e->b = e->turn ? from : to;
+            e->at_a = 3 * f + (e->turn ? next : k);
+            e->at_b = 3 * f + (e->turn ? k : next);
+        }
+    qsort(edges, (size_t)*count, sizeof *edges, edge_order);
+    return edges;
+}
+
+static int root_of(int *parents, int i)
+{
+    while (parents[i] != i)
+        i = parents[i] = parents[parents[i]];
+    return i;
+}
+
+static void join(int *parents, int i, int j) { parents[root_of(parents, i)] = root_of(parents, j); }
+
+/* Every edge has two triangles, one each way. Returns the number of closed surfaces; *euler: the sum of theirs, where a
+ * point in which a surface touches itself is one for each fan of triangles around it. */
+static int check_closed(const sb_cut_drawing *d, int *euler)
+{
+    int count, open = 0, surfaces = 0, fans = 0, corners = 3 * d->triangle_count;
+    edge *edges = edges_of(d, &count);
+    int *fan = (int *)malloc((size_t)corners * 2 * sizeof *fan), *surface = fan + corners;
+    for (int i = 0; i < corners; i++)
+        fan[i] = surface[i] = i;
+    for (int i = 0; i < count; i += 2) {
+        int pair = i + 1 < count && edge_order(edges + i, edges + i + 1) == 0;
+        open += !pair || edges[i].turn == edges[i + 1].turn || edges[i].a == edges[i].b ||
+                (i + 2 < count && edge_order(edges + i, edges + i + 2) == 0);
+        if (!pair)
+            continue;
+        join(fan, edges[i].at_a, edges[i + 1].at_a);
+        join(fan, edges[i].at_b, edges[i + 1].at_b);
+        join(surface, edges[i].at_a / 3, edges[i + 1].at_a / 3);
+    }
+    for (int i = 0; i < corners; i++)
+        fans += is_drawn(d, i / 3) && fan[i] == i;
+    for (int f = 0; f < d->triangle_count; f++)
+        surfaces += is_drawn(d, f) && surface[f] == f;
+    CHECK_INT(open, 0);
+    *euler = fans - count / 2 + count / 3;
+    free(edges);
+    free(fan);
+    return surfaces;
+}
+
+/* Six times the volume below a triangle. */
+static double below(const sb_vec3 *x, const int *triangle)
+{
+    return (double)sb_v3_dot(x[triangle[0]], sb_v3_cross(x[triangle[1]], x[triangle[2]]));
+}
+
+/* Volumes within the surfaces of the parts are those of their cells, at rest and now; lips are equal and opposite. */
+static double check_volumes(const block *b, const sb_cut_drawing *d)
+{
+    const sb_body *body = b->body;
+    double whole = (double)(block_size.x * block_size.y * block_size.z), worst = 0;
+    int parts = body->component_count;
+    double *volumes = (double *)calloc((size_t)parts * 4, sizeof *volumes);
+    sb_vec3 lips = {0, 0, 0};
+    for (int f = 0; f < d->triangle_count; f++) {
+        int part;
+        if (!is_drawn(d, f))
+            continue;
+        part = body->node_component[sb_body_cell_nodes(body, d->cells[f])[0]];
+        volumes[4 * part] += below(d->rest, d->triangles[f]) / 6;
+        volumes[4 * part + 1] += below(d->positions, d->triangles[f]) / 6;
+        if (d->tags[f] == SB_CUT_LIP) {
+            const sb_vec3 *x = d->rest;
+            const int *v = d->triangles[f];
+            lips = sb_v3_add(lips, sb_v3_cross(sb_v3_sub(x[v[1]], x[v[0]]), sb_v3_sub(x[v[2]], x[v[0]])));
+        }
+    }
+    for (int e = 0; e < sb_body_element_count(body); e++) {
+        const int *n = sb_body_cell_nodes(body, e);
+        if (!sb_body_cell_in_use(body, e))
+            continue;
+        for (int now = 0; now < 2; now++) {
+            const sb_vec3 *x = now ? sb_body_positions(body) : body->reference;
+            sb_vec3 a = sb_v3_sub(x[n[1]], x[n[0]]), c = sb_v3_sub(x[n[2]], x[n[0]]), g = sb_v3_sub(x[n[3]], x[n[0]]);
+            volumes[4 * body->node_component[n[0]] + 2 + now] +=
+                (double)sb_body_cell_share(body, e) * (double)sb_v3_dot(a, sb_v3_cross(c, g)) / 6;
+        }
+    }
+    for (int part = 0; part < parts; part++)
+        for (int now = 0; now < 2; now++)
+            worst = fmax(worst, fabs(volumes[4 * part + now] - volumes[4 * part + 2 + now]) / whole);
+    worst = fmax(worst, (double)sb_v3_norm(lips) / (double)(block_size.x * block_size.y));
+    free(volumes);
+    return worst;
+}
+
+/* Area at rest of what has a tag. */
+static double area_of(const sb_cut_drawing *d, int tag)
+{
+    double area = 0;
+    for (int f = 0; f < d->triangle_count; f++) {
+        const int *v = d->triangles[f];
+        if (d->tags[f] == tag && is_drawn(d, f))
+            area += (double)sb_v3_norm(
+                        sb_v3_cross(sb_v3_sub(d->rest[v[1]], d->rest[v[0]]), sb_v3_sub(d->rest[v[2]], d->rest[v[0]]))) /
+                    2;
+    }
+    return area;
+}
+
+/* Vertices are where their origins say, with unit normals where they are used. */
+static void check_vertices(const block *b, const sb_cut_drawing *d)
+{
+    for (int i = 0; i < d->vertex_count; i++) {
+        sb_vec3 x = {0, 0, 0};
+        if (d->origins[i].element < 0)
+            continue;
+        for (int a = 0; a < 4; a++)
+            x = sb_v3_madd(x, d->origins[i].weights[a], b->mesh.nodes[d->origins[i].nodes[a]]);
+        CHECK_NEAR(sb_v3_norm(sb_v3_sub(x, d->rest[i])), 0, scene_tolerance(1e-15, 4));
+        CHECK(sb_v3_norm(d->normals[i]) == 0 || fabs((double)sb_v3_norm(d->normals[i]) - 1) < 1e-4);
+        CHECK(d->points[d->points[i]] == d->points[i]);
+    }
+}
+
+static sb_cut_surface *surface_make(const block *b)
+{
+    sb_cut_surface *surface = NULL;
+    sb_error error;
+    if (!CHECK_OK(sb_cut_surface_create(b->cut, NULL, &surface, &error)))
+        printf("%s\n", error.message);
+    return surface;
+}
+
+/* ---- planes ------------------------------------------------------------------------------------------------------ */
+
+static void test_planes(void)
+{
+    double worst = 0;
+    for (int i = 0; i < 3; i++) {
+        block_options options = block_default(intervals_of[i]);
+        block b = block_make(&options);
+        sb_cut_surface *surface = surface_make(&b);
+        sb_cut_drawing d = sb_cut_surface_get(surface);
+        const double y = (double)block_size.y, z = (double)block_size.z, slope = 0.2;
+        double close = scene_tolerance(5e-6, 200), skin = area_of(&d, SB_CUT_SKIN);
+        int euler, surfaces = check_closed(&d, &euler);
+        CHECK_INT(surfaces, 1);
+        CHECK_INT(euler, 2);
+        CHECK_NEAR(skin, 2 * (double)(block_size.x * (block_size.y + block_size.z) + block_size.y * block_size.z),
+                   scene_tolerance(1e-14, 4));
+        block_cut_plane(&b, sb_v3(REAL(0.0277), block_size.y / 2, block_size.z / 2), sb_v3(1, REAL(-slope), 0));
+        CHECK_OK(sb_cut_surface_update(surface, NULL));
+        d = sb_cut_surface_get(surface);
+        surfaces = check_closed(&d, &euler);
+        CHECK_INT(surfaces, 2);
+        CHECK_INT(euler, 4);
+        CHECK_NEAR(area_of(&d, SB_CUT_LIP), 2 * y * z * sqrt(1 + slope * slope), 10 * close * y * z);
+        CHECK_NEAR(area_of(&d, SB_CUT_SKIN), skin, scene_tolerance(1e-13, 200) * skin);
+        worst = fmax(worst, check_volumes(&b, &d));
+        check_vertices(&b, &d);
+        block_cut_plane(&b, sb_v3(REAL(0.03), REAL(0.02), REAL(0.02)), sb_v3(0, 1, 0)); /* through nodes */
+        block_cut_plane(&b, sb_v3(REAL(0.03), REAL(0.0207), REAL(0.0252)), sb_v3(0, REAL(0.3), 1));
+        CHECK_OK(sb_cut_surface_update(surface, NULL));
+        d = sb_cut_surface_get(surface);
+        surfaces = check_closed(&d, &euler);
+        CHECK_INT(surfaces, b.body->component_count);
+        CHECK(euler % 2 == 0 && euler >= 2 * surfaces - 2); /* a crumb where planes cross may be a ring */
+        worst = fmax(worst, check_volumes(&b, &d));
+        check_vertices(&b, &d);
+        sb_cut_surface_destroy(surface);
+        block_free(&b);
+    }
+    printf("   parts' volumes and lips off by %.1e\n", worst);
+    CHECK_NEAR(worst, 0, scene_tolerance(1e-12, 500));
+}
+
+/* ---- at random --------------------------------------------------------------------------------------------------- */
+
+static void test_strokes(void)
+{
+    unsigned long long seed = 101;
+    double worst = 0;
+    for (int i = 0; i < 3; i++)
+        for (int round = 0; round < (check_quick() ? 1 : 4); round++) {
+            block_options options = block_default(intervals_of[i]);
+            block b = block_make(&options);
+            sb_cut_surface *surface = surface_make(&b);
+            block_shake(&b);
+            for (int stroke = 0; stroke < 5; stroke++) {
+                sb_vec3 triangles[18], *before;
+                sb_cut_drawing d = sb_cut_surface_get(surface);
+                int count = strip_random(triangles, &seed), old = d.vertex_count, euler;
+                before = (sb_vec3 *)malloc((size_t)old * sizeof *before);
+                memcpy(before, d.rest, (size_t)old * sizeof *before);
+                block_cut(&b, triangles, count);
+                block_step(&b, 1);
+                CHECK_OK(sb_cut_surface_update(surface, NULL));
+                d = sb_cut_surface_get(surface);
+                CHECK(d.vertex_count >= old && memcmp(before, d.rest, (size_t)old * sizeof *before) == 0);
+                check_closed(&d, &euler);
+                CHECK(euler % 2 == 0);
+                worst = fmax(worst, check_volumes(&b, &d));
+                check_vertices(&b, &d);
+                free(before);
+            }
+            sb_cut_surface_destroy(surface);
+            block_free(&b);
+        }
+    printf("   parts' volumes and lips off by %.1e\n", worst);
+    CHECK_NEAR(worst, 0, scene_tolerance(1e-12, 500));
+}
+
+/* ---- updates ----------------------------------------------------------------------------------------------------- */
+
+/* What an update says has changed is all that has; without a cut nothing has, and nothing is allocated. */
+static void test_ranges(void)
+{
+    scene_memory memory = {0, 0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    block_options options = block_default(2);
+    block b = block_make(&options);
+    sb_cut_surface *surface = NULL;
+    sb_cut_drawing d;
+    int calls, first = 0;
+    int(*before)[3];
+    CHECK_OK(sb_cut_surface_create(b.cut, &allocator, &surface, NULL));
+    d = sb_cut_surface_get(surface);
+    CHECK_INT(d.first_triangle, 0);
+    CHECK_INT(d.triangle_end, d.triangle_count);
+    block_cut_plane(&b, sb_v3(REAL(0.0277), REAL(0.0213), REAL(0.0239)), sb_v3(1, REAL(-0.2), REAL(0.15)));
+    CHECK_OK(sb_cut_surface_update(surface, NULL));
+    calls = memory.calls;
+    block_step(&b, 1);
+    CHECK_OK(sb_cut_surface_update(surface, NULL));
+    d = sb_cut_surface_get(surface);
+    CHECK_INT(memory.calls, calls);
+    CHECK_INT(d.triangle_end, d.first_triangle);
+    CHECK_INT(d.first_vertex, d.vertex_count);
+    before = (int(*)[3])malloc((size_t)d.triangle_count * sizeof *before);
+    memcpy(before, d.triangles, (size_t)d.triangle_count * sizeof *before);
+    block_cut_plane(&b, sb_v3(REAL(0.05), REAL(0.0213), REAL(0.0239)), sb_v3(1, REAL(-0.2), REAL(0.15)));
+    CHECK_OK(sb_cut_surface_update(surface, NULL));
+    first = d.triangle_count;
+    d = sb_cut_surface_get(surface);
+    for (int f = 0; f < first; f++)
+        if (memcmp(before[f], d.triangles[f], sizeof *before) != 0)
+            CHECK(f >= d.first_triangle && f < d.triangle_end);
+    CHECK_INT(d.triangle_end, d.triangle_count);
+    free(before);
+    sb_cut_surface_destroy(surface);
+    CHECK_INT(memory.live, 0);
+    block_free(&b);
+}
+
+/* Textures of a flat lip are a map of it without stretch. */
+static void test_texture(void)
+{
+    block_options options = block_default(2);
+    block b = block_make(&options);
+    sb_cut_surface *surface = surface_make(&b);
+    sb_cut_drawing d;
+    double worst = 0;
+    block_cut_plane(&b, sb_v3(REAL(0.0277), REAL(0.0213), REAL(0.0239)), sb_v3(1, REAL(-0.2), REAL(0.15)));
+    CHECK_OK(sb_cut_surface_update(surface, NULL));
+    d = sb_cut_surface_get(surface);
+    for (int f = 0; f < d.triangle_count; f++)
+        for (int k = 0; k < 3 && is_drawn(&d, f) && d.tags[f] == SB_CUT_LIP; k++) {
+            int v = d.triangles[f][k], w = d.triangles[f][(k + 1) % 3];
+            double u = (double)(d.texture[v][0] - d.texture[w][0]), t = (double)(d.texture[v][1] - d.texture[w][1]);
+            worst = fmax(worst, fabs(hypot(u, t) - (double)sb_v3_norm(sb_v3_sub(d.rest[v], d.rest[w]))));
+        }
+    CHECK_NEAR(worst, 0, scene_tolerance(1e-8, 100)); /* crossings are rounded */
+    sb_cut_surface_destroy(surface);
+    block_free(&b);
+}
+
+/* Every allocation fails in turn; the next update makes up for it. */
+static void test_no_memory(void)
+{
+    block_options options = block_default(2);
+    int done = 0;
+    options.nx = 3, options.ny = options.nz = 2;
+    for (int fail = 1; !done && fail < 200; fail++) {
+        scene_memory memory = {0, 0, 0, 0};
+        sb_allocator allocator = scene_allocator(&memory);
+        block b = block_make(&options);
+        sb_cut_surface *surface = NULL;
+        sb_cut_drawing d;
+        int euler;
+        memory.fail_at = fail;
+        if (sb_cut_surface_create(b.cut, &allocator, &surface, NULL) != SB_OK) {
+            CHECK(!surface);
+            CHECK_INT(memory.live, 0);
+            memory.fail_at = 0;
+            CHECK_OK(sb_cut_surface_create(b.cut, &allocator, &surface, NULL));
+        }
+        block_cut_plane(&b, sb_v3(REAL(0.0277), REAL(0.0213), REAL(0.0239)), sb_v3(1, REAL(-0.2), REAL(0.15)));
+        done = sb_cut_surface_update(surface, NULL) == SB_OK && memory.calls < fail;
+        memory.fail_at = 0;
+        CHECK_OK(sb_cut_surface_update(surface, NULL));
+        d = sb_cut_surface_get(surface);
+        CHECK_INT(check_closed(&d, &euler), 2);
+        sb_cut_surface_destroy(surface);
+        CHECK_INT(memory.live, 0);
+        block_free(&b);
+    }
+    CHECK(done);
+}
+
+static void test_mistakes(void)
+{
+    block_options options = block_default(1);
+    block b = block_make(&options);
+    sb_cut_surface *surface = NULL;
+    CHECK_RESULT(sb_cut_surface_create(NULL, NULL, &surface, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_cut_surface_create(b.cut, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_cut_surface_update(NULL, NULL), SB_ERROR_ARGUMENT);
+    CHECK_INT(sb_cut_surface_get(NULL).triangle_count, 0);
+    sb_cut_surface_destroy(NULL);
+    surface = surface_make(&b);
+    scene_remove_cells(b.body);
+    CHECK_RESULT(sb_cut_surface_update(surface, NULL), SB_ERROR_STATE);
+    sb_cut_surface_destroy(surface);
+    block_free(&b);
+}
+
+CHECK_SUITE(cut_surface, {"planes: closed, volumes, areas", test_planes}, {"strokes: closed, volumes", test_strokes},
+            {"what an update changes", test_ranges}, {"texture of lips", test_texture},
+            {"every allocation fails in turn", test_no_memory}, {"mistakes are named", test_mistakes});
