@@ -42,7 +42,7 @@
  *
  * WHAT IT DOES NOT DO
  *
- * No rendering; cuts (sb_cut) of tet4 only, and without a surface to draw.
+ * No rendering; cuts (sb_cut) of tet4 only.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM
@@ -122,7 +122,7 @@
  *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create
  *              lays them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
- * sb_cut       triangles that cut a body while it runs.
+ * sb_cut       triangles that cut a body while it runs; sb_cut_surface: what is drawn of it.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
@@ -724,8 +724,15 @@
 #define sb_cut_create sb_cut_create_f32
 #define sb_cut_destroy sb_cut_destroy_f32
 #define sb_cut_triangles sb_cut_triangles_f32
+#define sb_cut_begin sb_cut_begin_f32
+#define sb_cut_move sb_cut_move_f32
+#define sb_cut_end sb_cut_end_f32
 #define sb_cut_node_origin sb_cut_node_origin_f32
 #define sb_cut_cell_element sb_cut_cell_element_f32
+#define sb_cut_surface_create sb_cut_surface_create_f32
+#define sb_cut_surface_destroy sb_cut_surface_destroy_f32
+#define sb_cut_surface_update sb_cut_surface_update_f32
+#define sb_cut_surface_get sb_cut_surface_get_f32
 #endif
 #endif
 
@@ -4833,11 +4840,13 @@ SB_API const char *sb_check_string(unsigned warning);
  * or get another first node, or a box loses a side; without an allocation while def.slack lasts. Lists for 1000 cells
  * in one change are there from the start. The first step after it colours chunks, lists the rows of IC(0) or SSOR and
  * cuts the coarse space's pieces again; all depend on the mesh alone (multigrid's levels also on the materials that the
- * body was made from), so iterations, states and changes taken back are those of a body made with that mesh. Everything
- * is made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
- * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
- * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
- * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
+ * body was made from), so iterations, states and changes taken back are those of a body made with that mesh.
+ * SB_PRECOND_MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), FSAI and CHOLESKY are made anew with
+ * the change, which allocates and takes time by the mesh (of 86,000 cells 35 ms); where there is no memory for them the
+ * change holds, and steps say SB_ERROR_MEMORY until there is. Everything is made anew instead, at the cost of creation
+ * (19 ms for 13,000 cells), where arrays have to grow, elements are not tet4, there are constraints or mappings that
+ * couple beyond cells, or a load is on what changes. The bits are the same either way. Consistent masses cost a pass
+ * over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
  * half as much again, and they have to be asked for anew. */
@@ -5883,7 +5892,9 @@ typedef struct sb_haptic_def {
     double max_damping;      /* figures. With a larger stiffness it hums in a light hand */
     double max_slew;         /* N/s that the force changes by at most; default -1: max_force in 2 ms */
     double coupling;         /* N/m, as the hand feels it, of the spring between hand and tool. 0: rigid, for tissue
-                              * softer than the device can render; default -1: 0.5 max_stiffness */
+                              * softer than the device can render; default -1: 0.5 max_stiffness. Of a tool that hangs
+                              * on a spring (sb_tool_def.coupling_stiffness) that spring is the coupling, and no force
+                              * exceeds its max_force: leave both at -1 */
     double coupling_turning; /* N m/rad, likewise. 0: rigid, always where coupling is; default -1: coupling times the
                               * square of max_torque/max_force */
     double resolution;       /* m between positions that the encoder tells apart, >= 0; default 0: unknown. Too large a
@@ -5923,14 +5934,15 @@ typedef struct sb_haptic_info {
 typedef struct sb_haptic sb_haptic;
 
 /* Takes all memory that is ever needed. SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE: the field is named; SB_ERROR_INDEX: the
- * contact has no such tool; SB_ERROR_UNSUPPORTED: the tool hangs on a spring, or the compiler has no atomics that are
- * known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation; SB_ERROR_MEMORY.
- * *haptic is then untouched. */
+ * contact has no such tool; SB_ERROR_UNSUPPORTED: the body's steps are explicit, or the compiler has no atomics that
+ * are known here, so that SB_ATOMIC_EXCHANGE and SB_ATOMIC_LOAD must be defined before the implementation;
+ * SB_ERROR_MEMORY. *haptic is then untouched. */
 SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, sb_error *error);
 /* NULL is fine. Neither thread may be in a call. */
 SB_API void sb_haptic_destroy(sb_haptic *haptic);
 
-/* Simulation, before the step: the tool is to go where the hand drew it by its last call (sb_contact_move_tool).
+/* Simulation, before the step: the tool is to go where the hand drew it by its last call (sb_contact_move_tool); of a
+ * tool on a spring the spring's other end goes where the hand is.
  * wanted (NULL: not asked for): that pose, and the hand's velocities, time and buttons; 0 before the first call. What
  * sb_contact_move_tool returns; SB_ERROR_ARGUMENT: NULL. */
 SB_API sb_result sb_haptic_take(sb_haptic *haptic, sb_tool_state *wanted);
@@ -5959,8 +5971,11 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *     cut_def.body = body;
  *     sb_cut_create(&cut_def, &cut, &error);
  *     ... steps ...
- *     sb_cut_triangles(cut, triangles, count, &info, &error);
+ *     sb_cut_triangles(cut, triangles, count, &info, &error);     a plane, a closed surface
  *     ... steps ...
+ *     sb_cut_begin(cut, edge, 2, &stroke, &error);                a blade
+ *     ... sb_cut_move(cut, stroke, edge, &info, &error) and sb_body_step, frame by frame ...
+ *     sb_cut_end(cut, stroke);
  *
  * How it works (virtual nodes: Molino, Bao and Fedkiw 2004). Each element carries a lattice of links, which triangles
  * cut where the body is now; an element that its cut links part becomes one cell for each piece, with the shape
@@ -5982,15 +5997,22 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
  * - Pressures and tractions on a face that is cut go to the parts of the face, each with what acts on it: force and
  *   moment are what they were, to rounding, however often it is cut.
- * - Recordings and states of the body contain its cuts (they are changes of its mesh). The sb_cut itself is not in
- *   them: after another mesh was loaded, or after others changed the mesh, its calls say SB_ERROR_STATE; make a new one
- *   then, of an uncut body.
+ * - A blade's strokes: the strip of each move begins where the edge was in the tissue, which has moved since, to the
+ *   last digit: samples stand wherever the edge goes through a face of an element. Near the skin, outside of the
+ * tissue, it moves with the skin, so that tissue that comes upon a blade at rest is cut as well. What rounding leaves
+ * between strips is cut by a rule: a whole link that cut ones surround in all elements around it holds nothing but
+ * itself.
+ * - States and recordings of the body hold its cuts: the sb_cut is a part of both, with its strokes. A state that was
+ *   saved with one is loaded into a body that has one of the same mesh, lattice and max_strokes, whatever was cut there
+ *   meanwhile, and takes cuts back that it does not have. A recording plays on a body with such an sb_cut, made before
+ *   it began, and has the calls.
+ * - After others changed the mesh, calls say SB_ERROR_STATE; make a new one then, of an uncut body.
  *
  * Limits:
  * - tet4. Slices much thinner than a link fall into crumbs.
- * - A stroke that is made by several calls while the tissue moves may leave single links uncut between them, and so
- *   threads of tissue. Cut in one call what must part.
- * - Lengths are resolved to 4e-6 of the box around the body; where its parts have gone so far apart that this is more
+ * - Blades that go exactly through nodes while the tissue moves may leave such a node between both sides; strokes along
+ *   the edge of a body may leave crumbs there of a lattice point or two.
+ * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
  *   cut.
@@ -5998,7 +6020,6 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
- * - A cut that parts no element is not in the body's state, and stays when an earlier state is loaded.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the
  *   lattice by a sixteenth of an edge, for masses and stiffness (0.28 to 0.34 of the uncut step in eight random
  *   planes). */
@@ -6009,9 +6030,10 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
 typedef struct sb_cut sb_cut;
 
 typedef struct sb_cut_def {
-    sb_body *body; /* borrowed, made with slack > 0, of tet4; its mesh now is the uncut one */
-    int lattice;   /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
-                    * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
+    sb_body *body;   /* borrowed, made with slack > 0, of tet4; its mesh now is the uncut one */
+    int lattice;     /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
+                      * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
+    int max_strokes; /* that are under way at once, >= 0; default 4 */
     sb_allocator allocator;
     unsigned cookie; /* of sb_default_cut_def */
 } sb_cut_def;
@@ -6020,6 +6042,7 @@ SB_API sb_cut_def sb_default_cut_def(void);
 /* What a call has done. */
 typedef struct sb_cut_info {
     int links;        /* cut by it */
+    int ringed;       /* of these, cut because blades had passed all around them */
     int cells, nodes; /* made by it */
     int parts;        /* that the body is in now */
 } sb_cut_info;
@@ -6033,14 +6056,94 @@ SB_API void sb_cut_destroy(sb_cut *cut);
  * triangles  [count][3] corners where the body is now (m); triangles without area are skipped
  * info       may be NULL
  * On failure body and cut are as they were: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above), and
- * what sb_body_change_commit says. Between steps only. Allocates nothing while slack and room last; costs a pass over
- * the cells for each triangle (12,000 tets: 18 us for each) and, where cells are parted, a change of the mesh. */
+ * what sb_body_change_commit says. Between steps only. Allocates nothing while slack and room last. Cells look for
+ * triangles near them in a tree, on the body's jobs, and where cells are parted the mesh changes: 13,440 tets, m = 2,
+ * one thread: 0.02 ms beside the body, 4 ms for a frame that parts 100 cells, 18 ms for a plane through all. */
 SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
+/* Begins a stroke of a blade.
+ * edge    [count] corners of the blade's edge, where it is now (m); 2 or more. It cuts nothing yet
+ * *stroke is its number
+ * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above, or def.max_strokes are under way),
+ * SB_ERROR_MEMORY. Allocates nothing while edges go through some 200 faces of elements at most. */
+SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *stroke, sb_error *error);
+/* Moves the blade: what lies between where its edge was in the tissue, which may have moved since, and where it is now
+ * is cut. Once a frame, between steps; also where the blade rests and the tissue moves. edge    as many corners as at
+ * the beginning, where they are now (m) info    may be NULL On failure body, cut and stroke are as they were, and the
+ * next move goes on from the last good one: SB_ERROR_INDEX (no such stroke), and as sb_cut_triangles. */
+SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error);
+/* Ends a stroke; one that is not under way is fine. */
+SB_API void sb_cut_end(sb_cut *cut, int stroke);
 /* Node of the uncut mesh that a node is a copy of, or itself; -1: none. Of elements: the one that a cell is of. */
 SB_API int sb_cut_node_origin(const sb_cut *cut, int node);
 SB_API int sb_cut_cell_element(const sb_cut *cut, int cell);
 
 #endif /* SB_CUT_H */
+
+/* ==== src/softbody/cut/cut_surface.h ==== */
+/* cut_surface: what is drawn of a body that is cut: its skin, and the lips of the cuts. Floor 4.
+ *
+ *     sb_cut_surface_create(cut, NULL, &surface, &error);
+ *     ... cuts, steps ...
+ *     sb_cut_surface_update(surface, &error);            each frame
+ *     drawn = sb_cut_surface_get(surface);
+ *
+ * The skin is the boundary of the uncut mesh: a face that is not cut is one triangle, one that is cut falls into
+ * triangles along the cut. Lips are the two sides of a cut, with the same triangles turned over, and one common edge
+ * where the cut ends in the body. Whole and watertight: by points (below), each edge of a triangle is that of just one
+ * other, which goes through it the other way, whatever was cut; so each part is a closed surface with its own volume.
+ *
+ * Vertices keep their numbers: new ones come behind the others, and those that are not used any more stay, unused. Skin
+ * and lips have vertices of their own where they meet, so that normals, which are smooth within each of them, are not
+ * across their edge. */
+#ifndef SB_CUT_SURFACE_H
+#define SB_CUT_SURFACE_H
+
+
+typedef struct sb_cut_surface sb_cut_surface;
+
+typedef enum sb_cut_tag {
+    SB_CUT_SKIN = 0, /* the boundary of the uncut mesh */
+    SB_CUT_LIP = 1   /* what a cut laid open */
+} sb_cut_tag;
+
+/* What a vertex is made from: whatever nodes of the uncut mesh have (colours, texture coordinates) goes over by these
+ * weights. */
+typedef struct sb_cut_origin {
+    int element; /* of the uncut mesh, as of sb_cut_cell_element; -1: the vertex is not used any more */
+    int nodes[4];
+    sb_real weights[4]; /* of the nodes, >= 0; they sum to 1 */
+} sb_cut_origin;
+
+/* Arrays are valid until the next update. */
+typedef struct sb_cut_drawing {
+    int vertex_count, triangle_count;
+    const sb_vec3 *positions;     /* [vertex_count] in space (m) */
+    const sb_vec3 *normals;       /* [vertex_count] unit, out of the tissue */
+    const sb_vec3 *rest;          /* [vertex_count] at rest (m): for textures that go through the tissue */
+    const sb_real (*texture)[2];  /* [vertex_count] of lips: where they are at rest along the cut (m), with another
+                                   * origin where a cut turns by more than 45 degrees; 0 of skin */
+    const sb_cut_origin *origins; /* [vertex_count] */
+    const int *points;            /* [vertex_count] vertices of skin and of lips at one point have the same number */
+    const int (*triangles)[3];    /* [triangle_count] counter-clockwise seen from outside; three times the same vertex:
+                                   * none */
+    const unsigned char *tags;    /* [triangle_count] SB_CUT_SKIN, SB_CUT_LIP */
+    const int *cells;             /* [triangle_count] of the body, that the triangle moves with; -1: none */
+    /* What the last update made other than moving vertices: triangles from first to end, and vertices from first on. */
+    int first_triangle, triangle_end, first_vertex;
+} sb_cut_drawing;
+
+/* The surface of a body that is cut by `cut`, which it is to be destroyed before. allocator NULL: malloc.
+ * SB_ERROR_ARGUMENT, SB_ERROR_STATE (as sb_cut_triangles), SB_ERROR_MEMORY. */
+SB_API sb_result sb_cut_surface_create(sb_cut *cut, const sb_allocator *allocator, sb_cut_surface **surface,
+                                       sb_error *error);
+SB_API void sb_cut_surface_destroy(sb_cut_surface *surface); /* NULL is fine */
+/* To what the body is now. Where it was cut since the last call, the triangles of all elements with cuts are made anew,
+ * and arrays may grow; else only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is
+ * not whole, and the next call tries again. */
+SB_API sb_result sb_cut_surface_update(sb_cut_surface *surface, sb_error *error);
+SB_API sb_cut_drawing sb_cut_surface_get(const sb_cut_surface *surface); /* of NULL: nothing */
+
+#endif /* SB_CUT_SURFACE_H */
 
 #endif /* SOFTBODY_H */
 
@@ -6474,13 +6577,14 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
                                      const sb_real *moduli, const sb_allocator *allocator, sb_preconditioner **out,
                                      sb_error *error);
 /* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
- * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
+ * SSOR, IC(0); others are to be made anew. 0: it would have to have the memory for what sbi_matrix_reserve has planned,
+ * and has not. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
  * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
-/* Does so now, if that is still to be done. */
-SBI_API void sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* Does so now, if that is still to be done. 0: it is of a kind that does not follow, and of the pattern of before. */
+SBI_API int sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* Another Poisson's ratio than that of the def, for all updates to come. */
 SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson);
 /* 1: z of one connected part of the pattern depends on r of another, as the user's levels may have it. */
@@ -37077,11 +37181,15 @@ static int sbi_precond_kind_follows(sb_precond_kind kind)
 /* Scratch for the patterns to come of a matrix that follows; 0: no memory. */
 static int sbi_precond_take_following(sb_preconditioner *p, const sb_matrix *a)
 {
+    int times; /* as many rows as there are may come; where they are copies, rows grow with them */
     if (!a->live || !sbi_precond_kind_follows(p->kind))
         return 1;
     p->row_room = sbi_matrix_row_capacity(a);
     p->block_room = sbi_matrix_capacity(a);
-    p->longest_room = 2 * a->live->longest + SBI_LIVE_PIECE;
+    times = a->row_count > 0 ? 1 + (p->row_room - 1) / a->row_count : 1;
+    if (times > INT_MAX / 16 / (2 * a->live->longest + SBI_LIVE_PIECE))
+        return 0;
+    p->longest_room = times * (2 * a->live->longest + SBI_LIVE_PIECE);
     if (p->row_room > INT_MAX / 16 || p->block_room > INT_MAX / 2)
         return 0;
     p->scratch = sbi_owned_take_ints(&p->owned, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
@@ -37229,36 +37337,39 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 
 SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *matrix)
 {
-    if (!sbi_precond_kind_follows(p->kind))
-        return 0;
-    return p->kind == SB_PRECOND_NONE ||
+    return p->kind == SB_PRECOND_NONE || !sbi_precond_kind_follows(p->kind) ||
            (sbi_matrix_row_capacity(matrix) <= p->row_room && sbi_matrix_capacity(matrix) <= p->block_room &&
             matrix->live->longest <= p->longest_room);
 }
 
 SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
 {
+    p->ready = p->turned = 0;
+    p->coarse.ready = 0;
+    p->stale = 1;
+    if (!sbi_precond_kind_follows(p->kind))
+        return;
     p->row_count = matrix->row_count;
     p->block_count = sbi_matrix_used_blocks(matrix);
     p->lower_count = (p->block_count - p->row_count) / 2;
     p->pattern_version = sbi_matrix_version(matrix);
     p->rest = rest;
     p->pattern_hash = 0; /* for images of a factor, which nobody makes of these */
-    p->ready = p->turned = 0;
-    p->coarse.ready = 0;
-    p->stale = 1;
 }
 
-SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
+SBI_API int sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
 {
     int pieces = sbi_precond_pieces(p, p->row_count);
     if (!p->stale)
-        return;
+        return 1;
+    if (!sbi_precond_kind_follows(p->kind))
+        return 0;
     p->stale = 0;
     if (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0)
         sbi_precond_shape_lower(p, matrix, p->kind == SB_PRECOND_IC0 && pieces > 0);
     if (p->coarse.piece_room)
         sbi_precond_shape_coarse(p, matrix, pieces);
+    return 1;
 }
 
 /* ---- update -------------------------------------------------------------------------------------------- */
@@ -37361,7 +37472,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;
-    sbi_precond_settle(p, matrix);
+    (void)sbi_precond_settle(p, matrix); /* what cannot has not the matrix' pattern */
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;
@@ -47607,6 +47718,8 @@ SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_m
 SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
 /* One like that of the body before its mesh became another: what sbi_body_make_preconditioner gives a body made so. */
 SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_preconditioner *like, sb_error *error);
+/* After a change of the mesh in place: one that does not follow is made anew. A failure leaves it to the next call. */
+SBI_API sb_result sbi_body_settle_preconditioner(sb_body *body, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. young: [material_count] (Pa); NULL: those of the materials now. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young, const sb_matrix *matrix,
@@ -48974,6 +49087,20 @@ SBI_API sb_result sbi_body_remake_preconditioner(sb_body *body, const sb_precond
     return result;
 }
 
+SBI_API sb_result sbi_body_settle_preconditioner(sb_body *body, sb_error *error)
+{
+    sb_preconditioner *before = body->precond;
+    sb_result result;
+    if (sbi_precond_settle(before, &body->matrix))
+        return SB_OK;
+    result = sbi_body_remake_preconditioner(body, before, error);
+    if (result != SB_OK)
+        return result;
+    sbi_precond_set_memory(body->precond, sbi_precond_get_memory(before));
+    sb_preconditioner_free(before);
+    return SB_OK;
+}
+
 /* ==== src/softbody/body/body_support.c ==== */
 /* body_support: nodes that are held, faces by their corners, and what holds the parts of a body. */
 
@@ -49539,7 +49666,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
         memset(&none, 0, sizeof none);
         return none;
     }
-    sbi_precond_settle(body->precond, &body->matrix);
+    (void)sbi_precond_settle(body->precond, &body->matrix);
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
@@ -52829,6 +52956,7 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
+    (void)sbi_body_settle_preconditioner(work.body, NULL); /* without memory for it the next step tries again */
     return 1;
 }
 
@@ -62887,6 +63015,8 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sbi_step_fill_system(step);
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
+        result = sbi_body_settle_preconditioner(b, &step->info->error);
+    if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
     step->info->seconds_precond += sbi_body_now(b) - begin;
     return result;
@@ -65365,7 +65495,7 @@ static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body,
     if (order < 0)
         return sbi_fail(error, SB_ERROR_STATE,
                         "the state was saved with a part '%.8s' that the body does not have: make what keeps it first, "
-                        "as needles or their mesher",
+                        "as needles, their mesher or an sb_cut",
                         view->name);
     if (order > 0)
         return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",
@@ -65814,7 +65944,7 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
 {
     int used = walk->pass == SBI_STATE_WRITE || walk->pass == SBI_STATE_CHECK;
     sb_preconditioner_info precond;
-    sbi_precond_settle(body->precond, &body->matrix);
+    (void)sbi_precond_settle(body->precond, &body->matrix);
     precond = sb_preconditioner_get_info(body->precond);
     sbi_state_same(walk, (uint64_t)body->domain.node_count, "the number of nodes");
     sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");
@@ -68267,6 +68397,8 @@ SBI_API sbi_link_key sbi_lattice_key(const sbi_lattice *lattice, const sbi_corne
 SBI_API void sbi_lattice_ends(const sbi_lattice *lattice, const sbi_corner_order *order, int link, int ends[2]);
 /* Where a point with these barycentrics is, of a tet with corners at x: the same bits from all tets around. */
 SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real barycentrics[4], const sb_vec3 x[4]);
+/* Barycentrics of p in a tet with corners at x; returns the least of them, -SB_REAL_MAX where it is flat. */
+SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4]);
 SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4]);
 
 /* Pieces of a tet, in the order of their lowest points; returns how many (0: no point).
@@ -68280,9 +68412,9 @@ SB_INLINE uint64_t sbi_lattice_all(const sbi_lattice *lattice) { return ((uint64
  * when their marks have one in common. */
 SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
                                         uint64_t piece);
-/* 1 when every micro-triangle of this tet around a link has exactly one cut link: of a whole link that is so in all
- * tets around it nothing holds but itself. */
-SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned char *cut, int link);
+/* ringed[link_count]: 1 where every micro-triangle of this tet around the link has exactly one cut link: of a whole
+ * link that is so in all tets around it nothing holds but itself. */
+SBI_API void sbi_lattice_find_ringed(const sbi_lattice *lattice, const unsigned char *cut, unsigned char *ringed);
 
 #endif /* SB_LATTICE_H */
 
@@ -68511,6 +68643,19 @@ SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real b
     return place;
 }
 
+SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4])
+{
+    sb_vec3 e = sb_v3_sub(x[1], x[0]), f = sb_v3_sub(x[2], x[0]), g = sb_v3_sub(x[3], x[0]), q = sb_v3_sub(p, x[0]);
+    sb_real volume = sb_v3_dot(sb_v3_cross(e, f), g);
+    if (volume == 0)
+        return -SB_REAL_MAX;
+    at[1] = sb_v3_dot(sb_v3_cross(q, f), g) / volume;
+    at[2] = sb_v3_dot(sb_v3_cross(e, q), g) / volume;
+    at[3] = sb_v3_dot(sb_v3_cross(e, f), q) / volume;
+    at[0] = 1 - at[1] - at[2] - at[3];
+    return sb_min(sb_min(at[0], at[1]), sb_min(at[2], at[3]));
+}
+
 SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4])
 {
     for (int a = 0; a < 4; a++)
@@ -68565,30 +68710,28 @@ SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_co
     return marks;
 }
 
-SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned char *cut, int link)
+SBI_API void sbi_lattice_find_ringed(const sbi_lattice *lattice, const unsigned char *cut, unsigned char *ringed)
 {
     static const signed char triangles[4][3] = {{0, 1, 2}, {0, 4, 3}, {1, 5, 4}, {2, 5, 3}}; /* their edges */
+    memset(ringed, 1, (size_t)lattice->link_count);
     for (int k = 0; k < lattice->micro_count; k++)
         for (int f = 0; f < 4; f++) {
             const unsigned char *links = lattice->micro_links[k];
-            int around = 0, count = 0;
-            for (int e = 0; e < 3; e++) {
-                int side = links[(int)triangles[f][e]];
-                around |= side == link;
-                count += cut[side] != 0;
-            }
-            if (around && count != 1)
-                return 0;
+            int count = 0;
+            for (int e = 0; e < 3; e++)
+                count += cut[links[(int)triangles[f][e]]] != 0;
+            for (int e = 0; e < 3 && count != 1; e++)
+                ringed[links[(int)triangles[f][e]]] = 0;
         }
-    return 1;
 }
 
 /* ==== src/softbody/cut/crossing.h ==== */
 /* crossing: whether a triangle of a blade crosses a link, exactly. Internal. Floor 4, calls base only.
  *
- * Signs worked out in floating point hang bodies by threads. Here places are integers, all determinants fit 64 bits,
- * and ties are decided as if the whole blade were moved by (e, e^2, e^3) for an e > 0 however small: with
- * n = (b - a) x (c - a) of a triangle and lex(v) the sign of the first component of v that is not 0
+ * Signs worked out in floating point hang bodies by threads. Here places are integers of 29 bits, determinants are
+ * worked out exactly where rounding leaves their signs open, and ties are decided as if the whole blade were moved by
+ * (e, e^2, e^3) for an e > 0 however small: with n = (b - a) x (c - a) of a triangle and lex(v) the sign of the first
+ * component of v that is not 0
  *
  *     side of p                    sign n.(p - a),                  if 0: -lex(n)
  *     link p + s e passes ab on    sign e.((a - p) x (b - p)),      if 0: lex((b - a) x e)
@@ -68601,8 +68744,8 @@ SBI_API int sbi_lattice_is_ringed(const sbi_lattice *lattice, const unsigned cha
 
 
 enum {
-    SBI_CROSSING_TISSUE = 1 << 17, /* places in the box of the tissue are at most this far from its centre, per axis */
-    SBI_CROSSING_BLADE = 1 << 19,  /* corners of blades: what lies farther is cut off */
+    SBI_CROSSING_TISSUE = 1 << 26, /* places in the box of the tissue are at most this far from its centre, per axis */
+    SBI_CROSSING_BLADE = 1 << 28,  /* corners of blades: what lies farther is cut off */
     SBI_CROSSING_PARTS = 7         /* triangles that one of a blade can leave within that */
 };
 
@@ -68633,9 +68776,9 @@ SBI_API int sbi_crossing_blades(const sbi_crossing_frame *frame, const sb_vec3 t
                                 sbi_blade blades[SBI_CROSSING_PARTS]);
 /* Returns 0 when the triangle has no area. */
 SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade);
-/* n.(p - a): > 0 above; 0: sbi_blade_side decides. */
-SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p);
-SB_INLINE int sbi_blade_side(const sbi_blade *blade, int64_t height)
+/* n.(p - a), rounded, with its sign exact: > 0 above; 0: sbi_blade_side decides. */
+SBI_API double sbi_blade_height(const sbi_blade *blade, sbi_int3 p);
+SB_INLINE int sbi_blade_side(const sbi_blade *blade, double height)
 {
     return height > 0 ? 1 : height < 0 ? -1 : blade->tie;
 }
@@ -68666,7 +68809,7 @@ SBI_API void sbi_crossing_frame_make(sb_vec3 low, sb_vec3 high, sbi_crossing_fra
     frame->centre[2] = (double)low.z / 2 + (double)high.z / 2;
     for (int i = 0; i < 3; i++)
         half = sides[i] > half ? sides[i] : half;
-    exponent = half > 0 ? 16 - sbi_dense_exponent(half) : 0; /* half the box becomes 2^16 to 2^17 */
+    exponent = half > 0 ? 25 - sbi_dense_exponent(half) : 0; /* half the box becomes 2^25 to 2^26 */
     frame->scale = sbi_dense_pow2(sbi_min_int(exponent, 1000));
 }
 
@@ -68727,9 +68870,55 @@ static void sbi_crossing_cross(const int64_t a[3], const int64_t b[3], int64_t v
     v[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-static int64_t sbi_crossing_product(const int64_t a[3], const int64_t b[3])
+/* A sum of 128 bits: high 2^64 + low. */
+typedef struct sbi_crossing_sum {
+    int64_t high;
+    uint64_t low;
+} sbi_crossing_sum;
+
+/* Adds a b, |a| and |b| < 2^62. */
+static void sbi_crossing_add(sbi_crossing_sum *sum, int64_t a, int64_t b)
 {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    const uint64_t half = 0xFFFFFFFFu;
+    uint64_t p = (uint64_t)(a < 0 ? -a : a), q = (uint64_t)(b < 0 ? -b : b);
+    uint64_t low = (p & half) * (q & half), middle = (p >> 32) * (q & half) + (low >> 32);
+    uint64_t other = (p & half) * (q >> 32) + (middle & half), high;
+    high = (p >> 32) * (q >> 32) + (middle >> 32) + (other >> 32);
+    low = (low & half) | other << 32;
+    if ((a < 0) != (b < 0) && (high || low)) {
+        high = ~high + (low == 0);
+        low = ~low + 1;
+    }
+    sum->low += low;
+    sum->high += (int64_t)high + (sum->low < low);
+}
+
+static double sbi_crossing_real(sbi_crossing_sum sum)
+{
+    const double step = 18446744073709551616.0; /* 2^64 */
+    if (sum.high >= 0)
+        return (double)sum.high * step + (double)sum.low;
+    sum.high = -(sum.high + 1) + (sum.low == 0); /* of the opposite, whose sign no rounding takes */
+    sum.low = ~sum.low + 1;
+    return -((double)sum.high * step + (double)sum.low);
+}
+
+/* a.b, rounded, with its sign exact; a of less than 62 bits, b of less than 31. */
+static double sbi_crossing_product(const int64_t a[3], const int64_t b[3])
+{
+    const double rounding = 1e-15; /* of the terms: eight roundings */
+    double sum = 0, size = 0;
+    sbi_crossing_sum exact = {0, 0};
+    for (int i = 0; i < 3; i++) {
+        double term = (double)a[i] * (double)b[i];
+        sum += term;
+        size += term < 0 ? -term : term;
+    }
+    if (sum > rounding * size || sum < -rounding * size)
+        return sum;
+    for (int i = 0; i < 3; i++)
+        sbi_crossing_add(&exact, a[i], b[i]);
+    return sbi_crossing_real(exact);
 }
 
 SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade)
@@ -68752,7 +68941,7 @@ SBI_API int sbi_blade_make(const sbi_int3 corners[3], sbi_blade *blade)
     return blade->tie != 0;
 }
 
-SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
+SBI_API double sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
 {
     int64_t v[3];
     sbi_crossing_difference(p, blade->corners[0], v);
@@ -68762,13 +68951,14 @@ SBI_API int64_t sbi_blade_height(const sbi_blade *blade, sbi_int3 p)
 /* On which side the line through p along e passes the edge from a to b; 0: e is parallel to it. */
 static int sbi_crossing_edge(sbi_int3 a, sbi_int3 b, sbi_int3 p, const int64_t e[3])
 {
-    int64_t from[3], to[3], v[3], turn;
+    int64_t from[3], to[3], v[3];
+    double passing;
     sbi_crossing_difference(a, p, from);
     sbi_crossing_difference(b, p, to);
     sbi_crossing_cross(from, to, v);
-    turn = sbi_crossing_product(e, v);
-    if (turn != 0)
-        return turn > 0 ? 1 : -1;
+    passing = sbi_crossing_product(e, v);
+    if (passing != 0)
+        return passing > 0 ? 1 : -1;
     sbi_crossing_difference(b, a, from);
     sbi_crossing_cross(from, e, v);
     return sbi_crossing_lex(v);
@@ -68786,10 +68976,10 @@ SBI_API int sbi_blade_is_passed(const sbi_blade *blade, sbi_int3 p, sbi_int3 r)
 
 SBI_API int sbi_blade_crosses(const sbi_blade *blade, sbi_int3 p, sbi_int3 r, sb_real *t)
 {
-    int64_t from = sbi_blade_height(blade, p), to = sbi_blade_height(blade, r);
+    double from = sbi_blade_height(blade, p), to = sbi_blade_height(blade, r);
     if (sbi_blade_side(blade, from) == sbi_blade_side(blade, to) || !sbi_blade_is_passed(blade, p, r))
         return 0;
-    *t = (sb_real)((double)from / ((double)from - (double)to)); /* one of them is not 0, and they have other signs */
+    *t = (sb_real)(from / (from - to)); /* one of them is not 0, and they have other signs */
     return 1;
 }
 
@@ -68825,6 +69015,8 @@ static int sbi_crossing_clip(double (*corners)[3], int count, int axis, int sign
     for (int k = 0; k < count; k++) {
         const double *a = corners[k], *b = corners[k + 1 < count ? k + 1 : 0];
         int a_in = sign * a[axis] <= limit, b_in = sign * b[axis] <= limit;
+        SB_ASSERT(kept_count + a_in + (a_in != b_in) <=
+                  SBI_CROSSING_CORNERS); /* a plane adds one to a convex polygon */
         if (a_in)
             memcpy(kept[kept_count++], a, sizeof *kept);
         if (a_in != b_in)
@@ -68980,7 +69172,7 @@ typedef struct sbi_parted {
     sbi_corner_order order;
     unsigned char cut[SBI_LATTICE_LINKS]; /* state of each link */
     sb_real t[SBI_LATTICE_LINKS];         /* crossings of cut ones, 0 at the first end (sbi_lattice_ends) */
-    int turn[SBI_LATTICE_LINKS];          /* of cut ones: rises in the order in which they were cut */
+    int rank[SBI_LATTICE_LINKS];          /* of cut ones: rises in the order in which they were cut */
     int piece_count;
     uint64_t pieces[SBI_LATTICE_POINTS];
     unsigned char piece_of[SBI_LATTICE_POINTS];
@@ -69036,6 +69228,8 @@ SBI_API void sbi_parted_points(const sbi_parted *parted, int micro, sb_real leas
 SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least, sbi_flag flags[SBI_FLAGS]);
 /* Triangles of a micro-tet between pieces; returns how many. */
 SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS]);
+/* The piece that has the material at these barycentrics of the tet. */
+SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4]);
 /* Moments of all pieces: moments [piece_count]. A piece without volume has its lowest point for a centre. */
 SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments);
 /* What each piece has of a face (sb_element_face): moments [piece_count]. */
@@ -69076,7 +69270,7 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
         sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
         int item = sbi_cut_links_find(links, &key);
         parted->cut[l] = (unsigned char)(item < 0 ? SBI_LINK_WHOLE : links->items[item].state);
-        parted->turn[l] = item;
+        parted->rank[l] = item;
         parted->t[l] = item < 0 ? (sb_real)0.5 : links->items[item].t;
     }
     sbi_parted_find(parted);
@@ -69126,7 +69320,7 @@ static int sbi_parted_cut_edges(const sbi_parted *parted, int micro, int mask, i
         int at = count;
         if (!(mask >> edge & 1) || !parted->cut[links[edge]])
             continue;
-        for (; at > 0 && parted->turn[links[edges[at - 1]]] > parted->turn[links[edge]]; at--)
+        for (; at > 0 && parted->rank[links[edges[at - 1]]] > parted->rank[links[edge]]; at--)
             edges[at] = edges[at - 1];
         edges[at] = edge;
         count++;
@@ -69256,9 +69450,36 @@ SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least,
     return count;
 }
 
+SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
+{
+    const sbi_lattice *lattice = parted->lattice;
+    sb_vec3 xi = sbi_parted_xi(at);
+    sb_real deepest = -SB_REAL_MAX;
+    sbi_flag flags[SBI_FLAGS];
+    int within = 0, count, piece;
+    for (int micro = 0; micro < lattice->micro_count; micro++) {
+        sb_vec3 corners[4];
+        sb_real of_micro[4], depth;
+        for (int v = 0; v < 4; v++)
+            corners[v] = sbi_parted_corner(lattice, lattice->micros[micro][v]);
+        depth = sbi_lattice_barycentrics(corners, xi, of_micro);
+        within = depth > deepest ? micro : within;
+        deepest = sb_max(depth, deepest);
+    }
+    count = sbi_parted_flags(parted, within, 0, flags);
+    piece = flags[0].piece;
+    deepest = -SB_REAL_MAX;
+    for (int k = 0; k < count; k++) {
+        sb_real of_flag[4], depth = sbi_lattice_barycentrics(flags[k].corners, xi, of_flag);
+        piece = depth > deepest ? flags[k].piece : piece;
+        deepest = sb_max(depth, deepest);
+    }
+    return piece;
+}
+
 SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS])
 {
-    static const signed char turn[4][4] = {
+    static const signed char next[4][4] = {
         {0, 2, 3, 1}, {3, 0, 0, 2}, {1, 3, 0, 0}, {2, 0, 1, 0}}; /* v, w, u, x even */
     const unsigned char *corners = parted->lattice->micros[micro];
     sbi_micro_points points;
@@ -69269,7 +69490,7 @@ SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SB
     for (int v = 0; v < 4; v++)
         for (int w = v + 1; w < 4; w++) {
             int edge = sbi_parted_edge[v][w], link = parted->lattice->micro_links[micro][edge];
-            int u = turn[v][w], x = 6 - v - w - u;
+            int u = next[v][w], x = 6 - v - w - u;
             for (int side = 0; side < 2 && sbi_parted_is_parting(parted, link); side++) {
                 sbi_lip *lip = lips + count++;
                 int face = SBI_MICRO_FACES + sbi_parted_opposite[side ? u : x];
@@ -69391,6 +69612,172 @@ SBI_API void sbi_parted_face(const sbi_parted *parted, int face, sbi_face_moment
         }
 }
 
+/* ==== src/softbody/cut/blade_tree.h ==== */
+/* blade_tree: which blades are near a box. Internal. Floor 4, calls base only.
+ *
+ * Blades are put in the order of a curve through space (Morton 1966), four to a leaf; over the leaves lie pairs of
+ * them, pairs of pairs, and so on, each with its box. The caller owns the arrays. */
+#ifndef SB_BLADE_TREE_H
+#define SB_BLADE_TREE_H
+
+
+enum { SBI_BLADE_LEAF = 4, SBI_BLADE_LEVELS = 32 };
+
+typedef struct sbi_blade_box {
+    sbi_int3 low, high;
+} sbi_blade_box;
+
+typedef struct sbi_blade_tree {
+    const sbi_blade *blades;
+    int count;
+    int *order;           /* [count] blades along the curve */
+    sbi_blade_box *boxes; /* [sbi_blade_tree_boxes(count)] level after level, leaves first */
+    int level_count, level_first[SBI_BLADE_LEVELS], level_size[SBI_BLADE_LEVELS];
+} sbi_blade_tree;
+
+/* Boxes of a tree over so many blades. */
+SB_INLINE int sbi_blade_tree_boxes(int count) { return 2 * (count / SBI_BLADE_LEAF + 1) + SBI_BLADE_LEVELS; }
+/* Makes the tree in its arrays. codes, scratch [count] */
+SBI_API void sbi_blade_tree_make(sbi_blade_tree *tree, const sbi_blade *blades, int count, uint64_t *codes,
+                                 int *scratch);
+
+/* A walk over the blades whose boxes meet one. */
+typedef struct sbi_blade_walk {
+    sbi_blade_box box;
+    int levels[2 * SBI_BLADE_LEVELS], places[2 * SBI_BLADE_LEVELS], waiting; /* boxes yet to be looked into */
+    int at, end;                                                             /* of a leaf, in the tree's order */
+} sbi_blade_walk;
+SBI_API void sbi_blade_walk_begin(const sbi_blade_tree *tree, const sbi_blade_box *box, sbi_blade_walk *walk);
+/* The next blade, in no order that means anything, or -1. */
+SBI_API int sbi_blade_walk_next(const sbi_blade_tree *tree, sbi_blade_walk *walk);
+
+#endif /* SB_BLADE_TREE_H */
+
+/* ==== src/softbody/cut/blade_tree.c ==== */
+/* blade_tree: a tree of boxes over blades. */
+
+
+static int sbi_blade_boxes_meet(const sbi_blade_box *a, const sbi_int3 *low, const sbi_int3 *high)
+{
+    return a->low.x <= high->x && a->low.y <= high->y && a->low.z <= high->z && a->high.x >= low->x &&
+           a->high.y >= low->y && a->high.z >= low->z;
+}
+
+static void sbi_blade_box_add(sbi_blade_box *box, const sbi_int3 *low, const sbi_int3 *high)
+{
+    box->low.x = sbi_min_int(box->low.x, low->x);
+    box->low.y = sbi_min_int(box->low.y, low->y);
+    box->low.z = sbi_min_int(box->low.z, low->z);
+    box->high.x = sbi_max_int(box->high.x, high->x);
+    box->high.y = sbi_max_int(box->high.y, high->y);
+    box->high.z = sbi_max_int(box->high.z, high->z);
+}
+
+/* The upper 21 bits of a coordinate in the frame, three apart. */
+static uint64_t sbi_blade_spread(int coordinate)
+{
+    uint64_t bits = ((uint64_t)(coordinate + (int64_t)SBI_CROSSING_BLADE)) >> 9, code = 0;
+    for (int i = 0; i < 21; i++)
+        code |= (bits >> i & 1) << (3 * i);
+    return code;
+}
+
+/* Place of a blade's middle along the curve. */
+static uint64_t sbi_blade_code(const sbi_blade *blade)
+{
+    int x = blade->low.x / 2 + blade->high.x / 2, y = blade->low.y / 2 + blade->high.y / 2;
+    return sbi_blade_spread(x) | sbi_blade_spread(y) << 1 | sbi_blade_spread(blade->low.z / 2 + blade->high.z / 2) << 2;
+}
+
+static int sbi_blade_is_before(const void *context, int a, int b)
+{
+    const uint64_t *codes = (const uint64_t *)context;
+    return codes[a] < codes[b];
+}
+
+static sbi_blade_box sbi_blade_leaf_box(const sbi_blade_tree *tree, int leaf)
+{
+    sbi_blade_box box;
+    int end = sbi_min_int(SBI_BLADE_LEAF * (leaf + 1), tree->count);
+    box.low = tree->blades[tree->order[SBI_BLADE_LEAF * leaf]].low;
+    box.high = tree->blades[tree->order[SBI_BLADE_LEAF * leaf]].high;
+    for (int k = SBI_BLADE_LEAF * leaf + 1; k < end; k++)
+        sbi_blade_box_add(&box, &tree->blades[tree->order[k]].low, &tree->blades[tree->order[k]].high);
+    return box;
+}
+
+SBI_API void sbi_blade_tree_make(sbi_blade_tree *tree, const sbi_blade *blades, int count, uint64_t *codes,
+                                 int *scratch)
+{
+    int size = (count + SBI_BLADE_LEAF - 1) / SBI_BLADE_LEAF, first = 0;
+    tree->blades = blades;
+    tree->count = count;
+    tree->level_count = 0;
+    for (int k = 0; k < count; k++) {
+        tree->order[k] = k;
+        codes[k] = sbi_blade_code(blades + k);
+    }
+    sbi_merge_sort(tree->order, scratch, count, sbi_blade_is_before, codes);
+    for (int leaf = 0; leaf < size; leaf++)
+        tree->boxes[leaf] = sbi_blade_leaf_box(tree, leaf);
+    while (size > 0) {
+        const sbi_blade_box *below = tree->boxes + first;
+        int next = first + size;
+        tree->level_first[tree->level_count] = first;
+        tree->level_size[tree->level_count++] = size;
+        for (int k = 0; k < size && size > 1; k += 2) {
+            sbi_blade_box *box = tree->boxes + next + k / 2;
+            *box = below[k];
+            if (k + 1 < size)
+                sbi_blade_box_add(box, &below[k + 1].low, &below[k + 1].high);
+        }
+        first = next;
+        size = size > 1 ? (size + 1) / 2 : 0;
+    }
+}
+
+/* Remembers a box to be looked into, where it meets the walk's. */
+static void sbi_blade_walk_put(const sbi_blade_tree *tree, sbi_blade_walk *walk, int level, int place)
+{
+    if (place >= tree->level_size[level] ||
+        !sbi_blade_boxes_meet(tree->boxes + tree->level_first[level] + place, &walk->box.low, &walk->box.high))
+        return;
+    walk->levels[walk->waiting] = level;
+    walk->places[walk->waiting++] = place;
+}
+
+SBI_API void sbi_blade_walk_begin(const sbi_blade_tree *tree, const sbi_blade_box *box, sbi_blade_walk *walk)
+{
+    walk->box = *box;
+    walk->waiting = walk->at = walk->end = 0;
+    if (tree->level_count > 0)
+        sbi_blade_walk_put(tree, walk, tree->level_count - 1, 0);
+}
+
+SBI_API int sbi_blade_walk_next(const sbi_blade_tree *tree, sbi_blade_walk *walk)
+{
+    for (;;) {
+        int level, place;
+        while (walk->at < walk->end) {
+            int blade = tree->order[walk->at++];
+            if (sbi_blade_boxes_meet(&walk->box, &tree->blades[blade].low, &tree->blades[blade].high))
+                return blade;
+        }
+        if (walk->waiting == 0)
+            return -1;
+        walk->waiting--;
+        level = walk->levels[walk->waiting];
+        place = walk->places[walk->waiting];
+        if (level == 0) {
+            walk->at = SBI_BLADE_LEAF * place;
+            walk->end = sbi_min_int(walk->at + SBI_BLADE_LEAF, tree->count);
+        } else {
+            sbi_blade_walk_put(tree, walk, level - 1, 2 * place);
+            sbi_blade_walk_put(tree, walk, level - 1, 2 * place + 1);
+        }
+    }
+}
+
 /* ==== src/softbody/cut/cut_private.h ==== */
 /* cut_private: what is inside an sb_cut. Internal.
  *
@@ -69427,17 +69814,49 @@ typedef struct sbi_cut_class {
     int number;
 } sbi_cut_class;
 
+/* A blade that crosses a link. */
+typedef struct sbi_cut_hit {
+    int blade, tet, link;
+    sb_real t;
+} sbi_cut_hit;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
 } sbi_cut_list;
 
+typedef struct sbi_cut_box {
+    sb_vec3 low, high;
+} sbi_cut_box;
+
+/* A point of a stroke's front: material that it moves with, or a place in space. */
+typedef struct sbi_cut_sample {
+    int side;      /* of the blade's edge */
+    sb_real along; /* from its first corner, 0, to its last, 1 */
+    int tet;       /* -1: outside of the body */
+    sb_real at[4]; /* barycentrics in the tet */
+    sb_vec3 place; /* when it was put there (m) */
+} sbi_cut_sample;
+
+/* A stretch of a side of an edge. */
+typedef struct sbi_cut_span {
+    sb_real first, last;
+} sbi_cut_span;
+
+typedef struct sbi_cut_stroke {
+    int edge_count;          /* corners of the blade's edge; 0: no stroke */
+    sbi_cut_sample *samples; /* the front, from the first corner to the last, all corners among them */
+    int sample_count, sample_capacity;
+} sbi_cut_stroke;
+
 struct sb_cut {
     sb_body *body; /* NULL: it is gone */
     sb_allocator allocator;
     int listener;
-    int changing; /* 1: the change under way is our own */
-    int stale;    /* 1: the body's mesh is not what we know */
+    int joined;      /* 1: a part of the body's state */
+    int changing;    /* 1: the change under way is our own */
+    int stale;       /* 1: the body's mesh is not what we know */
+    int keeps_rings; /* 1: links in rings stay whole: for tests */
     sbi_lattice lattice;
 
     int tet_count, node_end;
@@ -69451,9 +69870,35 @@ struct sb_cut {
     sbi_cut_list origins;  /* [node] of the uncut mesh that it is a copy of, or itself */
     sbi_cut_list elements; /* [cell] tet */
 
+    double rest_size;        /* of the body's box at rest (m) */
+    sb_real element_size;    /* mean edge of elements at rest (m) */
+    sbi_cut_stroke *strokes; /* [max_strokes] */
+    int max_strokes;
+
+    /* of a state that is being loaded */
+    sbi_cut_links loaded_links;
+    sbi_cut_list loaded_cells, loaded_elements; /* pieces' cells, tet after tet; like elements */
+
     /* of a call; marks are 0 between calls */
     sbi_blade *blades;
     int blade_count, blade_capacity;
+    sbi_blade_tree tree;
+    int tree_capacity;
+    uint64_t *blade_codes; /* [tree_capacity] */
+    int *blade_scratch;
+    unsigned char *is_near; /* [tet_count] */
+    sbi_cut_list near, near_hits, blade_hits;
+    sbi_cut_box reach; /* of the triangles */
+    sbi_cut_hit *hits, *sorted_hits;
+    int hit_capacity, sorted_capacity;
+    sbi_cut_list around; /* tets around a link */
+    sb_vec3 *strip;      /* triangles of a move */
+    int strip_capacity;
+    sbi_cut_sample *front, *sorted_front; /* a stroke's next one */
+    int front_capacity, sorted_front_capacity;
+    sbi_cut_list front_order, front_scratch;
+    sbi_cut_span *spans; /* of a side of the edge, in cells */
+    int span_count, span_capacity;
     unsigned char *tet_marks, *node_marks; /* [tet_count], [node_end] */
     int *cell_of;                          /* [tet_count] 1 + first of its records, or 0 */
     sbi_cut_list touched, parted;          /* tets */
@@ -69465,10 +69910,6 @@ struct sb_cut {
     int made_nodes, made_cells;
 };
 
-typedef struct sbi_cut_box {
-    sb_vec3 low, high;
-} sbi_cut_box;
-
 enum { SBI_CUT_ALL_PARTS = -1 };
 SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
 {
@@ -69477,6 +69918,8 @@ SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
 
 enum { SBI_CUT_TOUCHED = 1, SBI_CUT_PARTED = 2, SBI_CUT_NEAR = 4 };
 
+/* ---- cut_lists.c ---- */
+
 /* Room for `more` items behind those that are there; 0: no memory. */
 SBI_API int sbi_cut_grow(const sb_allocator *allocator, void **items, int *capacity, int count, int more, size_t size);
 SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more);
@@ -69484,9 +69927,52 @@ SBI_API int sbi_cut_list_grow(const sb_cut *cut, sbi_cut_list *list, int more);
 SBI_API void sbi_cut_list_set(sbi_cut_list *list, int at, int value);
 /* Room for so many more links; 0: no memory. */
 SBI_API int sbi_cut_reserve_links(sb_cut *cut, int more);
-/* Cuts the links of a connected part, or of all, that the blades cross in the body's present shape, and lists the tets
- * around them as touched. 0: no memory, and links are to be taken back. */
+/* Room for so many more blades, and a tree over them. */
+SBI_API int sbi_cut_reserve_blades(sb_cut *cut, int more);
+
+/* ---- cut_sweep.c, cut_ring.c ---- */
+
+SBI_API void sbi_cut_box_add(sbi_cut_box *box, sb_vec3 x);
+SBI_API void sbi_cut_box_widen(sbi_cut_box *box, sb_real by);
+SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count);
+/* Lists the tets around a link in cut->around. */
+SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key);
+/* Cuts a link that is whole, and lists the tets around it as touched; 0: no memory. */
+SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t);
+/* Lists the tets with a piece whose box meets this one (m, in space) in cut->near. now: the body's box. */
+SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach);
+/* 1 when the box of a piece of a tet meets this one. */
+SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box);
+/* Room for so many hits; 0: no memory. */
+SBI_API int sbi_cut_reserve_hits(sb_cut *cut, int count);
+/* Cuts the links of near tets of a connected part, or of all, that the blades cross in the body's present shape. 0: no
+ * memory, and links are to be taken back. */
 SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part);
+/* Cuts links of touched tets that are ringed by cut ones, among them one cut from number `first` on. 0: no memory. */
+SBI_API int sbi_cut_close_rings(sb_cut *cut, int first);
+
+/* ---- cut_tell.c ---- */
+
+#define SBI_CUT_PART "cut" /* of the body's state */
+/* What a recording holds of a cut. Calls of strokes: the stroke, and the edge. */
+enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4 };
+SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
+
+/* ---- cut_along.c ---- */
+
+/* The box at x of the nodes in use of a part, or of all parts, and its diagonal (m). */
+SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part);
+SBI_API double sbi_cut_size_of(const sbi_cut_box *box);
+
+/* Lists the tets near the box of points in space, or no farther from it than that (m), in cut->near. */
+SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin);
+/* Cuts near tets along triangles, and says what that did (info may be NULL). On failure nothing has happened. */
+SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
+/* Whether a call may go on: SB_ERROR_STATE. */
+SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error);
+
+/* ---- topology.c ---- */
+
 /* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
  * nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
@@ -69496,14 +69982,25 @@ SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3]);
 /* Forgets what tets have been touched. */
 SBI_API void sbi_cut_clear(sb_cut *cut);
 
+/* ---- cut_stroke.c ---- */
+
+/* Room for the strokes; 0: no memory. */
+SBI_API int sbi_cut_take_strokes(sb_cut *cut, int max_strokes);
+SBI_API void sbi_cut_free_strokes(sb_cut *cut);
+/* Room for so many samples in a stroke, which keeps those that it has; 0: no memory. */
+SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, int samples);
+
+/* ---- cut_state.c ---- */
+
+/* The cut becomes a part of its body's state and recordings, or is no longer one. */
+SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error);
+SBI_API void sbi_cut_leave_state(const sb_cut *cut);
 #endif /* SB_CUT_PRIVATE_H */
 
-/* ==== src/softbody/cut/cut_sweep.c ==== */
-/* cut_sweep: which links the triangles of a call cut, where the body is now. */
+/* ==== src/softbody/cut/cut_lists.c ==== */
+/* cut_lists: arrays that grow. */
 
 #include <string.h>
-
-/* ---- lists ---- */
 
 SBI_API int sbi_cut_grow(const sb_allocator *allocator, void **items, int *capacity, int count, int more, size_t size)
 {
@@ -69560,6 +70057,56 @@ SBI_API int sbi_cut_reserve_links(sb_cut *cut, int more)
     return 1;
 }
 
+static int sbi_cut_grow_tree(sb_cut *cut, int count)
+{
+    const sb_allocator *allocator = &cut->allocator;
+    int capacity = cut->blade_capacity;
+    int *order, *scratch;
+    sbi_blade_box *boxes;
+    uint64_t *codes;
+    if (count <= cut->tree_capacity)
+        return 1;
+    order = (int *)sbi_alloc(allocator, (size_t)capacity, sizeof *order);
+    scratch = (int *)sbi_alloc(allocator, (size_t)capacity, sizeof *scratch);
+    codes = (uint64_t *)sbi_alloc(allocator, (size_t)capacity, sizeof *codes);
+    boxes = (sbi_blade_box *)sbi_alloc(allocator, (size_t)sbi_blade_tree_boxes(capacity), sizeof *boxes);
+    if (!order || !scratch || !codes || !boxes) {
+        sbi_free(allocator, order);
+        sbi_free(allocator, scratch);
+        sbi_free(allocator, codes);
+        sbi_free(allocator, boxes);
+        return 0;
+    }
+    sbi_free(allocator, cut->tree.order);
+    sbi_free(allocator, cut->tree.boxes);
+    sbi_free(allocator, cut->blade_scratch);
+    sbi_free(allocator, cut->blade_codes);
+    cut->tree.order = order;
+    cut->tree.boxes = boxes;
+    cut->blade_scratch = scratch;
+    cut->blade_codes = codes;
+    cut->tree_capacity = capacity;
+    return 1;
+}
+
+SBI_API int sbi_cut_reserve_blades(sb_cut *cut, int more)
+{
+    void *blades = cut->blades;
+    int grown =
+        sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, cut->blade_count, more, sizeof *cut->blades);
+    cut->blades = (sbi_blade *)blades;
+    return grown && sbi_cut_grow_tree(cut, cut->blade_count + more);
+}
+
+/* ==== src/softbody/cut/cut_sweep.c ==== */
+/* cut_sweep: which links the triangles of a call cut, where the body is now.
+ *
+ * Tets near the triangles are listed once; each of their pieces asks a tree which blades come near, and finds the first
+ * of them, in the order that they were given in, that crosses each of its links. Links are then cut in the order of
+ * blades, tets and links: whoever looks for crossings on how many threads, names, ranks and places are the same. */
+
+#include <string.h>
+
 /* ---- which tets a cut link belongs to ---- */
 
 static int sbi_cut_has_corner(const sb_cut *cut, int tet, int node)
@@ -69568,25 +70115,107 @@ static int sbi_cut_has_corner(const sb_cut *cut, int tet, int node)
     return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
 }
 
-static void sbi_cut_touch(sb_cut *cut, int tet)
+SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key)
 {
-    if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
-        cut->touched.items[cut->touched.count++] = tet;
-    cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
-}
-
-/* Lists the tets around a link. */
-static void sbi_cut_touch_link(sb_cut *cut, const sbi_link_key *key)
-{
+    cut->around.count = 0;
     if (key->at[1] < 0) {
-        sbi_cut_touch(cut, key->at[0]);
+        cut->around.items[cut->around.count++] = key->at[0];
         return;
     }
     for (int k = cut->node_tets.offsets[key->at[0]]; k < cut->node_tets.offsets[key->at[0] + 1]; k++) {
         int tet = cut->node_tets.items[k];
         if (sbi_cut_has_corner(cut, tet, key->at[1]) && (key->at[2] < 0 || sbi_cut_has_corner(cut, tet, key->at[2])))
-            sbi_cut_touch(cut, tet);
+            cut->around.items[cut->around.count++] = tet;
     }
+}
+
+SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t)
+{
+    if (!sbi_cut_reserve_links(cut, 1))
+        return 0;
+    sbi_cut_links_add(&cut->links, key, t, SBI_LINK_CUT);
+    sbi_cut_list_around(cut, key);
+    for (int i = 0; i < cut->around.count; i++) {
+        int tet = cut->around.items[i];
+        if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
+            cut->touched.items[cut->touched.count++] = tet;
+        cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
+    }
+    return 1;
+}
+
+/* ---- near tets ---- */
+
+enum { SBI_CUT_TETS = 1024, SBI_CUT_NEARS = 32 }; /* for one task */
+
+typedef struct sbi_cut_near_work {
+    sb_cut *cut;
+    sbi_cut_box reach;
+} sbi_cut_near_work;
+
+static int sbi_cut_boxes_meet(const sbi_cut_box *a, const sbi_cut_box *b)
+{
+    return a->low.x <= b->high.x && a->low.y <= b->high.y && a->low.z <= b->high.z && a->high.x >= b->low.x &&
+           a->high.y >= b->low.y && a->high.z >= b->low.z;
+}
+
+SBI_API void sbi_cut_box_add(sbi_cut_box *box, sb_vec3 x)
+{
+    box->low = sb_v3(sb_min(box->low.x, x.x), sb_min(box->low.y, x.y), sb_min(box->low.z, x.z));
+    box->high = sb_v3(sb_max(box->high.x, x.x), sb_max(box->high.y, x.y), sb_max(box->high.z, x.z));
+}
+
+SBI_API void sbi_cut_box_widen(sbi_cut_box *box, sb_real by)
+{
+    box->low = sb_v3_sub(box->low, sb_v3(by, by, by));
+    box->high = sb_v3_add(box->high, sb_v3(by, by, by));
+}
+
+SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count)
+{
+    sbi_cut_box box = {{0, 0, 0}, {0, 0, 0}};
+    if (count > 0)
+        box.low = box.high = points[0];
+    for (int i = 1; i < count; i++)
+        sbi_cut_box_add(&box, points[i]);
+    return box;
+}
+
+SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box)
+{
+    const sb_vec3 *x = cut->body->position;
+    int meets = 0;
+    for (int piece = tet; piece >= 0 && !meets; piece = cut->pieces[piece].next) {
+        const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
+        sbi_cut_box of;
+        of.low = of.high = x[nodes[0]];
+        for (int a = 1; a < 4; a++)
+            sbi_cut_box_add(&of, x[nodes[a]]);
+        meets = sbi_cut_boxes_meet(&of, box);
+    }
+    return meets;
+}
+
+static void sbi_cut_near_task(void *user, int task)
+{
+    const sbi_cut_near_work *work = (const sbi_cut_near_work *)user;
+    int end = sbi_min_int(SBI_CUT_TETS * (task + 1), work->cut->tet_count);
+    for (int tet = SBI_CUT_TETS * task; tet < end; tet++)
+        work->cut->is_near[tet] = (unsigned char)sbi_cut_meets_tet(work->cut, tet, &work->reach);
+}
+
+SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach)
+{
+    sbi_cut_near_work work;
+    cut->near.count = 0;
+    if (!sbi_cut_boxes_meet(now, reach))
+        return;
+    work.cut = cut;
+    work.reach = *reach;
+    sbi_run(&cut->body->jobs, sbi_cut_near_task, &work, (cut->tet_count + SBI_CUT_TETS - 1) / SBI_CUT_TETS);
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        if (cut->is_near[tet])
+            cut->near.items[cut->near.count++] = tet;
 }
 
 /* ---- one piece ---- */
@@ -69596,8 +70225,31 @@ typedef struct sbi_cut_shape {
     sbi_corner_order order;
     sb_vec3 corners[4];
     sbi_int3 places[SBI_LATTICE_POINTS];
-    sbi_int3 low, high; /* of the places */
 } sbi_cut_shape;
+
+/* The first blade that crosses each link of a piece, and where. */
+typedef struct sbi_cut_crossings {
+    int blades[SBI_LATTICE_LINKS]; /* -1: none */
+    sb_real t[SBI_LATTICE_LINKS];
+} sbi_cut_crossings;
+
+/* Box of the corners, rounded; lattice points lie in it but for their own rounding. */
+static sbi_blade_box sbi_cut_shape_box(const sbi_crossing_frame *frame, const sb_vec3 corners[4])
+{
+    const int rounding = 1;
+    sbi_blade_box box;
+    for (int a = 0; a < 4; a++) {
+        sbi_int3 at = sbi_crossing_round(frame, corners[a]);
+        if (a == 0)
+            box.low = box.high = at;
+        box.low.x = sbi_min_int(box.low.x, at.x), box.high.x = sbi_max_int(box.high.x, at.x);
+        box.low.y = sbi_min_int(box.low.y, at.y), box.high.y = sbi_max_int(box.high.y, at.y);
+        box.low.z = sbi_min_int(box.low.z, at.z), box.high.z = sbi_max_int(box.high.z, at.z);
+    }
+    box.low.x -= rounding, box.low.y -= rounding, box.low.z -= rounding;
+    box.high.x += rounding, box.high.y += rounding, box.high.z += rounding;
+    return box;
+}
 
 static void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape)
 {
@@ -69605,115 +70257,262 @@ static void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_fr
     shape->order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     for (int p = 0; p < lattice->point_count; p++) {
         sb_real barycentrics[4];
-        sbi_int3 *at = shape->places + p;
         sbi_lattice_point(lattice, p, barycentrics);
-        *at = sbi_crossing_round(frame, sbi_lattice_place(&shape->order, barycentrics, shape->corners));
-        if (p == 0)
-            shape->low = shape->high = *at;
-        shape->low.x = sbi_min_int(shape->low.x, at->x);
-        shape->low.y = sbi_min_int(shape->low.y, at->y);
-        shape->low.z = sbi_min_int(shape->low.z, at->z);
-        shape->high.x = sbi_max_int(shape->high.x, at->x);
-        shape->high.y = sbi_max_int(shape->high.y, at->y);
-        shape->high.z = sbi_max_int(shape->high.z, at->z);
+        shape->places[p] = sbi_crossing_round(frame, sbi_lattice_place(&shape->order, barycentrics, shape->corners));
     }
 }
 
-static int sbi_cut_is_near(const sbi_cut_shape *shape, const sbi_blade *blade)
-{
-    return shape->low.x <= blade->high.x && shape->low.y <= blade->high.y && shape->low.z <= blade->high.z &&
-           shape->high.x >= blade->low.x && shape->high.y >= blade->low.y && shape->high.z >= blade->low.z;
-}
-
-/* Cuts what links of a piece the blade crosses; 0: no memory. */
-static int sbi_cut_links_of(sb_cut *cut, int tet, uint64_t points, const sbi_cut_shape *shape, const sbi_blade *blade)
+/* Takes the links that a blade crosses before those that have crossed them so far. */
+static void sbi_cut_cross(const sb_cut *cut, uint64_t points, const sbi_cut_shape *shape, int number,
+                          sbi_cut_crossings *found)
 {
     const sbi_lattice *lattice = &cut->lattice;
-    int64_t heights[SBI_LATTICE_POINTS];
+    const sbi_blade *blade = cut->blades + number;
     uint64_t above = 0;
-    for (int p = 0; p < lattice->point_count; p++) {
-        heights[p] = sbi_blade_height(blade, shape->places[p]);
-        if (sbi_blade_side(blade, heights[p]) > 0)
+    for (int p = 0; p < lattice->point_count; p++)
+        if (sbi_blade_side(blade, sbi_blade_height(blade, shape->places[p])) > 0)
             above |= (uint64_t)1 << p;
-    }
     if (!(above & points) || !(~above & points))
-        return 1;
+        return;
     for (int l = 0; l < lattice->link_count; l++) {
-        sbi_link_key key;
+        const unsigned char *link = lattice->links[l];
         int ends[2];
         sb_real t;
+        if (!(points >> link[0] & points >> link[1] & 1) || (above >> link[0] & 1) == (above >> link[1] & 1) ||
+            (found->blades[l] >= 0 && found->blades[l] < number))
+            continue;
         sbi_lattice_ends(lattice, &shape->order, l, ends);
-        if (!(points >> ends[0] & 1) || !(points >> ends[1] & 1) || (above >> ends[0] & 1) == (above >> ends[1] & 1) ||
-            !sbi_blade_crosses(blade, shape->places[ends[0]], shape->places[ends[1]], &t))
+        if (!sbi_blade_crosses(blade, shape->places[ends[0]], shape->places[ends[1]], &t))
             continue;
-        key = sbi_lattice_key(lattice, &shape->order, tet, l);
-        if (sbi_cut_links_find(&cut->links, &key) >= 0)
-            continue;
-        if (!sbi_cut_reserve_links(cut, 1))
-            return 0;
-        sbi_cut_links_add(&cut->links, &key, t, SBI_LINK_CUT);
-        sbi_cut_touch_link(cut, &key);
+        found->blades[l] = number;
+        found->t[l] = t;
     }
+}
+
+/* Crossings of a piece; 0: there are none. */
+static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *frame, int tet, int piece,
+                                  sbi_cut_crossings *found)
+{
+    const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
+    sbi_cut_shape shape;
+    sbi_blade_box box;
+    sbi_blade_walk walk;
+    int blade;
+    for (int a = 0; a < 4; a++)
+        shape.corners[a] = cut->body->position[nodes[a]];
+    box = sbi_cut_shape_box(frame, shape.corners);
+    sbi_blade_walk_begin(&cut->tree, &box, &walk);
+    blade = sbi_blade_walk_next(&cut->tree, &walk);
+    if (blade < 0)
+        return 0;
+    sbi_cut_shape_make(cut, tet, frame, &shape);
+    memset(found->blades, -1, sizeof found->blades);
+    for (; blade >= 0; blade = sbi_blade_walk_next(&cut->tree, &walk))
+        sbi_cut_cross(cut, cut->pieces[piece].points, &shape, blade, found);
     return 1;
 }
 
 /* ---- all pieces ---- */
 
-/* Box of all blades in space, a little wider (m). */
-static void sbi_cut_reach(const sb_cut *cut, const sbi_crossing_frame *frame, double low[3], double high[3])
+typedef struct sbi_cut_sweep_work {
+    sb_cut *cut;
+    const sbi_crossing_frame *frame;
+    int part;
+    int fills; /* 0: hits are counted */
+} sbi_cut_sweep_work;
+
+/* Counts the hits of a near tet, or writes them; returns how many. */
+static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hit *hits)
 {
-    const double slack = 2; /* units of the frame: more than rounding to whole ones */
-    for (int i = 0; i < 3; i++) {
-        low[i] = (double)SBI_CROSSING_BLADE;
-        high[i] = -low[i];
-    }
-    for (int k = 0; k < cut->blade_count; k++) {
-        const sbi_blade *blade = cut->blades + k;
-        const int from[3] = {blade->low.x, blade->low.y, blade->low.z};
-        const int to[3] = {blade->high.x, blade->high.y, blade->high.z};
-        for (int i = 0; i < 3; i++) {
-            low[i] = low[i] < from[i] ? low[i] : from[i];
-            high[i] = high[i] > to[i] ? high[i] : to[i];
+    const sb_cut *cut = work->cut;
+    int count = 0;
+    if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
+        return 0;
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+        const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
+        sbi_cut_crossings found;
+        if (!sbi_cut_is_of(cut, nodes[0], work->part) || !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
+            continue;
+        for (int l = 0; l < cut->lattice.link_count; l++) {
+            if (found.blades[l] < 0)
+                continue;
+            if (work->fills) {
+                hits[count].blade = found.blades[l];
+                hits[count].tet = tet;
+                hits[count].link = l;
+                hits[count].t = found.t[l];
+            }
+            count++;
         }
     }
-    for (int i = 0; i < 3; i++) {
-        low[i] = frame->centre[i] + (low[i] - slack) / frame->scale;
-        high[i] = frame->centre[i] + (high[i] + slack) / frame->scale;
+    return count;
+}
+
+/* near_hits: number of hits of each near tet, then where they begin. */
+static void sbi_cut_sweep_task(void *user, int task)
+{
+    const sbi_cut_sweep_work *work = (const sbi_cut_sweep_work *)user;
+    sb_cut *cut = work->cut;
+    int *hits = cut->near_hits.items;
+    int end = sbi_min_int(SBI_CUT_NEARS * (task + 1), cut->near.count);
+    for (int i = SBI_CUT_NEARS * task; i < end; i++) {
+        if (!work->fills)
+            hits[i] = sbi_cut_sweep_tet(work, cut->near.items[i], NULL);
+        else if (hits[i] < hits[i + 1])
+            (void)sbi_cut_sweep_tet(work, cut->near.items[i], cut->hits + hits[i]);
     }
 }
 
-static int sbi_cut_is_within(const sb_vec3 x[4], const double low[3], const double high[3])
+/* Turns numbers of hits into where they begin, the last one where all end; returns how many there are. */
+static int sbi_cut_sum(int *counts, int count)
 {
-    sb_vec3 from = x[0], to = x[0];
-    for (int a = 1; a < 4; a++) {
-        from = sb_v3(sb_min(from.x, x[a].x), sb_min(from.y, x[a].y), sb_min(from.z, x[a].z));
-        to = sb_v3(sb_max(to.x, x[a].x), sb_max(to.y, x[a].y), sb_max(to.z, x[a].z));
+    int sum = 0;
+    for (int i = 0; i < count; i++) {
+        int more = counts[i];
+        counts[i] = sum;
+        sum += more;
     }
-    return (double)from.x <= high[0] && (double)from.y <= high[1] && (double)from.z <= high[2] &&
-           (double)to.x >= low[0] && (double)to.y >= low[1] && (double)to.z >= low[2];
+    counts[count] = sum;
+    return sum;
+}
+
+/* Cuts the links of all hits, in the order of their blades. 0: no memory. */
+static int sbi_cut_take_hits(sb_cut *cut, int count)
+{
+    sbi_cut_list *starts = &cut->blade_hits;
+    starts->count = 0;
+    if (!sbi_cut_list_grow(cut, starts, cut->blade_count + 1))
+        return 0;
+    memset(starts->items, 0, ((size_t)cut->blade_count + 1) * sizeof(int));
+    for (int i = 0; i < count; i++)
+        starts->items[cut->hits[i].blade]++;
+    sbi_cut_sum(starts->items, cut->blade_count);
+    for (int i = 0; i < count; i++)
+        cut->sorted_hits[starts->items[cut->hits[i].blade]++] = cut->hits[i];
+    for (int i = 0; i < count; i++) {
+        const sbi_cut_hit *hit = cut->sorted_hits + i;
+        sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)hit->tet);
+        sbi_link_key key = sbi_lattice_key(&cut->lattice, &order, hit->tet, hit->link);
+        if (sbi_cut_links_find(&cut->links, &key) < 0 && !sbi_cut_add_link(cut, &key, hit->t))
+            return 0;
+    }
+    return 1;
+}
+
+SBI_API int sbi_cut_reserve_hits(sb_cut *cut, int count)
+{
+    void *hits = cut->hits, *sorted = cut->sorted_hits;
+    int grown = sbi_cut_grow(&cut->allocator, &hits, &cut->hit_capacity, 0, count, sizeof *cut->hits);
+    grown = grown && sbi_cut_grow(&cut->allocator, &sorted, &cut->sorted_capacity, 0, count, sizeof *cut->sorted_hits);
+    cut->hits = (sbi_cut_hit *)hits;
+    cut->sorted_hits = (sbi_cut_hit *)sorted;
+    return grown;
 }
 
 SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part)
 {
-    const sb_vec3 *x = sb_body_positions(cut->body);
-    double low[3], high[3];
-    sbi_cut_reach(cut, frame, low, high);
-    for (int tet = 0; tet < cut->tet_count && cut->blade_count > 0; tet++)
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-            sbi_cut_shape shape;
-            if (!sbi_cut_is_of(cut, nodes[0], part))
-                continue;
-            for (int a = 0; a < 4; a++)
-                shape.corners[a] = x[nodes[a]];
-            if (!sbi_cut_is_within(shape.corners, low, high))
-                continue;
-            sbi_cut_shape_make(cut, tet, frame, &shape);
-            for (int k = 0; k < cut->blade_count; k++)
-                if (sbi_cut_is_near(&shape, cut->blades + k) &&
-                    !sbi_cut_links_of(cut, tet, cut->pieces[piece].points, &shape, cut->blades + k))
-                    return 0;
+    sbi_cut_sweep_work work;
+    int tasks = (cut->near.count + SBI_CUT_NEARS - 1) / SBI_CUT_NEARS, count;
+    if (!cut->near.count || !cut->blade_count)
+        return 1;
+    work.cut = cut;
+    work.frame = frame;
+    work.part = part;
+    work.fills = 0;
+    sbi_run(&cut->body->jobs, sbi_cut_sweep_task, &work, tasks);
+    count = sbi_cut_sum(cut->near_hits.items, cut->near.count);
+    if (!count)
+        return 1;
+    if (!sbi_cut_reserve_hits(cut, count))
+        return 0;
+    work.fills = 1;
+    sbi_run(&cut->body->jobs, sbi_cut_sweep_task, &work, tasks);
+    return sbi_cut_take_hits(cut, count);
+}
+
+/* ==== src/softbody/cut/cut_ring.c ==== */
+/* cut_ring: links that strips have passed all around.
+ *
+ * Between two calls the tissue moves, and the edge that one strip ended in and the next begins with is straight between
+ * other points than before: slits are left, as wide as strains times the distance of samples, and a single link in one
+ * holds the body like a thread. So a whole link is cut when every micro-triangle around it has exactly one cut link,
+ * one of them cut by this call: nothing holds there but itself. Cuts at rest leave no such links. */
+
+/* What the rule sees of one tet. */
+typedef struct sbi_cut_ring {
+    sbi_parted parted;
+    unsigned char ringed[SBI_LATTICE_LINKS];
+} sbi_cut_ring;
+
+static void sbi_cut_ring_make(const sb_cut *cut, int tet, sbi_cut_ring *ring)
+{
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &ring->parted);
+    sbi_lattice_find_ringed(&cut->lattice, ring->parted.cut, ring->ringed);
+}
+
+static int sbi_cut_ring_find(const sb_cut *cut, const sbi_cut_ring *ring, int tet, const sbi_link_key *key)
+{
+    for (int l = 0; l < cut->lattice.link_count; l++) {
+        sbi_link_key of = sbi_lattice_key(&cut->lattice, &ring->parted.order, tet, l);
+        if (of.at[0] == key->at[0] && of.at[1] == key->at[1] && of.at[2] == key->at[2] && of.at[3] == key->at[3])
+            return l;
+    }
+    return -1;
+}
+
+/* 1 when a cut link of the micro-tets around a link is one of those cut from `first` on. */
+static int sbi_cut_ring_is_new(const sb_cut *cut, const sbi_cut_ring *ring, int link, int first)
+{
+    for (int micro = 0; micro < cut->lattice.micro_count; micro++) {
+        const unsigned char *links = cut->lattice.micro_links[micro];
+        int around = 0, is_new = 0;
+        for (int e = 0; e < 6; e++) {
+            around |= links[e] == link;
+            is_new |= ring->parted.rank[links[e]] >= first;
         }
+        if (around && is_new)
+            return 1;
+    }
+    return 0;
+}
+
+/* Whether all tets around a link find it ringed, and one of them by a link cut from `first` on. */
+static int sbi_cut_is_ringed(sb_cut *cut, const sbi_link_key *key, int first)
+{
+    int is_new = 0;
+    sbi_cut_list_around(cut, key);
+    for (int i = 0; i < cut->around.count; i++) {
+        int tet = cut->around.items[i], link;
+        sbi_cut_ring ring;
+        sbi_cut_ring_make(cut, tet, &ring);
+        link = sbi_cut_ring_find(cut, &ring, tet, key);
+        if (link < 0 || !ring.ringed[link])
+            return 0;
+        is_new |= sbi_cut_ring_is_new(cut, &ring, link, first);
+    }
+    return is_new;
+}
+
+SBI_API int sbi_cut_close_rings(sb_cut *cut, int first)
+{
+    const sb_real middle = (sb_real)0.5;
+    int touched =
+        cut->touched.count; /* links cut here make no other one ringed: each of their triangles has two then */
+    for (int i = 0; i < touched; i++) {
+        int tet = cut->touched.items[i];
+        sbi_cut_ring ring;
+        sbi_cut_ring_make(cut, tet, &ring);
+        for (int l = 0; l < cut->lattice.link_count; l++) {
+            sbi_link_key key;
+            if (!ring.ringed[l] || ring.parted.cut[l])
+                continue;
+            key = sbi_lattice_key(&cut->lattice, &ring.parted.order, tet, l);
+            if (sbi_cut_links_find(&cut->links, &key) >= 0 || !sbi_cut_is_ringed(cut, &key, first))
+                continue;
+            if (!sbi_cut_add_link(cut, &key, middle))
+                return 0;
+        }
+    }
     return 1;
 }
 
@@ -70149,7 +70948,9 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         cut->changing = 1;
+        sbi_body_mute(cut->body); /* a recording has the call itself */
         result = sb_body_change_commit(change, error);
+        sbi_body_unmute(cut->body);
         cut->changing = 0;
     }
     if (result != SB_OK)
@@ -70159,6 +70960,8 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
 
 SBI_API void sbi_cut_clear(sb_cut *cut)
 {
+    if (!cut->touched.count)
+        return;
     memset(cut->tet_marks, 0, (size_t)cut->tet_count);
     memset(cut->node_marks, 0, (size_t)cut->node_end);
     memset(cut->cell_of, 0, (size_t)cut->tet_count * sizeof(int));
@@ -70186,68 +70989,19 @@ SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
 /* ==== src/softbody/cut/cut_find.c ==== */
 /* cut_find: which piece of an element has the material at a point. */
 
-/* Least of a point's barycentrics in a tet; -SB_REAL_MAX where it is flat. */
-static sb_real sbi_find_depth(const sb_vec3 corners[4], sb_vec3 x)
-{
-    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
-    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), p = sb_v3_sub(x, corners[0]);
-    sb_real volume = sb_v3_dot(a, sb_v3_cross(b, c)), first, second, third;
-    if (volume == 0)
-        return -SB_REAL_MAX;
-    first = sb_v3_dot(p, sb_v3_cross(b, c)) / volume;
-    second = sb_v3_dot(p, sb_v3_cross(c, a)) / volume;
-    third = sb_v3_dot(p, sb_v3_cross(a, b)) / volume;
-    return sb_min(sb_min(first, second), sb_min(third, 1 - first - second - third));
-}
-
-/* The micro-tet that a point is deepest in; the first of several. */
-static int sbi_find_micro(const sbi_lattice *lattice, sb_vec3 x)
-{
-    sb_real deepest = -SB_REAL_MAX;
-    int found = 0;
-    for (int micro = 0; micro < lattice->micro_count; micro++) {
-        sb_vec3 corners[4];
-        sb_real depth;
-        for (int v = 0; v < 4; v++) {
-            sb_real at[4];
-            sbi_lattice_point(lattice, lattice->micros[micro][v], at);
-            corners[v] = sb_v3(at[1], at[2], at[3]);
-        }
-        depth = sbi_find_depth(corners, x);
-        if (depth > deepest) {
-            deepest = depth;
-            found = micro;
-        }
-    }
-    return found;
-}
-
-/* The piece of a tet that has a point. */
-static int sbi_find_piece(const sbi_parted *parted, sb_vec3 x)
-{
-    sbi_flag flags[SBI_FLAGS];
-    sb_real deepest = -SB_REAL_MAX;
-    int count = sbi_parted_flags(parted, sbi_find_micro(parted->lattice, x), 0, flags), piece = flags[0].piece;
-    for (int k = 0; k < count && count > 1; k++) {
-        sb_real depth = sbi_find_depth(flags[k].corners, x);
-        if (depth > deepest) {
-            deepest = depth;
-            piece = flags[k].piece;
-        }
-    }
-    return piece;
-}
-
 SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
 {
     const sb_cut *cut = (const sb_cut *)user;
     int tet = cell >= 0 && cell < cut->elements.count && !cut->stale ? cut->elements.items[cell] : -1, piece, at;
     int records = tet >= 0 && cut->changing ? cut->cell_of[tet] : 0;
+    sb_real barycentrics[4];
     sbi_parted parted;
     if (tet < 0 || (!records && cut->pieces[tet].next < 0))
         return cell;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    piece = parted.piece_count > 1 ? sbi_find_piece(&parted, sb_v3(xi[0], xi[1], xi[2])) : 0;
+    barycentrics[0] = 1 - xi[0] - xi[1] - xi[2];
+    barycentrics[1] = xi[0], barycentrics[2] = xi[1], barycentrics[3] = xi[2];
+    piece = parted.piece_count > 1 ? sbi_parted_piece_at(&parted, barycentrics) : 0;
     if (records)
         return cut->cells[records - 1 + piece].cell;
     for (at = tet; piece > 0 && cut->pieces[at].next >= 0; piece--)
@@ -70255,8 +71009,1002 @@ SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
     return cut->pieces[at].cell;
 }
 
+/* ==== src/softbody/cut/cut_tell.c ==== */
+/* cut_tell: calls of a cut in its body's recording. */
+
+SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count)
+{
+    int ints[2];
+    ints[0] = command;
+    ints[1] = stroke;
+    sbi_body_tell_part(cut->body, SBI_CUT_PART, ints, 2, (const sb_real *)(const void *)points, 3 * (size_t)count);
+}
+
+/* ==== src/softbody/cut/cut_along.c ==== */
+/* cut_along: cuts along triangles. */
+
+SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part)
+{
+    const sbi_slots *nodes = &cut->body->live->nodes;
+    sbi_cut_box box = {{0, 0, 0}, {0, 0, 0}};
+    int first = 1;
+    for (int i = 0; i < nodes->end; i++) {
+        if (!nodes->used[i] || !sbi_cut_is_of(cut, i, part))
+            continue;
+        if (first)
+            box.low = box.high = x[i];
+        first = 0;
+        sbi_cut_box_add(&box, x[i]);
+    }
+    return box;
+}
+
+SBI_API double sbi_cut_size_of(const sbi_cut_box *box) { return (double)sb_v3_norm(sb_v3_sub(box->high, box->low)); }
+
+SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error)
+{
+    if (!cut->body)
+        return sbi_fail(error, SB_ERROR_STATE, "the body is gone");
+    if (cut->stale)
+        return sbi_fail(error, SB_ERROR_STATE, "the body's mesh was changed by others: make a new sb_cut");
+    return SB_OK;
+}
+
+static sb_result sbi_cut_check_call(const sb_cut *cut, const sb_vec3 *triangles, int count, sb_error *error)
+{
+    sb_result result;
+    if (!cut || count < 0 || (count > 0 && !triangles))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_triangles needs a cut, triangles and their count");
+    result = sbi_cut_check_use(cut, error);
+    for (int k = 0; k < count && result == SB_OK; k++)
+        for (int a = 0; a < 3; a++)
+            if (!sb_v3_is_finite(triangles[3 * (size_t)k + (size_t)a]))
+                return sbi_fail(error, SB_ERROR_NOT_FINITE, "corner %d of triangle %d is not finite", a, k);
+    return result;
+}
+
+/* How many times as large as at rest a body may be for one frame to resolve all of it. */
+#define SBI_CUT_SPREAD 8.0
+
+static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, const sb_vec3 *triangles, int count)
+{
+    cut->blade_count = 0;
+    for (int k = 0; k < count; k++) {
+        if (!sbi_cut_reserve_blades(cut, SBI_CROSSING_PARTS))
+            return 0;
+        cut->blade_count += sbi_crossing_blades(frame, triangles + 3 * (size_t)k, cut->blades + cut->blade_count);
+    }
+    sbi_blade_tree_make(&cut->tree, cut->blades, cut->blade_count, cut->blade_codes, cut->blade_scratch);
+    return 1;
+}
+
+/* Cuts the links of a part, or of all parts, in a frame about what lies in the box; 0: no memory. */
+static int sbi_cut_sweep_box(sb_cut *cut, const sbi_cut_box *box, int part, const sb_vec3 *triangles, int count)
+{
+    sbi_crossing_frame frame;
+    sbi_crossing_frame_make(box->low, box->high, &frame);
+    return sbi_cut_take_blades(cut, &frame, triangles, count) && sbi_cut_sweep(cut, &frame, part);
+}
+
+SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin)
+{
+    const double rounding = 1.0 / (1 << 14); /* of the body's size: more than places are rounded by */
+    sbi_cut_box now = sbi_cut_box_of(cut, sb_body_positions(cut->body), SBI_CUT_ALL_PARTS);
+    sbi_cut_box reach = sbi_cut_box_around(points, count);
+    sb_real rounded = (sb_real)(rounding * sbi_cut_size_of(&now));
+    cut->reach = reach;
+    sbi_cut_box_widen(&cut->reach, rounded);
+    sbi_cut_box_widen(&reach, sb_max(margin, rounded));
+    sbi_cut_list_near(cut, &now, &reach);
+}
+
+/* Cuts links in one frame for all the body; where parts of it have gone far apart, in one for each part, which no link
+ * leaves: otherwise the distance between them would take the digits that a cut needs. 0: no memory. */
+static int sbi_cut_sweep_body(sb_cut *cut, const sb_vec3 *triangles, int count)
+{
+    const sb_vec3 *x = sb_body_positions(cut->body);
+    sbi_cut_box now = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
+    int parts = cut->body->component_count, swept = 1;
+    if (!cut->near.count)
+        return 1;
+    if (sbi_cut_size_of(&now) <= SBI_CUT_SPREAD * cut->rest_size)
+        return sbi_cut_sweep_box(cut, &now, SBI_CUT_ALL_PARTS, triangles, count);
+    for (int part = 0; part < parts && swept; part++) {
+        now = sbi_cut_box_of(cut, x, part);
+        swept = sbi_cut_sweep_box(cut, &now, part, triangles, count);
+    }
+    return swept;
+}
+
+SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+{
+    int links = cut->links.count, crossed = links, swept = sbi_cut_sweep_body(cut, triangles, count);
+    sb_result result;
+    if (swept) {
+        crossed = cut->links.count;
+        swept = cut->keeps_rings || sbi_cut_close_rings(cut, links);
+    }
+    if (swept) {
+        result = sbi_cut_part(cut, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
+        sbi_cut_clear(cut);
+    }
+    if (result != SB_OK) {
+        sbi_cut_links_truncate(&cut->links, links);
+        return result;
+    }
+    if (info) {
+        info->links = cut->links.count - links;
+        info->ringed = cut->links.count - crossed;
+        info->cells = cut->made_cells;
+        info->nodes = cut->made_nodes;
+        info->parts = cut->body->component_count;
+    }
+    return SB_OK;
+}
+
+SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+{
+    sb_result result = sbi_cut_check_call(cut, triangles, count, error);
+    if (result == SB_OK) {
+        sbi_cut_list_reached(cut, triangles, 3 * count, 0);
+        result = sbi_cut_along(cut, triangles, count, info, error);
+    }
+    if (result == SB_OK)
+        sbi_cut_tell(cut, SBI_CUT_TRIANGLES, 0, triangles, 3 * count);
+    return result;
+}
+
+/* ==== src/softbody/cut/cut_stroke.c ==== */
+/* cut_stroke: a blade that cuts as it moves.
+ *
+ * The front is where the blade's edge was: samples at its corners, and wherever it goes through a face of a cell.
+ * Between calls they move with the material that they are in, and what is between two of them, in one cell, as straight
+ * as it was; outside of the tissue they stay where they are. So the next strip begins exactly where the last one ended,
+ * however the tissue has moved, but for the rounding of places: cut_ring.c closes what that may leave. Tissue that
+ * moves against a blade at rest is cut as well. */
+
+#include <string.h>
+
+
+enum {
+    SBI_CUT_SAMPLES = 256,    /* of a stroke, that there is room for from the start */
+    SBI_CUT_MOST_EDGE = 65536 /* corners */
+};
+
+/* ---- memory ---- */
+
+SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, int samples)
+{
+    void *of = stroke->samples;
+    int grown = sbi_cut_grow(&cut->allocator, &of, &stroke->sample_capacity, stroke->sample_count,
+                             samples - stroke->sample_count, sizeof *stroke->samples);
+    stroke->samples = (sbi_cut_sample *)of;
+    return grown;
+}
+
+/* Room for a front of so many samples besides the `kept` ones that are there. */
+static int sbi_cut_reserve_front(sb_cut *cut, int kept, int more)
+{
+    void *front = cut->front, *sorted = cut->sorted_front;
+    const sb_allocator *allocator = &cut->allocator;
+    int grown = sbi_cut_grow(allocator, &front, &cut->front_capacity, kept, more, sizeof *cut->front) &&
+                sbi_cut_grow(allocator, &sorted, &cut->sorted_front_capacity, 0, kept + more, sizeof *cut->front);
+    cut->front = (sbi_cut_sample *)front;
+    cut->sorted_front = (sbi_cut_sample *)sorted;
+    return grown && sbi_cut_list_grow(cut, &cut->front_order, kept + more) &&
+           sbi_cut_list_grow(cut, &cut->front_scratch, kept + more);
+}
+
+static int sbi_cut_add_span(sb_cut *cut, const sb_real stretch[2])
+{
+    void *spans = cut->spans;
+    int grown = sbi_cut_grow(&cut->allocator, &spans, &cut->span_capacity, cut->span_count, 1, sizeof *cut->spans);
+    cut->spans = (sbi_cut_span *)spans;
+    if (!grown)
+        return 0;
+    cut->spans[cut->span_count].first = stretch[0];
+    cut->spans[cut->span_count++].last = stretch[1];
+    return 1;
+}
+
+static int sbi_cut_reserve_strip(sb_cut *cut, int samples)
+{
+    void *strip = cut->strip;
+    int grown = sbi_cut_grow(&cut->allocator, &strip, &cut->strip_capacity, 0, 6 * samples, sizeof *cut->strip);
+    cut->strip = (sb_vec3 *)strip;
+    return grown;
+}
+
+SBI_API int sbi_cut_take_strokes(sb_cut *cut, int max_strokes)
+{
+    void *spans = NULL;
+    int taken = sbi_cut_reserve_front(cut, 0, SBI_CUT_SAMPLES) && sbi_cut_reserve_strip(cut, SBI_CUT_SAMPLES) &&
+                sbi_cut_grow(&cut->allocator, &spans, &cut->span_capacity, 0, SBI_CUT_SAMPLES, sizeof *cut->spans);
+    cut->spans = (sbi_cut_span *)spans;
+    cut->strokes = (sbi_cut_stroke *)sbi_alloc_zeroed(&cut->allocator, (size_t)max_strokes, sizeof *cut->strokes);
+    cut->max_strokes = cut->strokes ? max_strokes : 0;
+    for (int i = 0; i < cut->max_strokes && taken; i++)
+        taken = sbi_cut_stroke_reserve(cut, cut->strokes + i, SBI_CUT_SAMPLES);
+    return taken && cut->strokes;
+}
+
+SBI_API void sbi_cut_free_strokes(sb_cut *cut)
+{
+    for (int i = 0; i < cut->max_strokes; i++)
+        sbi_free(&cut->allocator, cut->strokes[i].samples);
+    sbi_free(&cut->allocator, cut->strokes);
+    sbi_free(&cut->allocator, cut->front);
+    sbi_free(&cut->allocator, cut->sorted_front);
+    sbi_free(&cut->allocator, cut->strip);
+    sbi_free(&cut->allocator, cut->spans);
+    sbi_free(&cut->allocator, cut->front_order.items);
+    sbi_free(&cut->allocator, cut->front_scratch.items);
+}
+
+/* ---- samples in the tissue ---- */
+
+/* The piece of a tet that has the material at these barycentrics. */
+static int sbi_cut_piece_at(const sb_cut *cut, int tet, const sb_real at[4])
+{
+    int piece = tet;
+    uint64_t points;
+    sbi_parted parted;
+    if (cut->pieces[tet].next < 0)
+        return tet;
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    points = parted.pieces[sbi_parted_piece_at(&parted, at)];
+    while (cut->pieces[piece].next >= 0 && !(cut->pieces[piece].points & points))
+        piece = cut->pieces[piece].next;
+    return piece;
+}
+
+static void sbi_cut_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
+{
+    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    for (int a = 0; a < 4; a++)
+        x[a] = sb_body_positions(cut->body)[nodes[a]];
+}
+
+/* Where a sample is now. */
+static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
+{
+    sb_vec3 x[4], place = {0, 0, 0};
+    if (sample->tet < 0)
+        return sample->place;
+    sbi_cut_corners(cut, sbi_cut_piece_at(cut, sample->tet, sample->at), x);
+    for (int a = 0; a < 4; a++)
+        place = sb_v3_madd(place, sample->at[a], x[a]);
+    return place;
+}
+
+/* Outside of the tissue a blade moves with the skin where it is no farther than that, in barycentrics of the cell:
+ * tissue that comes upon it is cut from its skin on. */
+static const sb_real sbi_cut_skin = 1;
+
+/* A sample at a corner: in the piece of a near tet that has it deepest inside or nearest, or in space. */
+static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, int *count)
+{
+    sbi_cut_sample *sample = cut->front + (*count)++;
+    sbi_cut_box box = sbi_cut_box_around(&p, 1);
+    sb_real deepest = -sbi_cut_skin;
+    sbi_cut_box_widen(&box, cut->element_size);
+    memset(sample, 0, sizeof *sample);
+    sample->side = sbi_min_int(corner, corners - 2);
+    sample->along = corner == corners - 1;
+    sample->tet = -1;
+    sample->place = p;
+    for (int i = 0; i < cut->near.count; i++)
+        for (int tet = cut->near.items[i], piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+            sb_vec3 x[4];
+            sb_real at[4], depth;
+            if (!sbi_cut_meets_tet(cut, tet, &box))
+                continue;
+            sbi_cut_corners(cut, piece, x);
+            depth = sbi_lattice_barycentrics(x, p, at);
+            if (!(depth > deepest) || sbi_cut_piece_at(cut, tet, at) != piece)
+                continue;
+            deepest = depth;
+            sample->tet = tet;
+            memcpy(sample->at, at, sizeof at);
+        }
+}
+
+/* ---- the front along an edge ---- */
+
+/* The stretch of a side from p to q that is in a tet with corners at x, or out of it by no more than `beyond` in
+ * barycentrics, and barycentrics at its ends; 0: there is none. */
+static int sbi_cut_clip(const sb_vec3 x[4], sb_vec3 p, sb_vec3 q, sb_real beyond, sb_real stretch[2], sb_real at[2][4])
+{
+    sb_real from[4], to[4];
+    stretch[0] = 0;
+    stretch[1] = 1;
+    if (!(sbi_lattice_barycentrics(x, p, from) > -SB_REAL_MAX) || !(sbi_lattice_barycentrics(x, q, to) > -SB_REAL_MAX))
+        return 0;
+    for (int a = 0; a < 4; a++) {
+        sb_real first = from[a] + beyond, last = to[a] + beyond;
+        if (first < 0 && last < 0)
+            return 0;
+        if (first < 0)
+            stretch[0] = sb_max(stretch[0], first / (first - last));
+        else if (last < 0)
+            stretch[1] = sb_min(stretch[1], first / (first - last));
+    }
+    for (int end = 0; end < 2; end++)
+        for (int a = 0; a < 4; a++)
+            at[end][a] = (1 - stretch[end]) * from[a] + stretch[end] * to[a];
+    return stretch[0] < stretch[1];
+}
+
+static int sbi_cut_is_on_skin(const sb_cut *cut, int tet)
+{
+    const int *others = cut->neighbours.items + 4 * (size_t)tet;
+    return others[0] < 0 || others[1] < 0 || others[2] < 0 || others[3] < 0;
+}
+
+/* 1 when a place of the side is in no cell that it goes through. */
+static int sbi_cut_is_outside(const sb_cut *cut, sb_real along)
+{
+    for (int i = 0; i < cut->span_count; i++)
+        if (along >= cut->spans[i].first && along <= cut->spans[i].last)
+            return 0;
+    return 1;
+}
+
+/* Adds where a side goes into and out of a piece that has the material there; beyond > 0: of what is near its skin,
+ * outside of the tissue. The ends of the side are not of these. 0: no memory. */
+static int sbi_cut_add_passes(sb_cut *cut, int piece, sb_real beyond, const sbi_cut_sample *side, const sb_vec3 ends[2],
+                              int *count)
+{
+    sb_vec3 x[4];
+    sb_real stretch[2], at[2][4];
+    sbi_cut_corners(cut, piece, x);
+    if (!sbi_cut_clip(x, ends[0], ends[1], beyond, stretch, at))
+        return 1;
+    if (!sbi_cut_reserve_front(cut, *count, 2) || (beyond == 0 && !sbi_cut_add_span(cut, stretch)))
+        return 0;
+    for (int end = 0; end < 2; end++) {
+        sbi_cut_sample *sample = cut->front + *count;
+        if (!(stretch[end] > 0) || !(stretch[end] < 1) || sbi_cut_piece_at(cut, side->tet, at[end]) != piece ||
+            (beyond > 0 && !sbi_cut_is_outside(cut, stretch[end])))
+            continue;
+        *sample = *side;
+        sample->along = stretch[end];
+        sample->place = sb_v3_madd(sb_v3_scale(1 - stretch[end], ends[0]), stretch[end], ends[1]);
+        memcpy(sample->at, at[end], sizeof sample->at);
+        (*count)++;
+    }
+    return 1;
+}
+
+/* Adds the samples of a side that are not corners; 0: no memory. */
+static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *count)
+{
+    sbi_cut_box box = sbi_cut_box_around(ends, 2);
+    sbi_cut_sample passing;
+    memset(&passing, 0, sizeof passing);
+    passing.side = side;
+    sbi_cut_box_widen(&box, cut->element_size);
+    cut->span_count = 0;
+    for (int skin = 0; skin < 2; skin++)
+        for (int i = 0; i < cut->near.count; i++) {
+            int tet = passing.tet = cut->near.items[i];
+            if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
+                continue;
+            for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+                if (!sbi_cut_add_passes(cut, piece, skin ? sbi_cut_skin : 0, &passing, ends, count))
+                    return 0;
+        }
+    return 1;
+}
+
+static int sbi_cut_is_sooner(const void *context, int a, int b)
+{
+    const sbi_cut_sample *front = (const sbi_cut_sample *)context;
+    if (front[a].side != front[b].side)
+        return front[a].side < front[b].side;
+    return front[a].along < front[b].along;
+}
+
+/* Samples along an edge among the near tets, in cut->front; returns how many, 0: no memory. */
+static int sbi_cut_find_front(sb_cut *cut, const sb_vec3 *edge, int corners)
+{
+    const sb_real apart = (sb_real)1e-6; /* two samples on a side */
+    int count = 0, kept = 0;
+    if (!sbi_cut_reserve_front(cut, 0, corners))
+        return 0;
+    for (int k = 0; k < corners; k++)
+        sbi_cut_add_corner(cut, k, corners, edge[k], &count);
+    for (int side = 0; side + 1 < corners; side++)
+        if (!sbi_cut_add_side(cut, edge + side, side, &count))
+            return 0;
+    for (int i = 0; i < count; i++)
+        cut->front_order.items[i] = i;
+    sbi_merge_sort(cut->front_order.items, cut->front_scratch.items, count, sbi_cut_is_sooner, cut->front);
+    for (int i = 0; i < count; i++) {
+        const sbi_cut_sample *next = cut->front + cut->front_order.items[i];
+        const sbi_cut_sample *last = kept ? cut->sorted_front + kept - 1 : NULL;
+        int is_corner = next->along == 0 || next->along == 1;
+        if (is_corner || !last || last->side != next->side || next->along - last->along > apart)
+            cut->sorted_front[kept++] = *next;
+    }
+    return kept;
+}
+
+/* The front of a stroke is the one that was found. */
+static void sbi_cut_take_front(const sb_cut *cut, sbi_cut_stroke *stroke, int corners, int samples)
+{
+    memcpy(stroke->samples, cut->sorted_front, (size_t)samples * sizeof *stroke->samples);
+    stroke->edge_count = corners;
+    stroke->sample_count = samples;
+}
+
+static sb_vec3 sbi_cut_on_edge(const sb_vec3 *edge, const sbi_cut_sample *sample)
+{
+    const sb_vec3 *p = edge + sample->side;
+    if (sample->along == 0 || sample->along == 1)
+        return p[sample->along == 1];
+    return sb_v3_madd(sb_v3_scale(1 - sample->along, p[0]), sample->along, p[1]);
+}
+
+/* Two triangles between each two samples, from where they are now to where the edge is. */
+static void sbi_cut_make_strip(const sb_cut *cut, const sbi_cut_stroke *stroke, const sb_vec3 *edge, sb_vec3 *strip)
+{
+    sb_vec3 from = sbi_cut_carry(cut, stroke->samples), to = sbi_cut_on_edge(edge, stroke->samples);
+    for (int i = 1; i < stroke->sample_count; i++, strip += 6) {
+        strip[0] = strip[3] = from;
+        strip[5] = to;
+        from = sbi_cut_carry(cut, stroke->samples + i);
+        to = sbi_cut_on_edge(edge, stroke->samples + i);
+        strip[1] = from;
+        strip[2] = strip[4] = to;
+    }
+}
+
+/* ---- calls ---- */
+
+static sb_result sbi_cut_check_edge(const sb_cut *cut, const sb_vec3 *edge, int count, sb_error *error)
+{
+    sb_result result = sbi_cut_check_use(cut, error);
+    for (int k = 0; k < count && result == SB_OK; k++)
+        if (!sb_v3_is_finite(edge[k]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "corner %d of the edge is not finite", k);
+    return result;
+}
+
+SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *stroke, sb_error *error)
+{
+    int at = 0, samples;
+    sb_result result;
+    if (!cut || !edge || !stroke || count < 2 || count > SBI_CUT_MOST_EDGE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_cut_begin needs a cut, an edge of 2 to %d corners and a place for the stroke",
+                        SBI_CUT_MOST_EDGE);
+    result = sbi_cut_check_edge(cut, edge, count, error);
+    if (result != SB_OK)
+        return result;
+    while (at < cut->max_strokes && cut->strokes[at].edge_count)
+        at++;
+    if (at == cut->max_strokes)
+        return sbi_fail(error, SB_ERROR_STATE, "all %d strokes of def.max_strokes are under way", cut->max_strokes);
+    sbi_cut_list_reached(cut, edge, count, cut->element_size);
+    samples = sbi_cut_find_front(cut, edge, count);
+    if (!samples || !sbi_cut_stroke_reserve(cut, cut->strokes + at, samples))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a stroke with %d corners", count);
+    sbi_cut_take_front(cut, cut->strokes + at, count, samples);
+    *stroke = at;
+    sbi_cut_tell(cut, SBI_CUT_BEGIN, at, edge, count);
+    return SB_OK;
+}
+
+SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error)
+{
+    sbi_cut_stroke *of;
+    int samples, triangles;
+    sb_result result;
+    if (!cut || !edge)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_move needs a cut and an edge");
+    if (stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
+        return sbi_fail(error, SB_ERROR_INDEX, "there is no stroke %d under way", stroke);
+    of = cut->strokes + stroke;
+    result = sbi_cut_check_edge(cut, edge, of->edge_count, error);
+    if (result != SB_OK)
+        return result;
+    triangles = 2 * (of->sample_count - 1);
+    if (!sbi_cut_reserve_strip(cut, of->sample_count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    sbi_cut_make_strip(cut, of, edge, cut->strip);
+    sbi_cut_list_reached(cut, cut->strip, 3 * triangles, cut->element_size);
+    samples = sbi_cut_find_front(cut, edge, of->edge_count);
+    if (!samples || !sbi_cut_stroke_reserve(cut, of, samples))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    result = sbi_cut_along(cut, cut->strip, triangles, info, error);
+    if (result != SB_OK)
+        return result;
+    sbi_cut_take_front(cut, of, of->edge_count, samples);
+    sbi_cut_tell(cut, SBI_CUT_MOVE, stroke, edge, of->edge_count);
+    return SB_OK;
+}
+
+SB_API void sb_cut_end(sb_cut *cut, int stroke)
+{
+    if (!cut || stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
+        return;
+    cut->strokes[stroke].edge_count = cut->strokes[stroke].sample_count = 0;
+    sbi_cut_tell(cut, SBI_CUT_END, stroke, NULL, 0);
+}
+
+/* ==== src/softbody/cut/cut_state.c ==== */
+/* cut_state: a cut as a part of its body's saved state, and in its recordings.
+ *
+ * Saved are the cut links, the cells of the pieces of each tet that has parted, and the strokes under way; what the
+ * pieces are follows from the links, and what nodes are copies of from the cells. A recording has the calls. */
+
+#include <string.h>
+
+
+enum { SBI_CUT_STATE_VERSION = 1, SBI_CUT_LINK_BYTES = 5 * 4 + 8, SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8 };
+
+/* ---- numbers ---- */
+
+static void sbi_cut_put_int(sbi_state_out *out, int value)
+{
+    unsigned char bytes[4];
+    sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 4);
+    sbi_state_put(out, bytes, sizeof bytes);
+}
+
+static void sbi_cut_put_real(sbi_state_out *out, sb_real value)
+{
+    unsigned char bytes[8];
+    sbi_put_bytes(bytes, sbi_real_bits(value), 8);
+    sbi_state_put(out, bytes, sizeof bytes);
+}
+
+typedef struct sbi_cut_in {
+    const unsigned char *bytes;
+    size_t left;
+    int bad; /* 1: it has ended, or a number is not finite */
+} sbi_cut_in;
+
+static uint64_t sbi_cut_get(sbi_cut_in *in, int bytes)
+{
+    uint64_t value;
+    if (in->left < (size_t)bytes) {
+        in->bad = 1;
+        in->left = 0;
+        return 0;
+    }
+    value = sbi_get_bytes(in->bytes, bytes);
+    in->bytes += bytes;
+    in->left -= (size_t)bytes;
+    return value;
+}
+
+static int sbi_cut_get_int(sbi_cut_in *in) { return sbi_int_of(sbi_cut_get(in, 4)); }
+
+static sb_real sbi_cut_get_real(sbi_cut_in *in)
+{
+    sb_real value = sbi_real_of(sbi_cut_get(in, 8));
+    if (!sb_is_finite(value)) {
+        in->bad = 1;
+        return 0;
+    }
+    return value;
+}
+
+/* A number of items, each of at least so many bytes; 0 where the rest cannot hold them. */
+static int sbi_cut_get_count(sbi_cut_in *in, int bytes)
+{
+    int count = sbi_cut_get_int(in);
+    if (count >= 0 && (size_t)count <= in->left / (size_t)bytes)
+        return count;
+    in->bad = 1;
+    return 0;
+}
+
+/* ---- saving ---- */
+
+/* What a cut has to be like to take the state of another. */
+enum { SBI_CUT_MAKE = 6 };
+static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
+{
+    uint64_t hash = 0;
+    for (int i = 0; i < 4 * cut->tet_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)cut->tets[i]);
+    make[0] = cut->lattice.intervals;
+    make[1] = cut->tet_count;
+    make[2] = cut->node_end;
+    make[3] = cut->max_strokes;
+    make[4] = sbi_int_of(hash & 0xFFFFFFFFu);
+    make[5] = sbi_int_of(hash >> 32);
+}
+
+static int sbi_cut_count_pieces(const sb_cut *cut, int tet)
+{
+    int count = 0;
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        count++;
+    return count;
+}
+
+static void sbi_cut_save_pieces(const sb_cut *cut, sbi_state_out *out)
+{
+    int parted = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        parted += cut->pieces[tet].next >= 0;
+    sbi_cut_put_int(out, parted);
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        if (cut->pieces[tet].next < 0)
+            continue;
+        sbi_cut_put_int(out, tet);
+        sbi_cut_put_int(out, sbi_cut_count_pieces(cut, tet));
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_put_int(out, cut->pieces[piece].cell);
+    }
+}
+
+static void sbi_cut_save_stroke(const sbi_cut_stroke *stroke, sbi_state_out *out)
+{
+    sbi_cut_put_int(out, stroke->edge_count);
+    sbi_cut_put_int(out, stroke->sample_count);
+    for (int i = 0; i < stroke->sample_count; i++) {
+        const sbi_cut_sample *sample = stroke->samples + i;
+        sbi_cut_put_int(out, sample->side);
+        sbi_cut_put_real(out, sample->along);
+        sbi_cut_put_int(out, sample->tet);
+        for (int a = 0; a < 4; a++)
+            sbi_cut_put_real(out, sample->at[a]);
+        sbi_cut_put_real(out, sample->place.x);
+        sbi_cut_put_real(out, sample->place.y);
+        sbi_cut_put_real(out, sample->place.z);
+    }
+}
+
+static void sbi_cut_save(const void *user, sbi_state_out *out)
+{
+    const sb_cut *cut = (const sb_cut *)user;
+    int make[SBI_CUT_MAKE];
+    sbi_cut_list_make(cut, make);
+    for (int i = 0; i < SBI_CUT_MAKE; i++)
+        sbi_cut_put_int(out, make[i]);
+    sbi_cut_put_int(out, cut->stale);
+    if (cut->stale)
+        return;
+    sbi_cut_put_int(out, cut->links.count);
+    for (int i = 0; i < cut->links.count; i++) {
+        const sbi_cut_link *link = cut->links.items + i;
+        for (int k = 0; k < 4; k++)
+            sbi_cut_put_int(out, link->key.at[k]);
+        sbi_cut_put_int(out, link->state);
+        sbi_cut_put_real(out, link->t);
+    }
+    sbi_cut_save_pieces(cut, out);
+    for (int i = 0; i < cut->max_strokes; i++)
+        sbi_cut_save_stroke(cut->strokes + i, out);
+}
+
+/* ---- checking: links and cells are read into cut->loaded ---- */
+
+static sb_result sbi_cut_damaged(const char *what, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_FORMAT, "the saved cut is damaged in its %s", what);
+}
+
+static sb_result sbi_cut_check_make(const sb_cut *cut, sbi_cut_in *in, sb_error *error)
+{
+    int make[SBI_CUT_MAKE], same = 1;
+    sbi_cut_list_make(cut, make);
+    for (int i = 0; i < SBI_CUT_MAKE; i++)
+        same &= sbi_cut_get_int(in) == make[i];
+    if (!same || in->bad)
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the state was saved with a cut of another mesh, lattice or number of strokes");
+    return SB_OK;
+}
+
+/* Room for the links of the image besides those that there are. */
+static int sbi_cut_reserve_loaded(sb_cut *cut, int count)
+{
+    sbi_cut_links *links = &cut->loaded_links, old = *links;
+    int capacity = sbi_max_int(count, cut->links.capacity);
+    sbi_cut_link *items;
+    int *table;
+    links->count = 0;
+    if (capacity > links->capacity) {
+        items = (sbi_cut_link *)sbi_alloc(&cut->allocator, (size_t)capacity, sizeof *items);
+        table = (int *)sbi_alloc(&cut->allocator, (size_t)sbi_cut_links_table(capacity), sizeof *table);
+        if (!items || !table) {
+            sbi_free(&cut->allocator, items);
+            sbi_free(&cut->allocator, table);
+            return 0;
+        }
+        sbi_cut_links_move(links, items, table, capacity);
+        sbi_free(&cut->allocator, old.items);
+        sbi_free(&cut->allocator, old.table);
+    }
+    sbi_cut_links_move(links, links->items, links->table, links->capacity); /* clears the table */
+    return 1;
+}
+
+static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+{
+    int count = sbi_cut_get_count(in, SBI_CUT_LINK_BYTES);
+    if (!sbi_cut_reserve_loaded(cut, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d links of a saved cut", count);
+    for (int i = 0; i < count; i++) {
+        sbi_link_key key;
+        int state, ends;
+        sb_real t;
+        for (int k = 0; k < 4; k++)
+            key.at[k] = sbi_cut_get_int(in);
+        state = sbi_cut_get_int(in);
+        t = sbi_cut_get_real(in);
+        ends = key.at[1] < 0 ? cut->tet_count : cut->node_end;
+        if (in->bad || state != SBI_LINK_CUT || !(t >= 0) || !(t <= 1) || key.at[0] < 0 || key.at[0] >= ends ||
+            key.at[1] < -1 || key.at[1] >= cut->node_end || key.at[2] < -1 || key.at[2] >= cut->node_end ||
+            sbi_cut_links_find(&cut->loaded_links, &key) >= 0)
+            return sbi_cut_damaged("links", error);
+        sbi_cut_links_add(&cut->loaded_links, &key, t, state);
+    }
+    return in->bad ? sbi_cut_damaged("links", error) : SB_OK;
+}
+
+/* Whether a cell of the body can be a piece of a tet with these points: it has the tet's own nodes where it has the
+ * material at them, and no other nodes of the uncut mesh. */
+static int sbi_cut_cell_fits(const sb_cut *cut, const sb_body *body, int tet, int cell, uint64_t points)
+{
+    const int *nodes, *own = cut->tets + 4 * (size_t)tet;
+    if (!sb_body_cell_in_use(body, cell) || cut->loaded_elements.items[cell] >= 0)
+        return 0;
+    nodes = sb_body_cell_nodes(body, cell);
+    for (int a = 0; a < 4; a++)
+        if (nodes[a] != own[a] && ((points >> a & 1) || nodes[a] < cut->node_end))
+            return 0;
+    cut->loaded_elements.items[cell] = tet;
+    return 1;
+}
+
+/* The cells of a tet's pieces; those of one that has not parted are not in the image. */
+static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, sbi_cut_in *in,
+                                   sb_error *error)
+{
+    sbi_parted parted;
+    int count = is_parted ? sbi_cut_get_int(in) : 1;
+    sbi_parted_make(&cut->lattice, &cut->loaded_links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    if (count != parted.piece_count || (is_parted && count < 2))
+        return sbi_cut_damaged("pieces", error);
+    if (!sbi_cut_list_grow(cut, &cut->loaded_cells, count + 2))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
+    for (int k = 0; k < count; k++) {
+        int cell = is_parted ? sbi_cut_get_int(in) : cut->pieces[tet].cell;
+        if ((k == 0 && cell != cut->pieces[tet].cell) || !sbi_cut_cell_fits(cut, body, tet, cell, parted.pieces[k]))
+            return sbi_cut_damaged("pieces", error);
+        cut->loaded_cells.items[cut->loaded_cells.count++] = cell;
+    }
+    return SB_OK;
+}
+
+/* loaded_cells: the cells of all tets, in their order. */
+static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
+{
+    int parted = sbi_cut_get_count(in, 4 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
+    int end = sb_body_element_count(body);
+    sb_result result = SB_OK;
+    cut->loaded_cells.count = cut->loaded_elements.count = 0;
+    if (!sbi_cut_list_grow(cut, &cut->loaded_elements, end) ||
+        !sbi_cut_list_grow(cut, &cut->origins, sb_body_node_count(body) - cut->origins.count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the cells of a saved cut");
+    for (int e = 0; e < end; e++) {
+        cut->loaded_elements.items[e] = -1;
+        cells += sb_body_cell_in_use(body, e);
+    }
+    cut->loaded_elements.count = end;
+    for (int tet = 0; tet < cut->tet_count && result == SB_OK; tet++) {
+        result = sbi_cut_check_tet(cut, body, tet, tet == next, in, error);
+        if (tet == next)
+            next = --parted > 0 ? sbi_cut_get_int(in) : -1;
+    }
+    if (result == SB_OK && (in->bad || parted > 0 || cut->loaded_cells.count != cells))
+        result = sbi_cut_damaged("pieces", error);
+    if (result == SB_OK) {
+        void *pieces = cut->pieces;
+        int grown = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, cut->piece_count,
+                                 cells - cut->piece_count, sizeof *cut->pieces);
+        cut->pieces = (sbi_cut_piece *)pieces;
+        if (!grown)
+            result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
+    }
+    return result;
+}
+
+static sbi_cut_sample sbi_cut_get_sample(sbi_cut_in *in)
+{
+    sbi_cut_sample sample;
+    sample.side = sbi_cut_get_int(in);
+    sample.along = sbi_cut_get_real(in);
+    sample.tet = sbi_cut_get_int(in);
+    for (int a = 0; a < 4; a++)
+        sample.at[a] = sbi_cut_get_real(in);
+    sample.place.x = sbi_cut_get_real(in);
+    sample.place.y = sbi_cut_get_real(in);
+    sample.place.z = sbi_cut_get_real(in);
+    return sample;
+}
+
+/* Room for a stroke of the image; what there is stays. */
+static sb_result sbi_cut_check_stroke(sb_cut *cut, sbi_cut_stroke *stroke, sbi_cut_in *in, sb_error *error)
+{
+    int corners = sbi_cut_get_int(in), count = sbi_cut_get_count(in, SBI_CUT_SAMPLE_BYTES), side = 0;
+    if (in->bad || corners < 0 || corners == 1 || corners > count || (count > 0 && !corners))
+        return sbi_cut_damaged("strokes", error);
+    if (!sbi_cut_stroke_reserve(cut, stroke, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a stroke of a saved cut");
+    for (int i = 0; i < count; i++) {
+        sbi_cut_sample sample = sbi_cut_get_sample(in);
+        in->bad |= sample.side < side || sample.side > corners - 2 || !(sample.along >= 0) || !(sample.along <= 1) ||
+                   sample.tet < -1 || sample.tet >= cut->tet_count;
+        side = sample.side;
+    }
+    return in->bad ? sbi_cut_damaged("strokes", error) : SB_OK;
+}
+
+static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                     sb_error *error)
+{
+    sb_cut *cut = (sb_cut *)user;
+    sbi_cut_in in;
+    sb_result result;
+    int stale;
+    in.bytes = bytes;
+    in.left = size;
+    in.bad = 0;
+    result = sbi_cut_check_make(cut, &in, error);
+    stale = sbi_cut_get_int(&in);
+    if (result == SB_OK && !stale) {
+        result = sbi_cut_check_links(cut, &in, error);
+        if (result == SB_OK)
+            result = sbi_cut_check_pieces(cut, body, &in, error);
+        for (int i = 0; i < cut->max_strokes && result == SB_OK; i++)
+            result = sbi_cut_check_stroke(cut, cut->strokes + i, &in, error);
+    }
+    if (result == SB_OK && (in.bad || in.left > 0))
+        result = sbi_cut_damaged("length", error);
+    return result;
+}
+
+/* ---- loading what was checked ---- */
+
+static void sbi_cut_load_pieces(sb_cut *cut)
+{
+    const int *cell = cut->loaded_cells.items;
+    cut->piece_count = cut->tet_count;
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        sbi_parted parted;
+        int piece = tet;
+        sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+        for (int k = 0; k < parted.piece_count; k++) {
+            cut->pieces[piece].points = parted.pieces[k];
+            cut->pieces[piece].cell = *cell++;
+            cut->pieces[piece].next = k + 1 < parted.piece_count ? cut->piece_count++ : -1;
+            piece = cut->pieces[piece].next;
+        }
+    }
+}
+
+/* Nodes are copies of what their cells' corners were. */
+static void sbi_cut_load_origins(sb_cut *cut)
+{
+    cut->origins.count = 0;
+    sbi_cut_list_set(&cut->origins, sb_body_node_count(cut->body) - 1, -1);
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+            for (int a = 0; a < 4; a++)
+                cut->origins.items[nodes[a]] = cut->tets[4 * (size_t)tet + (size_t)a];
+        }
+}
+
+static void sbi_cut_load_stroke(sbi_cut_stroke *stroke, sbi_cut_in *in)
+{
+    stroke->edge_count = sbi_cut_get_int(in);
+    stroke->sample_count = sbi_cut_get_int(in);
+    for (int i = 0; i < stroke->sample_count; i++)
+        stroke->samples[i] = sbi_cut_get_sample(in);
+}
+
+/* Steps over links and pieces, which are in cut->loaded. */
+static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
+{
+    int count = sbi_cut_get_int(in);
+    in->bytes += (size_t)count * SBI_CUT_LINK_BYTES;
+    in->left -= (size_t)count * SBI_CUT_LINK_BYTES;
+    for (count = sbi_cut_get_int(in); count > 0; count--) {
+        (void)sbi_cut_get_int(in);
+        for (int k = sbi_cut_get_int(in); k > 0; k--)
+            (void)sbi_cut_get_int(in);
+    }
+}
+
+static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
+{
+    sb_cut *cut = (sb_cut *)user;
+    sbi_cut_links links = cut->links;
+    sbi_cut_list elements = cut->elements;
+    sbi_cut_in in;
+    in.bytes = bytes;
+    in.left = size;
+    in.bad = 0;
+    for (int i = 0; i < SBI_CUT_MAKE; i++)
+        (void)sbi_cut_get_int(&in);
+    cut->stale = sbi_cut_get_int(&in) != 0;
+    if (cut->stale)
+        return;
+    cut->links = cut->loaded_links, cut->loaded_links = links;
+    cut->elements = cut->loaded_elements, cut->loaded_elements = elements;
+    sbi_cut_load_pieces(cut);
+    sbi_cut_load_origins(cut);
+    sbi_cut_skip_to_strokes(&in);
+    for (int i = 0; i < cut->max_strokes; i++)
+        sbi_cut_load_stroke(cut->strokes + i, &in);
+}
+
+/* ---- recording ---- */
+
+static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
+                                sb_error *error)
+{
+    sb_cut *cut = (sb_cut *)user;
+    const sb_vec3 *points = (const sb_vec3 *)(const void *)reals;
+    int stroke, is_known = int_count == 2 && real_count % 3 == 0 && real_count < INT32_MAX;
+    int count = is_known ? (int)(real_count / 3) : 0, command = is_known ? ints[0] : 0;
+    if (command == SBI_CUT_TRIANGLES && count % 3 == 0)
+        return sb_cut_triangles(cut, points, count / 3, NULL, error);
+    if (command == SBI_CUT_BEGIN) {
+        sb_result result = sb_cut_begin(cut, points, count, &stroke, error);
+        if (result == SB_OK && stroke != ints[1])
+            result =
+                sbi_fail(error, SB_ERROR_STATE, "stroke %d begins where the recording has number %d", stroke, ints[1]);
+        return result;
+    }
+    if (command == SBI_CUT_MOVE && ints[1] >= 0 && ints[1] < cut->max_strokes && count > 0 &&
+        cut->strokes[ints[1]].edge_count == count)
+        return sb_cut_move(cut, ints[1], points, NULL, error);
+    if (command == SBI_CUT_END && count == 0) {
+        sb_cut_end(cut, ints[1]);
+        return SB_OK;
+    }
+    return sbi_fail(error, SB_ERROR_FORMAT, "a recorded cut is none");
+}
+
+/* ---- joining ---- */
+
+SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error)
+{
+    sbi_state_part part;
+    sb_result result;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, SBI_CUT_PART, sizeof SBI_CUT_PART);
+    part.version = SBI_CUT_STATE_VERSION;
+    part.user = cut;
+    part.save = sbi_cut_save;
+    part.check = sbi_cut_check_state;
+    part.load = sbi_cut_load;
+    part.replay = sbi_cut_replay;
+    result = sbi_body_join(cut->body, &part, error);
+    cut->joined = result == SB_OK;
+    return result;
+}
+
+SBI_API void sbi_cut_leave_state(const sb_cut *cut)
+{
+    if (cut->joined && cut->body)
+        sbi_body_leave(cut->body, SBI_CUT_PART);
+}
+
 /* ==== src/softbody/cut/cut.c ==== */
-/* cut: making what cuts a body, and its calls. */
+/* cut: making what cuts a body. */
 
 #include <string.h>
 
@@ -70268,11 +72016,14 @@ SB_API sb_cut_def sb_default_cut_def(void)
     sb_cut_def def;
     memset(&def, 0, sizeof def);
     def.lattice = 2;
+    def.max_strokes = 4;
     def.cookie = SBI_CUT_COOKIE;
     return def;
 }
 
 /* ---- the mesh before any cut ---- */
+
+enum { SBI_CUT_MOST_STROKES = 1024 };
 
 static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
 {
@@ -70282,6 +72033,9 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a cut needs a body");
     if (def->lattice != 1 && def->lattice != 2 && def->lattice != 4)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.lattice is %d, it must be 1, 2 or 4", def->lattice);
+    if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
+                        SBI_CUT_MOST_STROKES);
     if (!def->body->live)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
     if (def->body->domain.element_type != SB_TET4)
@@ -70291,6 +72045,21 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
         if (sb_body_cell_in_use(def->body, e) && sb_body_cell_share(def->body, e) < 1)
             return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d is a piece of an element: the body is cut", e);
     return SB_OK;
+}
+
+static void sbi_cut_measure_rest(sb_cut *cut)
+{
+    const sb_vec3 *x = sb_body_rest_positions(cut->body);
+    sbi_cut_box box = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
+    double sum = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        const int *nodes = cut->tets + 4 * (size_t)tet;
+        sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
+        double volume = (double)sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]]));
+        sum += sbi_dense_cbrt(volume > 0 ? volume : -volume);
+    }
+    cut->rest_size = sbi_cut_size_of(&box);
+    cut->element_size = (sb_real)(sum / (double)cut->tet_count);
 }
 
 /* Tets, their neighbours, and those around each node. */
@@ -70316,29 +72085,41 @@ static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
     return result == SB_OK ? sb_mesh_node_elements(&mesh, &cut->allocator, &cut->node_tets, error) : result;
 }
 
+/* Tets around the node that has most. */
+static int sbi_cut_most_around(const sb_cut *cut)
+{
+    int most = 0;
+    for (int node = 0; node < cut->node_end; node++)
+        most = sbi_max_int(most, cut->node_tets.offsets[node + 1] - cut->node_tets.offsets[node]);
+    return most;
+}
+
 /* Each tet is one piece. Lists have room for what the body has room for. */
 static int sbi_cut_take_pieces(sb_cut *cut)
 {
     enum { FEW = 256 };
     const sb_body *body = cut->body;
     int cells = body->live->cells.capacity, more = cells - cut->tet_count;
-    void *pieces = NULL, *blades = NULL, *records = NULL, *classes = NULL;
+    void *pieces = NULL, *records = NULL, *classes = NULL;
     int taken = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, 0, cells, sizeof *cut->pieces) &&
-                sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, 0, FEW, sizeof *cut->blades);
+                sbi_cut_reserve_blades(cut, FEW);
     taken =
         taken && sbi_cut_grow(&cut->allocator, &records, &cut->cell_capacity, 0, 4 * FEW + more, sizeof *cut->cells);
     taken = taken && sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, 0, FEW, sizeof *cut->classes);
     cut->pieces = (sbi_cut_piece *)pieces;
-    cut->blades = (sbi_blade *)blades;
     cut->cells = (sbi_cut_cell *)records;
     cut->classes = (sbi_cut_class *)classes;
     cut->tet_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
     cut->node_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->node_end, 1);
     cut->cell_of = (int *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(int));
-    if (!taken || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
+    cut->is_near = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
+    if (!taken || !cut->is_near || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
         !sbi_cut_list_grow(cut, &cut->elements, cells) || !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
         !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
-        !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) || !sbi_cut_list_grow(cut, &cut->near, cut->tet_count) ||
+        !sbi_cut_list_grow(cut, &cut->near_hits, cut->tet_count + 1) ||
+        !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) ||
+        !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||
         !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
         return 0;
     for (int e = 0; e < sb_body_element_count(body); e++)
@@ -70365,7 +72146,7 @@ static void sbi_cut_follow(void *user, const sb_body *body, const sb_mesh_change
         cut->stale = 1;
 }
 
-static void sbi_cut_end(void *user) { ((sb_cut *)user)->body = NULL; }
+static void sbi_cut_body_ends(void *user) { ((sb_cut *)user)->body = NULL; }
 
 static sb_result sbi_cut_listen(sb_cut *cut, sb_error *error)
 {
@@ -70373,7 +72154,7 @@ static sb_result sbi_cut_listen(sb_cut *cut, sb_error *error)
     memset(&listener, 0, sizeof listener);
     listener.user = cut;
     listener.follow = sbi_cut_follow;
-    listener.end = sbi_cut_end;
+    listener.end = sbi_cut_body_ends;
     return sb_body_listen(cut->body, &listener, &cut->listener, error);
 }
 
@@ -70395,10 +72176,15 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
     made->listener = -1;
     sbi_lattice_make(def->lattice, &made->lattice);
     result = sbi_cut_take_mesh(made, error);
-    if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_live_take_pieces(made->body)))
+    if (result == SB_OK)
+        sbi_cut_measure_rest(made);
+    if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_cut_take_strokes(made, def->max_strokes) &&
+                             sbi_live_take_pieces(made->body)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", made->tet_count);
     if (result == SB_OK)
         result = sbi_cut_listen(made, error);
+    if (result == SB_OK)
+        result = sbi_cut_join_state(made, error);
     if (result != SB_OK) {
         sb_cut_destroy(made);
         return result;
@@ -70415,8 +72201,10 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     if (!cut)
         return;
     allocator = cut->allocator;
+    sbi_cut_leave_state(cut);
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    sbi_cut_free_strokes(cut);
     if (cut->body && cut->body->live->find_user == cut)
         cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
@@ -70425,9 +72213,24 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);
     sbi_free(&allocator, cut->links.table);
+    sbi_free(&allocator, cut->loaded_links.items);
+    sbi_free(&allocator, cut->loaded_links.table);
+    sbi_free(&allocator, cut->loaded_cells.items);
+    sbi_free(&allocator, cut->loaded_elements.items);
     sbi_free(&allocator, cut->origins.items);
     sbi_free(&allocator, cut->elements.items);
     sbi_free(&allocator, cut->blades);
+    sbi_free(&allocator, cut->tree.order);
+    sbi_free(&allocator, cut->tree.boxes);
+    sbi_free(&allocator, cut->blade_scratch);
+    sbi_free(&allocator, cut->blade_codes);
+    sbi_free(&allocator, cut->is_near);
+    sbi_free(&allocator, cut->near.items);
+    sbi_free(&allocator, cut->near_hits.items);
+    sbi_free(&allocator, cut->blade_hits.items);
+    sbi_free(&allocator, cut->hits);
+    sbi_free(&allocator, cut->sorted_hits);
+    sbi_free(&allocator, cut->around.items);
     sbi_free(&allocator, cut->tet_marks);
     sbi_free(&allocator, cut->node_marks);
     sbi_free(&allocator, cut->cell_of);
@@ -70437,108 +72240,6 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->roots.items);
     sbi_free(&allocator, cut->classes);
     sbi_free(&allocator, cut);
-}
-
-/* ---- cutting ---- */
-
-static sb_result sbi_cut_check_call(const sb_cut *cut, const sb_vec3 *triangles, int count, sb_error *error)
-{
-    if (!cut || count < 0 || (count > 0 && !triangles))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_triangles needs a cut, triangles and their count");
-    if (!cut->body)
-        return sbi_fail(error, SB_ERROR_STATE, "the body is gone");
-    if (cut->stale)
-        return sbi_fail(error, SB_ERROR_STATE, "the body's mesh was changed by others: make a new sb_cut");
-    for (int k = 0; k < count; k++)
-        for (int a = 0; a < 3; a++)
-            if (!sb_v3_is_finite(triangles[3 * (size_t)k + (size_t)a]))
-                return sbi_fail(error, SB_ERROR_NOT_FINITE, "corner %d of triangle %d is not finite", a, k);
-    return SB_OK;
-}
-
-/* How many times as large as at rest a body may be for one frame to resolve all of it. */
-#define SBI_CUT_SPREAD ((sb_real)8)
-
-/* The box at x of the nodes in use of a part, or of all parts. */
-static sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part)
-{
-    sbi_cut_box box = {{0, 0, 0}, {0, 0, 0}};
-    int first = 1;
-    for (int i = 0; i < sb_body_node_count(cut->body); i++) {
-        if (!sb_body_node_in_use(cut->body, i) || !sbi_cut_is_of(cut, i, part))
-            continue;
-        if (first)
-            box.low = box.high = x[i];
-        first = 0;
-        box.low = sb_v3(sb_min(box.low.x, x[i].x), sb_min(box.low.y, x[i].y), sb_min(box.low.z, x[i].z));
-        box.high = sb_v3(sb_max(box.high.x, x[i].x), sb_max(box.high.y, x[i].y), sb_max(box.high.z, x[i].z));
-    }
-    return box;
-}
-
-static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, const sb_vec3 *triangles, int count)
-{
-    cut->blade_count = 0;
-    for (int k = 0; k < count; k++) {
-        void *blades = cut->blades;
-        int grown = sbi_cut_grow(&cut->allocator, &blades, &cut->blade_capacity, cut->blade_count, SBI_CROSSING_PARTS,
-                                 sizeof *cut->blades);
-        cut->blades = (sbi_blade *)blades;
-        if (!grown)
-            return 0;
-        cut->blade_count += sbi_crossing_blades(frame, triangles + 3 * (size_t)k, cut->blades + cut->blade_count);
-    }
-    return 1;
-}
-
-/* Cuts the links of a part, or of all parts, in a frame about what lies in the box; 0: no memory. */
-static int sbi_cut_sweep_box(sb_cut *cut, const sbi_cut_box *box, int part, const sb_vec3 *triangles, int count)
-{
-    sbi_crossing_frame frame;
-    sbi_crossing_frame_make(box->low, box->high, &frame);
-    return sbi_cut_take_blades(cut, &frame, triangles, count) && sbi_cut_sweep(cut, &frame, part);
-}
-
-/* Cuts links in one frame for all the body; where parts of it have gone far apart, in one for each part, which no link
- * leaves: otherwise the distance between them would take the digits that a cut needs. 0: no memory. */
-static int sbi_cut_sweep_body(sb_cut *cut, const sb_vec3 *triangles, int count)
-{
-    const sb_vec3 *x = sb_body_positions(cut->body);
-    sbi_cut_box now = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
-    sbi_cut_box rest = sbi_cut_box_of(cut, sb_body_rest_positions(cut->body), SBI_CUT_ALL_PARTS);
-    int parts = cut->body->component_count, swept = 1;
-    if (sb_v3_norm(sb_v3_sub(now.high, now.low)) <= SBI_CUT_SPREAD * sb_v3_norm(sb_v3_sub(rest.high, rest.low)))
-        return sbi_cut_sweep_box(cut, &now, SBI_CUT_ALL_PARTS, triangles, count);
-    for (int part = 0; part < parts && swept; part++) {
-        now = sbi_cut_box_of(cut, x, part);
-        swept = sbi_cut_sweep_box(cut, &now, part, triangles, count);
-    }
-    return swept;
-}
-
-SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
-{
-    int links;
-    sb_result result = sbi_cut_check_call(cut, triangles, count, error);
-    if (result != SB_OK)
-        return result;
-    links = cut->links.count;
-    if (!sbi_cut_sweep_body(cut, triangles, count)) {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
-        sbi_cut_clear(cut);
-    } else
-        result = sbi_cut_part(cut, error);
-    if (result != SB_OK) {
-        sbi_cut_links_truncate(&cut->links, links);
-        return result;
-    }
-    if (info) {
-        info->links = cut->links.count - links;
-        info->cells = cut->made_cells;
-        info->nodes = cut->made_nodes;
-        info->parts = cut->body->component_count;
-    }
-    return SB_OK;
 }
 
 /* ---- readings ---- */
@@ -70555,6 +72256,1071 @@ SB_API int sb_cut_cell_element(const sb_cut *cut, int cell)
     if (!cut || !cut->body || cut->stale || !sb_body_cell_in_use(cut->body, cell))
         return -1;
     return cut->elements.items[cell];
+}
+
+/* ==== src/softbody/cut/cut_surface.c ==== */
+/* cut_surface: skin and lips of a body that is cut.
+ *
+ * Vertices stand for points of the lattices: lattice points on the skin, points of cut links, of faces of micro-tets,
+ * and centres of micro-tets. Each has one vertex for each side of the cut that it is on. A link has two sides, unless
+ * its ends are of one piece in some element around it: there the cut ends. A face has a side for each set of its
+ * corners that are of one piece in an element on either side of it. So the sides agree in all elements around, and
+ * edges close. */
+
+#include <string.h>
+
+
+enum { SBI_DRAW_WHOLE = 0, SBI_DRAW_SPLIT = 1, SBI_DRAW_FAN = 2 }; /* faces of the skin */
+enum { SBI_DRAW_POINT = 0, SBI_DRAW_LINK = 1, SBI_DRAW_FACE = 2, SBI_DRAW_CENTRE = 3, SBI_DRAW_MIDDLE = 4 };
+enum { SBI_DRAW_KEY = 7 };
+
+/* Of a corner of a micro-tet the face without it, in the order of sbi_micro_points. */
+static const signed char sbi_draw_opposite[4] = {2, 3, 1, 0};
+
+/* Name of a vertex, or of what is looked up by nodes: kind and side, then where. */
+typedef struct sbi_draw_key {
+    int at[SBI_DRAW_KEY];
+} sbi_draw_key;
+
+/* A table of open addresses over keys. */
+typedef struct sbi_draw_table {
+    sbi_draw_key *keys;
+    int *values;
+    int count, capacity; /* of keys and values */
+    int *slots;          /* [slot_count] 1 + item, or 0 */
+    int slot_count;
+} sbi_draw_table;
+
+typedef struct sbi_draw_vertex {
+    sb_cut_origin origin;
+    int cell_nodes[4];
+    int stamp; /* of the last rebuild that used it */
+} sbi_draw_vertex;
+
+typedef struct sbi_draw_axes {
+    sb_vec3 normal, u, v;
+} sbi_draw_axes;
+
+struct sb_cut_surface {
+    sb_cut *cut;
+    sb_allocator allocator;
+    int version; /* of the body's mesh that triangles are of; -1: to be made */
+    int stamp;
+    int failed; /* 1: no memory since the update began */
+
+    int face_count;             /* of the skin */
+    int *faces;                 /* [face_count] 4 tet + face */
+    int *face_of;               /* [4 tet_count] number of the skin's face, or -1 */
+    unsigned char *face_states; /* [face_count] */
+    unsigned char *tet_marks;   /* [tet_count] */
+    sbi_cut_list tets;          /* that are drawn by pieces, ascending */
+    unsigned char *merged;      /* [link] 1: the cut ends there */
+    int merged_capacity;
+    sbi_draw_table joins; /* of faces between elements: which corners are of one piece, as bits of pairs */
+    sbi_draw_table edges; /* of the skin that faces meet at by links */
+    signed char edge_of[4][4], opposite[4];
+
+    sbi_draw_table names; /* of vertices */
+    sbi_draw_vertex *vertices;
+    sb_cut_origin *origins;
+    sb_vec3 *positions, *normals, *rest;
+    sb_real (*texture)[2];
+    int *points;
+    int vertex_capacity;
+    int (*triangles)[3];
+    unsigned char *tags;
+    int *cells;
+    int triangle_count, triangle_capacity, triangles_before;
+    int first_triangle, triangle_end, first_vertex;
+    sbi_draw_axes *axes;
+    int axes_count, axes_capacity;
+};
+
+/* An element at work. */
+typedef struct sbi_draw_tet {
+    int tet;
+    sbi_parted parted;
+    int cells[SBI_LATTICE_POINTS]; /* of the pieces */
+} sbi_draw_tet;
+
+/* ---- tables ---- */
+
+static int sbi_draw_slot(const sbi_draw_table *table, const sbi_draw_key *key)
+{
+    unsigned mask = (unsigned)table->slot_count - 1;
+    uint64_t mixed = 0;
+    for (int i = 0; i < SBI_DRAW_KEY; i++) {
+        mixed = (mixed ^ (unsigned)key->at[i]) * UINT64_C(0x9e3779b97f4a7c15);
+        mixed ^= mixed >> 32;
+    }
+    for (unsigned slot = (unsigned)mixed & mask;; slot = (slot + 1) & mask) {
+        int item = table->slots[slot] - 1;
+        if (item < 0 || memcmp(table->keys[item].at, key->at, sizeof key->at) == 0)
+            return (int)slot;
+    }
+}
+
+/* Item of a key, or -1. */
+static int sbi_draw_find(const sbi_draw_table *table, const sbi_draw_key *key)
+{
+    return table->count ? table->slots[sbi_draw_slot(table, key)] - 1 : -1;
+}
+
+static void sbi_draw_free_table(const sb_allocator *allocator, sbi_draw_table *table)
+{
+    sbi_free(allocator, table->keys);
+    sbi_free(allocator, table->values);
+    sbi_free(allocator, table->slots);
+}
+
+/* Room for one more; 0: no memory. */
+static int sbi_draw_grow_table(const sb_allocator *allocator, sbi_draw_table *table)
+{
+    sbi_draw_table next = *table;
+    if (table->count < table->capacity)
+        return 1;
+    next.capacity = table->capacity ? 2 * table->capacity : 256;
+    next.slot_count = 4 * next.capacity;
+    if (table->capacity > INT32_MAX / 16)
+        return 0;
+    next.keys = (sbi_draw_key *)sbi_alloc(allocator, (size_t)next.capacity, sizeof *next.keys);
+    next.values = (int *)sbi_alloc(allocator, (size_t)next.capacity, sizeof(int));
+    next.slots = (int *)sbi_alloc_zeroed(allocator, (size_t)next.slot_count, sizeof(int));
+    if (!next.keys || !next.values || !next.slots) {
+        sbi_draw_free_table(allocator, &next);
+        return 0;
+    }
+    if (table->count) {
+        memcpy(next.keys, table->keys, (size_t)table->count * sizeof *next.keys);
+        memcpy(next.values, table->values, (size_t)table->count * sizeof(int));
+    }
+    for (int i = 0; i < next.count; i++)
+        next.slots[sbi_draw_slot(&next, &next.keys[i])] = i + 1;
+    sbi_draw_free_table(allocator, table);
+    *table = next;
+    return 1;
+}
+
+/* Item of a key, which is added with value 0 where it is not there; -1: no memory. */
+static int sbi_draw_put(const sb_allocator *allocator, sbi_draw_table *table, const sbi_draw_key *key)
+{
+    int item = sbi_draw_find(table, key);
+    if (item >= 0)
+        return item;
+    if (!sbi_draw_grow_table(allocator, table))
+        return -1;
+    table->keys[table->count] = *key;
+    table->values[table->count] = 0;
+    table->slots[sbi_draw_slot(table, key)] = table->count + 1;
+    return table->count++;
+}
+
+static void sbi_draw_clear_table(sbi_draw_table *table)
+{
+    if (table->count)
+        memset(table->slots, 0, (size_t)table->slot_count * sizeof(int));
+    table->count = 0;
+}
+
+static sbi_draw_key sbi_draw_key_make(int kind, int a, int b, int c, int d, int node)
+{
+    sbi_draw_key key;
+    key.at[0] = kind;
+    key.at[1] = a;
+    key.at[2] = b;
+    key.at[3] = c;
+    key.at[4] = d;
+    key.at[5] = node;
+    key.at[6] = 0;
+    return key;
+}
+
+static sbi_draw_key sbi_draw_edge_key(int a, int b)
+{
+    return sbi_draw_key_make(SBI_DRAW_POINT, sbi_min_int(a, b), sbi_max_int(a, b), -1, 0, 0);
+}
+
+/* ---- arrays ---- */
+
+/* Room for one vertex more in all arrays; 0: no memory. */
+static int sbi_draw_grow_vertices(sb_cut_surface *s)
+{
+    int count = s->names.count, capacity = s->vertex_capacity ? 2 * s->vertex_capacity : 1024;
+    size_t n = (size_t)capacity, used = (size_t)count;
+    sbi_draw_vertex *vertices;
+    sb_cut_origin *origins;
+    sb_vec3 *vectors[3], **old[3];
+    sb_real(*texture)[2];
+    int *points;
+    if (count < s->vertex_capacity)
+        return 1;
+    if (s->vertex_capacity > INT32_MAX / 16)
+        return 0;
+    old[0] = &s->positions, old[1] = &s->normals, old[2] = &s->rest;
+    vertices = (sbi_draw_vertex *)sbi_alloc(&s->allocator, n, sizeof *vertices);
+    origins = (sb_cut_origin *)sbi_alloc(&s->allocator, n, sizeof *origins);
+    texture = (sb_real(*)[2])sbi_alloc(&s->allocator, n, sizeof *texture);
+    points = (int *)sbi_alloc(&s->allocator, n, sizeof *points);
+    for (int k = 0; k < 3; k++)
+        vectors[k] = (sb_vec3 *)sbi_alloc(&s->allocator, n, sizeof(sb_vec3));
+    if (!vertices || !origins || !texture || !points || !vectors[0] || !vectors[1] || !vectors[2]) {
+        sbi_free(&s->allocator, vertices);
+        sbi_free(&s->allocator, origins);
+        sbi_free(&s->allocator, texture);
+        sbi_free(&s->allocator, points);
+        for (int k = 0; k < 3; k++)
+            sbi_free(&s->allocator, vectors[k]);
+        return 0;
+    }
+    if (used) {
+        memcpy(vertices, s->vertices, used * sizeof *vertices);
+        memcpy(origins, s->origins, used * sizeof *origins);
+        memcpy(texture, s->texture, used * sizeof *texture);
+        memcpy(points, s->points, used * sizeof *points);
+    }
+    sbi_free(&s->allocator, s->vertices);
+    sbi_free(&s->allocator, s->origins);
+    sbi_free(&s->allocator, s->texture);
+    sbi_free(&s->allocator, s->points);
+    for (int k = 0; k < 3; k++) {
+        if (used)
+            memcpy(vectors[k], *old[k], used * sizeof(sb_vec3));
+        sbi_free(&s->allocator, *old[k]);
+        *old[k] = vectors[k];
+    }
+    s->vertices = vertices;
+    s->origins = origins;
+    s->texture = texture;
+    s->points = points;
+    s->vertex_capacity = capacity;
+    return 1;
+}
+
+/* Room for one triangle more; 0: no memory. */
+static int sbi_draw_grow_triangles(sb_cut_surface *s)
+{
+    void *triangles = s->triangles, *tags = s->tags, *cells = s->cells;
+    int capacity[3], grown;
+    if (s->triangle_count < s->triangle_capacity)
+        return 1;
+    capacity[0] = capacity[1] = capacity[2] = s->triangle_capacity;
+    grown = sbi_cut_grow(&s->allocator, &triangles, capacity, s->triangle_count, 1, sizeof *s->triangles) &&
+            sbi_cut_grow(&s->allocator, &tags, capacity + 1, s->triangle_count, 1, 1) &&
+            sbi_cut_grow(&s->allocator, &cells, capacity + 2, s->triangle_count, 1, sizeof(int));
+    s->triangles = (int(*)[3])triangles;
+    s->tags = (unsigned char *)tags;
+    s->cells = (int *)cells;
+    if (grown)
+        s->triangle_capacity = capacity[0];
+    return grown;
+}
+
+/* ---- vertices and triangles ---- */
+
+/* Where a vertex of a lip is along the cut, whose triangle at rest has this normal. */
+static void sbi_draw_put_texture(sb_cut_surface *s, int vertex, sb_vec3 normal)
+{
+    const sb_real near = (sb_real)0.7;
+    int at = 0;
+    void *axes = s->axes;
+    sb_real size = sb_v3_norm(normal);
+    s->texture[vertex][0] = s->texture[vertex][1] = 0;
+    if (!(size > 0))
+        return;
+    normal = sb_v3_scale(1 / size, normal);
+    while (at < s->axes_count && !(sb_abs(sb_v3_dot(s->axes[at].normal, normal)) > near))
+        at++;
+    if (at == s->axes_count) {
+        int grown = sbi_cut_grow(&s->allocator, &axes, &s->axes_capacity, at, 1, sizeof *s->axes);
+        s->axes = (sbi_draw_axes *)axes;
+        s->failed |= !grown;
+        if (!grown)
+            return;
+        s->axes[at].normal = normal;
+        s->axes[at].u = sb_v3_perpendicular(normal);
+        s->axes[at].u = sb_v3_scale(1 / sb_v3_norm(s->axes[at].u), s->axes[at].u);
+        s->axes[at].v = sb_v3_cross(normal, s->axes[at].u);
+        s->axes_count++;
+    }
+    s->texture[vertex][0] = sb_v3_dot(s->rest[vertex], s->axes[at].u);
+    s->texture[vertex][1] = sb_v3_dot(s->rest[vertex], s->axes[at].v);
+}
+
+/* The vertex with this name, on a piece of the element, at these barycentrics. The lowest bit of at[6] of the
+ * name is its tag; normal: of a lip, at rest. */
+static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piece, sbi_draw_key key,
+                              const sb_real at[4], sb_vec3 normal)
+{
+    const int *tet = s->cut->tets + 4 * (size_t)t->tet;
+    int before = s->names.count, vertex, other;
+    sbi_draw_vertex *made;
+    if (!sbi_draw_grow_vertices(s) || (vertex = sbi_draw_put(&s->allocator, &s->names, &key)) < 0) {
+        s->failed = 1;
+        return 0;
+    }
+    made = s->vertices + vertex;
+    if (vertex == before) {
+        sb_vec3 x[4];
+        made->stamp = -1;
+        for (int a = 0; a < 4; a++)
+            x[a] = s->cut->body->reference[tet[a]];
+        s->rest[vertex] = sbi_lattice_place(&t->parted.order, at, x);
+        key.at[6] ^= 1;
+        other = sbi_draw_find(&s->names, &key);
+        s->points[vertex] = other >= 0 ? s->points[other] : vertex;
+        s->normals[vertex] = sb_v3(0, 0, 0);
+        sbi_draw_put_texture(s, vertex, normal);
+    }
+    if (made->stamp != s->stamp) {
+        made->stamp = s->stamp;
+        made->origin.element = t->tet;
+        memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
+        memcpy(made->origin.weights, at, sizeof made->origin.weights);
+        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]), sizeof made->cell_nodes);
+        s->origins[vertex] = made->origin;
+    }
+    return vertex;
+}
+
+static void sbi_draw_set_triangle(sb_cut_surface *s, int at, int a, int b, int c, int tag, int cell)
+{
+    int *triangle = s->triangles[at];
+    if (at < s->triangles_before && triangle[0] == a && triangle[1] == b && triangle[2] == c && s->tags[at] == tag &&
+        s->cells[at] == cell)
+        return;
+    s->first_triangle = sbi_min_int(s->first_triangle, at);
+    s->triangle_end = sbi_max_int(s->triangle_end, at + 1);
+    triangle[0] = a;
+    triangle[1] = b;
+    triangle[2] = c;
+    s->tags[at] = (unsigned char)tag;
+    s->cells[at] = cell;
+}
+
+static void sbi_draw_add_triangle(sb_cut_surface *s, int a, int b, int c, int tag, int cell)
+{
+    if (!sbi_draw_grow_triangles(s)) {
+        s->failed = 1;
+        return;
+    }
+    sbi_draw_set_triangle(s, s->triangle_count, a, b, c, tag, cell);
+    s->triangle_count++;
+}
+
+/* ---- names ---- */
+
+/* A number for a place, from its bits: points of faces and centres are others once more of their links are cut. */
+static int sbi_draw_place(const sbi_draw_tet *t, const sb_real at[4])
+{
+    uint64_t mixed = 0;
+    for (int k = 0; k < 4; k++) {
+        uint64_t bits = 0;
+        memcpy(&bits, &at[t->parted.order.corners[k]], sizeof *at);
+        if (bits) { /* the corner that the other element of a face does not have counts for nothing */
+            mixed = (mixed ^ bits) * UINT64_C(0x9e3779b97f4a7c15);
+            mixed ^= mixed >> 32;
+        }
+    }
+    return (int)(mixed & 0x3fffffff);
+}
+
+/* Node of a piece's cell at the first corner, in ascending order, that a place depends on. */
+static int sbi_draw_node(const sb_cut_surface *s, const sbi_draw_tet *t, int piece, const sb_real at[4])
+{
+    for (int k = 0; k < 4; k++) {
+        int corner = t->parted.order.corners[k];
+        if (at[corner] != 0)
+            return sb_body_cell_nodes(s->cut->body, t->cells[piece])[corner];
+    }
+    return -1;
+}
+
+/* A lattice point on the skin: its element's nodes with their weights, ascending. */
+static int sbi_draw_point(sb_cut_surface *s, const sbi_draw_tet *t, int point)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const sbi_corner_order *order = &t->parted.order;
+    int names[3] = {-1, -1, -1}, count = 0, code = 0, piece = t->parted.piece_of[point];
+    sb_real at[4];
+    sbi_lattice_point(lattice, point, at);
+    for (int k = 0; k < 4; k++) {
+        int corner = order->corners[k], weight = lattice->points[point][corner];
+        if (weight == 0 || count == 3)
+            continue;
+        names[count++] = order->nodes[corner];
+        code = 8 * code + weight;
+    }
+    return sbi_draw_vertex_of(
+        s, t, piece,
+        sbi_draw_key_make(SBI_DRAW_POINT, names[0], names[1], names[2], code, sbi_draw_node(s, t, piece, at)), at,
+        sb_v3(0, 0, 0));
+}
+
+/* The point of a cut link, on the side of the lattice point `end`. */
+static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int end, int tag, sb_vec3 normal)
+{
+    const sbi_parted *parted = &t->parted;
+    sbi_link_key name = sbi_lattice_key(parted->lattice, &parted->order, t->tet, link);
+    int item = sbi_cut_links_find(&s->cut->links, &name), ends[2], piece = parted->piece_of[end], side;
+    sb_real first[4], last[4], at[4];
+    sbi_draw_key key;
+    sbi_lattice_ends(parted->lattice, &parted->order, link, ends);
+    sbi_lattice_point(parted->lattice, ends[0], first);
+    sbi_lattice_point(parted->lattice, ends[1], last);
+    for (int a = 0; a < 4; a++)
+        at[a] = (1 - parted->t[link]) * first[a] + parted->t[link] * last[a];
+    side = s->merged[item] ? 0 : end == ends[1];
+    for (int a = 0; a < 4; a++) /* crossings at an end still depend on all of the link's corners */
+        first[a] += last[a];
+    key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name.at[0], name.at[1], name.at[2], name.at[3],
+                            sbi_draw_node(s, t, piece, first));
+    key.at[6] = tag;
+    return sbi_draw_vertex_of(s, t, piece, key, at, normal);
+}
+
+/* Name of a face of a micro-tet, and the ranks of its three corners (ascending in `ranked`): of a face of the element
+ * by its nodes, and then *shared is 1. */
+static sbi_draw_key sbi_draw_face_key(const sbi_draw_tet *t, int micro, const int local[3], int ranked[3], int *shared)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    int rank[3], code = 0, outer = -1;
+    for (int face = 0; face < 4; face++) {
+        uint64_t all = lattice->face_points[face];
+        if ((all >> corners[local[0]] & 1) && (all >> corners[local[1]] & 1) && (all >> corners[local[2]] & 1))
+            outer = face;
+    }
+    for (int k = 0; k < 3; k++) {
+        rank[k] = corners[local[k]];
+        ranked[k] = k;
+        if (outer >= 0) {
+            unsigned mark = sbi_lattice_face_marks(lattice, &t->parted.order, outer, (uint64_t)1 << corners[local[k]]);
+            for (rank[k] = 0; mark > 1; mark >>= 1)
+                rank[k]++;
+        }
+    }
+    for (int i = 1; i < 3; i++)
+        for (int k = i; k > 0 && rank[ranked[k - 1]] > rank[ranked[k]]; k--) {
+            int swap = ranked[k];
+            ranked[k] = ranked[k - 1];
+            ranked[k - 1] = swap;
+        }
+    for (int k = 0; k < 3; k++)
+        code = 64 * code + rank[ranked[k]];
+    *shared = outer >= 0;
+    if (outer >= 0) {
+        int names[3], count = 0, lacking[SB_MAX_FACE_NODES];
+        sb_element_face(SB_TET4, outer, lacking, NULL);
+        for (int k = 0; k < 4; k++) {
+            int corner = t->parted.order.corners[k];
+            if (corner == lacking[0] || corner == lacking[1] || corner == lacking[2])
+                names[count++] = t->parted.order.nodes[corner];
+        }
+        return sbi_draw_key_make(SBI_DRAW_FACE, names[0], names[1], names[2], code, 0);
+    }
+    return sbi_draw_key_make(SBI_DRAW_FACE, t->tet, -1, -1, code, 0);
+}
+
+/* Which pairs (01, 02, 12) of the ranked corners of a face are of one piece, as bits. */
+static int sbi_draw_pairs(const sbi_draw_tet *t, int micro, const int local[3], const int ranked[3])
+{
+    const unsigned char *corners = t->parted.lattice->micros[micro], *piece_of = t->parted.piece_of;
+    int a = piece_of[corners[local[ranked[0]]]], b = piece_of[corners[local[ranked[1]]]];
+    int c = piece_of[corners[local[ranked[2]]]];
+    return (a == b) | (a == c) << 1 | (b == c) << 2;
+}
+
+/* The point of a face of a micro-tet on the side of corner `local[k]`. */
+static int sbi_draw_face(sb_cut_surface *s, const sbi_draw_tet *t, int micro, const int local[3], int k,
+                         const sb_real at[4], int tag, sb_vec3 normal)
+{
+    int ranked[3], shared, pairs, mine = 0, side, piece;
+    sbi_draw_key key = sbi_draw_face_key(t, micro, local, ranked, &shared);
+    pairs = sbi_draw_pairs(t, micro, local, ranked);
+    if (shared) {
+        int item = sbi_draw_find(&s->joins, &key);
+        pairs |= item >= 0 ? s->joins.values[item] : 0;
+    }
+    if ((pairs & 3) == 3 || (pairs & 5) == 5 || (pairs & 6) == 6)
+        pairs = 7; /* two pairs join all */
+    while (ranked[mine] != k)
+        mine++;
+    side = mine == 0 ? 0 : mine == 1 ? (pairs & 1 ? 0 : 1) : pairs & 2 ? 0 : pairs & 4 ? 1 : 2;
+    piece = t->parted.piece_of[t->parted.lattice->micros[micro][local[k]]];
+    key.at[0] |= side << 3;
+    key.at[5] = sbi_draw_node(s, t, piece, at);
+    key.at[6] = tag | sbi_draw_place(t, at) << 1;
+    return sbi_draw_vertex_of(s, t, piece, key, at, normal);
+}
+
+static int sbi_draw_centre(sb_cut_surface *s, const sbi_draw_tet *t, int micro, int piece, const sb_real at[4],
+                           sb_vec3 normal)
+{
+    int cell_node = sb_body_cell_nodes(s->cut->body, t->cells[piece])[t->parted.order.corners[0]], lowest = 0;
+    sbi_draw_key key;
+    while (!(t->parted.pieces[piece] >> lowest & 1))
+        lowest++;
+    key = sbi_draw_key_make(SBI_DRAW_CENTRE, t->tet, micro, lowest, 0, cell_node);
+    key.at[6] = SB_CUT_LIP | sbi_draw_place(t, at) << 1;
+    return sbi_draw_vertex_of(s, t, piece, key, at, normal);
+}
+
+/* ---- what is to be drawn by pieces ---- */
+
+static void sbi_draw_load_tet(const sb_cut_surface *s, int tet, sbi_draw_tet *t)
+{
+    const sb_cut *cut = s->cut;
+    int count = 0;
+    t->tet = tet;
+    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &t->parted);
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        t->cells[count++] = cut->pieces[piece].cell;
+}
+
+static void sbi_draw_mark_tet(sb_cut_surface *s, int tet) { s->tet_marks[tet] = 1; }
+
+static int sbi_draw_has_node(const sb_cut *cut, int tet, int node)
+{
+    const int *nodes = cut->tets + 4 * (size_t)tet;
+    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
+}
+
+/* Marks the elements around all cut links. */
+static void sbi_draw_mark_links(sb_cut_surface *s)
+{
+    const sb_cut *cut = s->cut;
+    for (int i = 0; i < cut->links.count; i++) {
+        const int *at = cut->links.items[i].key.at;
+        if (at[1] < 0) {
+            sbi_draw_mark_tet(s, at[0]);
+            continue;
+        }
+        for (int k = cut->node_tets.offsets[at[0]]; k < cut->node_tets.offsets[at[0] + 1]; k++) {
+            int tet = cut->node_tets.items[k];
+            if (sbi_draw_has_node(cut, tet, at[1]) && (at[2] < 0 || sbi_draw_has_node(cut, tet, at[2])))
+                sbi_draw_mark_tet(s, tet);
+        }
+    }
+}
+
+static void sbi_draw_list_tets(sb_cut_surface *s)
+{
+    s->tets.count = 0;
+    for (int tet = 0; tet < s->cut->tet_count; tet++)
+        if (s->tet_marks[tet])
+            s->tets.items[s->tets.count++] = tet;
+}
+
+/* Local corners of a face of a micro-tet without corner x, counter-clockwise from outside. */
+static void sbi_draw_micro_face(const sb_cut_surface *s, int x, int local[3])
+{
+    int nodes[SB_MAX_FACE_NODES];
+    sb_element_face(SB_TET4, s->opposite[x], nodes, NULL);
+    for (int k = 0; k < 3; k++)
+        local[k] = nodes[k];
+}
+
+/* Where cuts end, and which corners of faces between elements are of one piece in one of them. */
+static void sbi_draw_find_sides(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const sbi_parted *parted = &t->parted;
+    const sbi_lattice *lattice = parted->lattice;
+    for (int l = 0; l < lattice->link_count; l++) {
+        sbi_link_key key;
+        if (!parted->cut[l] || parted->piece_of[lattice->links[l][0]] != parted->piece_of[lattice->links[l][1]])
+            continue;
+        key = sbi_lattice_key(lattice, &parted->order, t->tet, l);
+        s->merged[sbi_cut_links_find(&s->cut->links, &key)] = 1;
+    }
+    for (int micro = 0; micro < lattice->micro_count; micro++)
+        for (int x = 0; x < 4; x++) {
+            int local[3], ranked[3], shared, item, cut = 0;
+            sbi_draw_key key;
+            sbi_draw_micro_face(s, x, local);
+            for (int k = 0; k < 3; k++)
+                cut |= parted->cut[lattice->micro_links[micro][s->edge_of[local[k]][local[(k + 1) % 3]]]];
+            if (!cut)
+                continue;
+            key = sbi_draw_face_key(t, micro, local, ranked, &shared);
+            if (!shared)
+                continue;
+            item = sbi_draw_put(&s->allocator, &s->joins, &key);
+            s->failed |= item < 0;
+            if (item >= 0)
+                s->joins.values[item] |= sbi_draw_pairs(t, micro, local, ranked);
+        }
+}
+
+/* Whether a face of the skin has a cut link. */
+static int sbi_draw_face_is_cut(const sbi_draw_tet *t, int face)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    uint64_t on = lattice->face_points[face];
+    int cut = 0;
+    for (int l = 0; l < lattice->link_count && !cut; l++)
+        cut = t->parted.cut[l] && (on >> lattice->links[l][0] & 1) && (on >> lattice->links[l][1] & 1);
+    return cut;
+}
+
+/* Splits the faces of the skin that are cut, and lists their edges. */
+static void sbi_draw_split_faces(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const int *nodes = s->cut->tets + 4 * (size_t)t->tet;
+    for (int face = 0; face < 4; face++) {
+        int number = s->face_of[4 * (size_t)t->tet + (size_t)face], local[SB_MAX_FACE_NODES];
+        if (number < 0 || !sbi_draw_face_is_cut(t, face))
+            continue;
+        s->face_states[number] = SBI_DRAW_SPLIT;
+        sb_element_face(SB_TET4, face, local, NULL);
+        for (int k = 0; k < 3 && t->parted.lattice->intervals > 1; k++) {
+            sbi_draw_key key = sbi_draw_edge_key(nodes[local[k]], nodes[local[(k + 1) % 3]]);
+            s->failed |= sbi_draw_put(&s->allocator, &s->edges, &key) < 0;
+        }
+    }
+}
+
+/* Faces beside those that were split have their edges in links, too. */
+static void sbi_draw_find_fans(sb_cut_surface *s)
+{
+    const sb_cut *cut = s->cut;
+    for (int i = 0; i < s->edges.count; i++) {
+        int a = s->edges.keys[i].at[1], b = s->edges.keys[i].at[2];
+        for (int k = cut->node_tets.offsets[a]; k < cut->node_tets.offsets[a + 1]; k++) {
+            int tet = cut->node_tets.items[k];
+            if (!sbi_draw_has_node(cut, tet, b))
+                continue;
+            for (int face = 0; face < 4; face++) {
+                int number = s->face_of[4 * (size_t)tet + (size_t)face], local[SB_MAX_FACE_NODES], found = 0;
+                sb_element_face(SB_TET4, face, local, NULL);
+                for (int c = 0; c < 3; c++)
+                    found += cut->tets[4 * (size_t)tet + (size_t)local[c]] == a ||
+                             cut->tets[4 * (size_t)tet + (size_t)local[c]] == b;
+                if (found < 2 || number < 0 || s->face_states[number] != SBI_DRAW_WHOLE)
+                    continue;
+                s->face_states[number] = SBI_DRAW_FAN;
+                sbi_draw_mark_tet(s, tet);
+            }
+        }
+    }
+}
+
+/* ---- drawing an element ---- */
+
+/* A triangle of the lattice on the skin: whole where no link of it is cut, else as its flags about the face's point. */
+static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int micro, int x)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    const sb_vec3 none = {0, 0, 0};
+    sbi_micro_points points;
+    sb_real middle[4];
+    int local[3], cut = 0;
+    sbi_draw_micro_face(s, x, local);
+    for (int k = 0; k < 3; k++)
+        cut |= t->parted.cut[lattice->micro_links[micro][s->edge_of[local[k]][local[(k + 1) % 3]]]];
+    if (!cut) {
+        sbi_draw_add_triangle(s, sbi_draw_point(s, t, corners[local[0]]), sbi_draw_point(s, t, corners[local[1]]),
+                              sbi_draw_point(s, t, corners[local[2]]), SB_CUT_SKIN,
+                              t->cells[t->parted.piece_of[corners[local[0]]]]);
+        return;
+    }
+    for (int a = 0; a < 4; a++)
+        middle[a] = (sb_real)(lattice->points[corners[local[0]]][a] + lattice->points[corners[local[1]]][a] +
+                              lattice->points[corners[local[2]]][a]) /
+                    (sb_real)(3 * lattice->intervals);
+    if (sbi_parted_is_split(&t->parted, micro)) {
+        sbi_parted_points(&t->parted, micro, 0, &points);
+        memcpy(middle, points.tet[SBI_MICRO_FACES + sbi_draw_opposite[x]], sizeof middle);
+    }
+    for (int k = 0; k < 3; k++) {
+        int v = local[k], w = local[(k + 1) % 3], link = lattice->micro_links[micro][s->edge_of[v][w]];
+        int from = sbi_draw_point(s, t, corners[v]), to = sbi_draw_point(s, t, corners[w]);
+        int hub = sbi_draw_face(s, t, micro, local, k, middle, SB_CUT_SKIN, none);
+        int cell = t->cells[t->parted.piece_of[corners[v]]];
+        if (!t->parted.cut[link]) {
+            sbi_draw_add_triangle(s, from, to, hub, SB_CUT_SKIN, cell);
+            continue;
+        }
+        sbi_draw_add_triangle(s, from, sbi_draw_link(s, t, link, corners[v], SB_CUT_SKIN, none), hub, SB_CUT_SKIN,
+                              cell);
+        hub = sbi_draw_face(s, t, micro, local, (k + 1) % 3, middle, SB_CUT_SKIN, none);
+        sbi_draw_add_triangle(s, sbi_draw_link(s, t, link, corners[w], SB_CUT_SKIN, none), to, hub, SB_CUT_SKIN,
+                              t->cells[t->parted.piece_of[corners[w]]]);
+    }
+}
+
+/* A face of the skin whose edges are drawn in links where it meets faces that are cut: triangles about its middle. */
+static void sbi_draw_skin_fan(sb_cut_surface *s, const sbi_draw_tet *t, int face)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const int *nodes = s->cut->tets + 4 * (size_t)t->tet;
+    int local[SB_MAX_FACE_NODES], m = lattice->intervals, hub, piece, cell;
+    sb_real middle[4] = {0, 0, 0, 0};
+    sbi_draw_key key;
+    sb_element_face(SB_TET4, face, local, NULL);
+    for (int k = 0; k < 3; k++)
+        middle[local[k]] = (sb_real)1 / 3;
+    piece = t->parted.piece_of[local[0]];
+    cell = t->cells[piece];
+    key = sbi_draw_key_make(SBI_DRAW_MIDDLE, t->tet, face, 0, 0, sbi_draw_node(s, t, piece, middle));
+    hub = sbi_draw_vertex_of(s, t, piece, key, middle, sb_v3(0, 0, 0));
+    for (int k = 0; k < 3; k++) {
+        int v = local[k], w = local[(k + 1) % 3], from = sbi_draw_point(s, t, v);
+        sbi_draw_key edge = sbi_draw_edge_key(nodes[v], nodes[w]);
+        int parts = sbi_draw_find(&s->edges, &edge) >= 0 ? m : 1;
+        for (int i = 1; i <= parts; i++) {
+            int weights[4] = {0, 0, 0, 0}, to;
+            weights[w] = i * m / parts;
+            weights[v] = m - weights[w];
+            to = sbi_draw_point(s, t, lattice->lookup[weights[1]][weights[2]][weights[3]]);
+            sbi_draw_add_triangle(s, from, to, hub, SB_CUT_SKIN, cell);
+            from = to;
+        }
+    }
+}
+
+static void sbi_draw_skin(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    for (int face = 0; face < 4; face++) {
+        int number = s->face_of[4 * (size_t)t->tet + (size_t)face];
+        if (number < 0 || s->face_states[number] == SBI_DRAW_WHOLE)
+            continue;
+        if (s->face_states[number] == SBI_DRAW_FAN)
+            sbi_draw_skin_fan(s, t, face);
+        for (int micro = 0; micro < lattice->micro_count && s->face_states[number] == SBI_DRAW_SPLIT; micro++)
+            for (int x = 0; x < 4; x++) {
+                int on = 0;
+                for (int v = 0; v < 4; v++)
+                    on += v != x && (lattice->face_points[face] >> lattice->micros[micro][v] & 1);
+                if (on == 3)
+                    sbi_draw_skin_micro(s, t, micro, x);
+            }
+    }
+}
+
+/* The triangle between v and w of a micro-tet beside the face without corner x, on the side of each. turned: link, face
+ * and centre go round v the other way than out of it. */
+static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, int micro, const sbi_micro_points *points, int v,
+                         int w, int x, int turned)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const unsigned char *corners = lattice->micros[micro];
+    int link = lattice->micro_links[micro][s->edge_of[v][w]], local[3];
+    const sb_real *of_face = points->tet[SBI_MICRO_FACES + sbi_draw_opposite[x]];
+    const sb_real *of_link = points->tet[s->edge_of[v][w]], *of_centre = points->tet[SBI_MICRO_CENTRE];
+    sb_vec3 rest[3], nodes[4], normal;
+    for (int a = 0; a < 4; a++)
+        nodes[a] = s->cut->body->reference[s->cut->tets[4 * (size_t)t->tet + (size_t)a]];
+    rest[0] = sbi_lattice_place(&t->parted.order, of_link, nodes);
+    rest[1] = sbi_lattice_place(&t->parted.order, of_face, nodes);
+    rest[2] = sbi_lattice_place(&t->parted.order, of_centre, nodes);
+    normal = sb_v3_cross(sb_v3_sub(rest[1], rest[0]), sb_v3_sub(rest[2], rest[0]));
+    sbi_draw_micro_face(s, x, local);
+    for (int side = 0; side < 2; side++) {
+        int corner = side ? w : v, piece = t->parted.piece_of[corners[corner]], k = 0, a, b, c;
+        while (local[k] != corner)
+            k++;
+        a = sbi_draw_link(s, t, link, corners[corner], SB_CUT_LIP, normal);
+        b = sbi_draw_face(s, t, micro, local, k, of_face, SB_CUT_LIP, normal);
+        c = sbi_draw_centre(s, t, micro, piece, of_centre, normal);
+        if (side == turned)
+            sbi_draw_add_triangle(s, a, b, c, SB_CUT_LIP, t->cells[piece]);
+        else
+            sbi_draw_add_triangle(s, a, c, b, SB_CUT_LIP, t->cells[piece]);
+    }
+}
+
+static void sbi_draw_lips(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    for (int micro = 0; micro < lattice->micro_count && t->parted.piece_count > 1; micro++) {
+        const unsigned char *corners = lattice->micros[micro];
+        sbi_micro_points points;
+        if (!sbi_parted_is_split(&t->parted, micro))
+            continue;
+        sbi_parted_points(&t->parted, micro, 0, &points);
+        for (int v = 0; v < 4; v++)
+            for (int w = v + 1; w < 4; w++) {
+                int u = v == 0 ? (w == 1 ? 2 : 1) : 0, x = 6 - v - w - u;
+                int odd = (v > u) + (w > u) + (v > x) + (w > x) + (u > x); /* of the order v, w, u, x */
+                if (t->parted.piece_of[corners[v]] == t->parted.piece_of[corners[w]])
+                    continue;
+                sbi_draw_lip(s, t, micro, &points, v, w, x, odd & 1);
+                sbi_draw_lip(s, t, micro, &points, v, w, u, !(odd & 1));
+            }
+    }
+}
+
+/* ---- all of it ---- */
+
+static int sbi_draw_reserve_merged(sb_cut_surface *s)
+{
+    void *merged = s->merged;
+    int grown = sbi_cut_grow(&s->allocator, &merged, &s->merged_capacity, 0, s->cut->links.count, 1);
+    s->merged = (unsigned char *)merged;
+    if (grown && s->cut->links.count)
+        memset(s->merged, 0, (size_t)s->cut->links.count);
+    return grown;
+}
+
+/* 1 when a whole face of an element without cuts is drawn as it is now. */
+static int sbi_draw_is_same(const sb_cut_surface *s, int f, int tet, const int *local)
+{
+    int cell = s->cut->pieces[tet].cell, same = s->cells[f] == cell;
+    for (int k = 0; k < 3 && same; k++)
+        same = sb_body_cell_nodes(s->cut->body, cell)[local[k]] == s->names.keys[s->triangles[f][k]].at[5];
+    return same;
+}
+
+/* The faces of the skin that are one triangle each; others have none there. */
+static void sbi_draw_whole_faces(sb_cut_surface *s)
+{
+    sbi_draw_tet t;
+    for (int f = 0; f < s->face_count; f++) {
+        int tet = s->faces[f] / 4, face = s->faces[f] % 4, local[SB_MAX_FACE_NODES];
+        if (s->face_states[f] != SBI_DRAW_WHOLE) {
+            sbi_draw_set_triangle(s, f, 0, 0, 0, SB_CUT_SKIN, -1);
+            continue;
+        }
+        sb_element_face(SB_TET4, face, local, NULL);
+        if (s->triangles_before > f && !s->tet_marks[tet] && sbi_draw_is_same(s, f, tet, local))
+            continue;
+        sbi_draw_load_tet(s, tet, &t);
+        sbi_draw_set_triangle(s, f, sbi_draw_point(s, &t, local[0]), sbi_draw_point(s, &t, local[1]),
+                              sbi_draw_point(s, &t, local[2]), SB_CUT_SKIN, t.cells[t.parted.piece_of[local[0]]]);
+    }
+}
+
+/* Makes the triangles anew; 0: no memory. */
+static int sbi_draw_rebuild(sb_cut_surface *s)
+{
+    sbi_draw_tet t;
+    s->failed = 0;
+    s->stamp++;
+    sbi_draw_clear_table(&s->joins);
+    sbi_draw_clear_table(&s->edges);
+    memset(s->face_states, 0, (size_t)s->face_count);
+    memset(s->tet_marks, 0, (size_t)s->cut->tet_count);
+    if (!sbi_draw_reserve_merged(s))
+        return 0;
+    sbi_draw_mark_links(s);
+    sbi_draw_list_tets(s);
+    for (int i = 0; i < s->tets.count; i++) {
+        sbi_draw_load_tet(s, s->tets.items[i], &t);
+        sbi_draw_find_sides(s, &t);
+        sbi_draw_split_faces(s, &t);
+    }
+    sbi_draw_find_fans(s);
+    sbi_draw_list_tets(s);
+    sbi_draw_whole_faces(s);
+    s->triangle_count = s->face_count;
+    for (int i = 0; i < s->tets.count && !s->failed; i++) {
+        sbi_draw_load_tet(s, s->tets.items[i], &t);
+        sbi_draw_skin(s, &t);
+        sbi_draw_lips(s, &t);
+    }
+    if (s->triangle_count < s->triangles_before) {
+        s->first_triangle = sbi_min_int(s->first_triangle, s->triangle_count);
+        s->triangle_end = sbi_max_int(s->triangle_end, s->triangle_count);
+    }
+    return !s->failed;
+}
+
+/* Vertices that are not used any more; those of whole faces far from cuts are, though nobody asked for them. */
+static void sbi_draw_find_unused(sb_cut_surface *s)
+{
+    for (int f = 0; f < s->face_count; f++)
+        for (int k = 0; k < 3 && s->face_states[f] == SBI_DRAW_WHOLE; k++)
+            s->vertices[s->triangles[f][k]].stamp = s->stamp;
+    for (int i = 0; i < s->names.count; i++)
+        s->origins[i].element = s->vertices[i].stamp == s->stamp ? s->vertices[i].origin.element : -1;
+}
+
+static void sbi_draw_move(sb_cut_surface *s)
+{
+    const sb_vec3 *x = sb_body_positions(s->cut->body);
+    for (int i = 0; i < s->names.count; i++) {
+        const sbi_draw_vertex *vertex = s->vertices + i;
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        s->normals[i] = sum;
+        if (s->origins[i].element < 0)
+            continue;
+        for (int a = 0; a < 4; a++)
+            if (vertex->origin.weights[a] != 0)
+                sum = sb_v3_madd(sum, vertex->origin.weights[a], x[vertex->cell_nodes[a]]);
+        s->positions[i] = sum;
+    }
+    for (int f = 0; f < s->triangle_count; f++) {
+        const int *v = s->triangles[f];
+        sb_vec3 n = sb_v3_cross(sb_v3_sub(s->positions[v[1]], s->positions[v[0]]),
+                                sb_v3_sub(s->positions[v[2]], s->positions[v[0]]));
+        for (int k = 0; k < 3; k++)
+            s->normals[v[k]] = sb_v3_add(s->normals[v[k]], n);
+    }
+    for (int i = 0; i < s->names.count; i++) {
+        sb_real size = sb_v3_norm(s->normals[i]);
+        if (size > 0)
+            s->normals[i] = sb_v3_scale(1 / size, s->normals[i]);
+    }
+}
+
+static sb_result sbi_draw_check(const sb_cut *cut, sb_error *error)
+{
+    if (!cut->body)
+        return sbi_fail(error, SB_ERROR_STATE, "the body is gone");
+    if (cut->stale)
+        return sbi_fail(error, SB_ERROR_STATE, "the body's mesh was changed by others: make a new sb_cut");
+    return SB_OK;
+}
+
+SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
+{
+    sb_result result;
+    if (!s)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_update needs a surface");
+    result = sbi_draw_check(s->cut, error);
+    if (result != SB_OK)
+        return result;
+    s->first_vertex = s->names.count;
+    s->first_triangle = s->triangle_count;
+    s->triangle_end = 0;
+    if (s->version != sb_body_mesh_version(s->cut->body)) {
+        int made = sbi_draw_rebuild(s);
+        s->version = made ? sb_body_mesh_version(s->cut->body) : -1;
+        sbi_draw_find_unused(s);
+        s->triangles_before = made ? s->triangle_count : 0;
+        result = made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
+    }
+    s->triangle_end = sbi_max_int(s->triangle_end, s->first_triangle);
+    sbi_draw_move(s);
+    return result;
+}
+
+/* ---- creation ---- */
+
+/* The faces of the skin, and tables of local numbers. */
+static int sbi_draw_take_skin(sb_cut_surface *s)
+{
+    const sb_cut *cut = s->cut;
+    size_t sides = 4 * (size_t)cut->tet_count;
+    void *triangles = NULL, *tags = NULL, *cells = NULL;
+    int capacity[3] = {0, 0, 0}, taken;
+    for (int face = 0; face < 4; face++) {
+        int local[SB_MAX_FACE_NODES], missing = 6;
+        sb_element_face(SB_TET4, face, local, NULL);
+        for (int k = 0; k < 3; k++)
+            missing -= local[k];
+        s->opposite[missing] = (signed char)face;
+    }
+    for (int edge = 0; edge < 6; edge++) {
+        int ends[3];
+        sb_element_edge(SB_TET4, edge, ends);
+        s->edge_of[ends[0]][ends[1]] = s->edge_of[ends[1]][ends[0]] = (signed char)edge;
+    }
+    for (size_t i = 0; i < sides; i++)
+        s->face_count += cut->neighbours.items[i] < 0;
+    s->faces = (int *)sbi_alloc(&s->allocator, (size_t)s->face_count, sizeof(int));
+    s->face_of = (int *)sbi_alloc(&s->allocator, sides, sizeof(int));
+    s->face_states = (unsigned char *)sbi_alloc_zeroed(&s->allocator, (size_t)s->face_count, 1);
+    s->tet_marks = (unsigned char *)sbi_alloc_zeroed(&s->allocator, (size_t)cut->tet_count, 1);
+    s->tets.items = (int *)sbi_alloc(&s->allocator, (size_t)cut->tet_count, sizeof(int));
+    taken = s->faces && s->face_of && s->face_states && s->tet_marks && s->tets.items &&
+            sbi_cut_grow(&s->allocator, &triangles, capacity, 0, s->face_count, sizeof *s->triangles) &&
+            sbi_cut_grow(&s->allocator, &tags, capacity + 1, 0, s->face_count, 1) &&
+            sbi_cut_grow(&s->allocator, &cells, capacity + 2, 0, s->face_count, sizeof(int));
+    s->triangles = (int(*)[3])triangles;
+    s->tags = (unsigned char *)tags;
+    s->cells = (int *)cells;
+    if (!taken)
+        return 0;
+    s->triangle_capacity = capacity[0];
+    s->face_count = 0;
+    for (size_t i = 0; i < sides; i++) {
+        s->face_of[i] = cut->neighbours.items[i] < 0 ? s->face_count : -1;
+        if (cut->neighbours.items[i] < 0)
+            s->faces[s->face_count++] = (int)i;
+    }
+    return 1;
+}
+
+SB_API sb_result sb_cut_surface_create(sb_cut *cut, const sb_allocator *allocator, sb_cut_surface **surface,
+                                       sb_error *error)
+{
+    sb_cut_surface *made;
+    sb_result result;
+    if (!cut || !surface)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_create needs a cut and a place for the surface");
+    result = sbi_draw_check(cut, error);
+    if (result != SB_OK)
+        return result;
+    made = (sb_cut_surface *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
+    made->cut = cut;
+    if (allocator)
+        made->allocator = *allocator;
+    made->version = -1;
+    result = sbi_draw_take_skin(made) ? sb_cut_surface_update(made, error)
+                                      : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
+    if (result != SB_OK) {
+        sb_cut_surface_destroy(made);
+        return result;
+    }
+    *surface = made;
+    return SB_OK;
+}
+
+SB_API void sb_cut_surface_destroy(sb_cut_surface *s)
+{
+    sb_allocator allocator;
+    if (!s)
+        return;
+    allocator = s->allocator;
+    sbi_draw_free_table(&allocator, &s->joins);
+    sbi_draw_free_table(&allocator, &s->edges);
+    sbi_draw_free_table(&allocator, &s->names);
+    sbi_free(&allocator, s->faces);
+    sbi_free(&allocator, s->face_of);
+    sbi_free(&allocator, s->face_states);
+    sbi_free(&allocator, s->tet_marks);
+    sbi_free(&allocator, s->tets.items);
+    sbi_free(&allocator, s->merged);
+    sbi_free(&allocator, s->vertices);
+    sbi_free(&allocator, s->origins);
+    sbi_free(&allocator, s->positions);
+    sbi_free(&allocator, s->normals);
+    sbi_free(&allocator, s->rest);
+    sbi_free(&allocator, s->texture);
+    sbi_free(&allocator, s->points);
+    sbi_free(&allocator, s->triangles);
+    sbi_free(&allocator, s->tags);
+    sbi_free(&allocator, s->cells);
+    sbi_free(&allocator, s->axes);
+    sbi_free(&allocator, s);
+}
+
+SB_API sb_cut_drawing sb_cut_surface_get(const sb_cut_surface *s)
+{
+    sb_cut_drawing drawing;
+    memset(&drawing, 0, sizeof drawing);
+    if (!s)
+        return drawing;
+    drawing.vertex_count = s->names.count;
+    drawing.triangle_count = s->triangle_count;
+    drawing.positions = s->positions;
+    drawing.normals = s->normals;
+    drawing.rest = s->rest;
+    drawing.texture = (const sb_real(*)[2])s->texture;
+    drawing.origins = s->origins;
+    drawing.points = s->points;
+    drawing.triangles = (const int(*)[3])s->triangles;
+    drawing.tags = s->tags;
+    drawing.cells = s->cells;
+    drawing.first_triangle = s->first_triangle;
+    drawing.triangle_end = s->triangle_end;
+    drawing.first_vertex = s->first_vertex;
+    return drawing;
 }
 
 /* ==== src/softbody/contact/tool_mesh.h ==== */
@@ -79173,9 +81939,9 @@ SBI_API int sbi_servo_is_sound(const sb_tool_state *in);
  * in. Returns 1 while the wrench follows the hand, 0 while it fades or there is none. */
 SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_haptic_frame *frame, sb_wrench_d *out);
 
-/* What the simulation is to move its tool to: the last pose on the tool's side of the coupling, the hand's velocities,
- * time and buttons. */
-SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in);
+/* What the simulation is to move its tool to: the last pose on the tool's side of the coupling, or on the hand's where
+ * the simulation has the spring itself; the hand's velocities, time and buttons. */
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, int of_hand, const sb_tool_state *in);
 
 SBI_API sb_haptic_info sbi_servo_info(const sbi_servo *servo);
 
@@ -79862,11 +82628,12 @@ SBI_API int sbi_servo_call(sbi_servo *servo, const sb_tool_state *in, const sbi_
     return follows;
 }
 
-SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, const sb_tool_state *in)
+SBI_API sb_tool_state sbi_servo_wanted(const sbi_servo *servo, int of_hand, const sb_tool_state *in)
 {
     sb_tool_state wanted = *in;
-    sbi_d_put(wanted.position, servo->tool.position);
-    sbi_turn_to_matrix(servo->tool.rotation, wanted.rotation);
+    sbi_d_pose pose = of_hand ? sbi_servo_in_tissue(servo, &servo->hand) : servo->tool;
+    sbi_d_put(wanted.position, pose.position);
+    sbi_turn_to_matrix(pose.rotation, wanted.rotation);
     for (int i = 0; i < 3; i++)
         wanted.velocity[i] *= servo->def.scale_motion;
     return wanted;
@@ -79910,6 +82677,7 @@ struct sb_haptic {
     sb_allocator allocator;
     sb_contact *contact;
     int tool;
+    int hangs; /* 1: the tool's own spring couples it to the hand */
 
     sbi_servo servo; /* of the device's thread */
     sbi_mailbox frame_box, report_box;
@@ -80365,10 +83133,28 @@ static sb_result sbi_haptic_check_def(const sb_haptic_def *def, sb_pose *pose, s
             error, SB_ERROR_UNSUPPORTED,
             "the body's steps are explicit (SB_CENTRAL_DIFFERENCE): a hand feels the stiffness of the system "
             "that an implicit step solves");
-    if (sbi_contact_is_hung(def->contact->tools + def->tool))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "tool %d hangs on a spring already: a hand's is def.coupling, on a rigid tool", def->tool);
+    if (sbi_contact_is_hung(def->contact->tools + def->tool) && (def->coupling >= 0 || def->coupling_turning >= 0))
+        return sbi_fail(
+            error, SB_ERROR_ARGUMENT,
+            "tool %d hangs on a spring, which couples it to the hand: def.coupling and def.coupling_turning "
+            "must be left at their defaults",
+            def->tool);
     return SB_OK;
+}
+
+/* With the spring that a tool hangs on as its coupling, as the hand feels it. */
+static sb_haptic_def sbi_haptic_couple(const sb_haptic_def *def)
+{
+    const sbi_contact_tool *tool = def->contact->tools + def->tool;
+    sb_haptic_def full = *def;
+    double most = (double)tool->spring.most;
+    if (!sbi_contact_is_hung(tool) || !(def->scale_force > 0) || !(def->scale_motion > 0)) /* these are refused */
+        return full;
+    full.coupling = (double)tool->spring.stiffness * def->scale_force * def->scale_motion;
+    full.coupling_turning = (double)tool->spring.turning * def->scale_force / def->scale_motion;
+    if (most < def->max_force / def->scale_force)
+        full.max_force = most * def->scale_force;
+    return full;
 }
 
 /* A device that does not turn holds the tool as it stands. */
@@ -80383,6 +83169,7 @@ SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, 
 {
     sb_pose pose;
     sb_haptic *made;
+    sb_haptic_def full;
     sb_result result = sbi_haptic_check_def(def, &pose, error);
     if (result == SB_OK && !haptic)
         result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for what is made");
@@ -80394,7 +83181,9 @@ SB_API sb_result sb_haptic_create(const sb_haptic_def *def, sb_haptic **haptic, 
     made->allocator = def->contact->allocator;
     made->contact = def->contact;
     made->tool = def->tool;
-    result = sbi_servo_begin(&made->servo, def, error);
+    made->hangs = sbi_contact_is_hung(def->contact->tools + def->tool);
+    full = sbi_haptic_couple(def);
+    result = sbi_servo_begin(&made->servo, &full, error);
     if (result == SB_OK && !sbi_haptic_take_memory(made))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for a hand at a tool");
     if (result != SB_OK) {
@@ -80485,7 +83274,7 @@ SB_API int sb_haptic_force(sb_haptic *haptic, const sb_tool_state *in, sb_wrench
     follows = sbi_servo_call(&haptic->servo, in, frame, out);
     if (sbi_servo_is_sound(in)) {
         report = haptic->reports + sbi_mailbox_back(&haptic->report_box);
-        report->wanted = sbi_servo_wanted(&haptic->servo, in);
+        report->wanted = sbi_servo_wanted(&haptic->servo, haptic->hangs, in);
         report->info = sbi_servo_info(&haptic->servo);
         sbi_mailbox_post(&haptic->report_box);
     }
