@@ -25,11 +25,11 @@ typedef struct sbi_touch_step {
     const sb_vec3 *start; /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
-    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
-    sb_real factor; /* share of the way of a static solve; 1 in a time step */
-    int stage;      /* increments of a static solve that have converged before; 0 in a time step */
-    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
-    sb_real part;   /* share of what is left of a divided step, and of its motion; else 1 */
+    sb_real level;         /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor;        /* share of the way of a static solve; 1 in a time step */
+    int stage;             /* increments of a static solve that have converged before; 0 in a time step */
+    int tries;             /* how often this step was refused or failed already: each time it asks for less motion */
+    sb_real part;          /* share of what is left of a divided step, and of its motion; else 1 */
     const sb_real *masses; /* [rows] of an explicit substep (kg), whose matrix is NULL; NULL: the step is implicit */
     sb_real rate; /* of one: 1/s^2, no pattern of motion may have more stiffness of contact than so much of its mass */
 } sbi_touch_step;
