@@ -219,7 +219,7 @@ static int sbi_step_is_tame(const sb_body *b)
 static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_info *info)
 {
     int is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
-    step->parts_left = 1;
+    step->part = 1;
     step->body = body;
     step->info = info;
     step->dynamic = 1;
@@ -293,12 +293,12 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
 }
 
 static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     int parts_left, sb_step_info *info, sbi_step *step)
+                                     sb_real part, sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
-    step->parts_left = parts_left;
+    step->part = part;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
@@ -336,7 +336,7 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
  * they give way. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
-    return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
+    return result != SB_OK && step->touch_begun && !step->touch->apart && step->tries < SBI_STEP_TRIES;
 }
 
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
@@ -354,7 +354,7 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.guests = fresh.given = step->given;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
-    fresh.parts_left = step->parts_left;
+    fresh.part = step->part;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
@@ -415,13 +415,13 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
 }
 
 SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 int parts_left, sb_step_info *info)
+                                 sb_real part, sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
     if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin_part(body, dt, guests, guest_count, parts_left, info, &step);
+    result = sbi_step_begin_part(body, dt, guests, guest_count, part, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)

@@ -2,7 +2,6 @@
  * body is, and pushes where it has gone to, beside the loads. Its stiffness is bounded by the nodes' masses: with
  * `rate` lambda_c = c lambda, lambda the square of the body's highest frequency, substeps that are shorter by sqrt(1 +
  * c) are as stable as those without contact: no eigenvalue of a sum is more than the largest of both together. */
-#include <limits.h>
 #include <string.h>
 
 #include "step_explicit.h"
@@ -18,7 +17,7 @@ static sbi_touch_step sbi_explicit_tell_touch(const sb_body *b, sb_real left, do
     told.dt = (sb_real)((double)left / count);
     told.level = told.factor = 1;
     told.tries = tries;
-    told.parts_left = count < (double)INT_MAX ? (int)count : INT_MAX;
+    told.part = (sb_real)(1 / count);
     told.masses = b->lumped_mass;
     told.rate = b->touch->stiffening * 4 / (stable * stable);
     return told;

@@ -47,7 +47,7 @@ typedef struct sbi_step {
     int touch_begun;
     int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
                 * have made it fail */
-    int parts_left; /* of a divided step, with this one; else 1 */
+    sb_real part; /* share of what is left of a divided step; else 1 */
 
     /* what is solved */
     sb_real dt;     /* s */

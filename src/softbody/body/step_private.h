@@ -129,9 +129,9 @@ SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
 SBI_API sb_result sbi_step_linearise(sbi_step *step);
 /* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
 SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
-/* A time step from begin to end, undone where it fails. parts_left: of a divided step, with this one; else 1. */
+/* A time step from begin to end, undone where it fails. part: share of what is left of a divided step; else 1. */
 SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 int parts_left, sb_step_info *info);
+                                 sb_real part, sb_step_info *info);
 SBI_API void sbi_step_forget_error(sb_step_info *info);
 /* Sees to it that a failing call says why, whatever failed. */
 SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);

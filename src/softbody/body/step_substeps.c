@@ -1,9 +1,10 @@
-/* step_substeps: a step that contact refuses is divided: tissue that flies past a tool in a step, which the tool cannot
- * mend by going less far, is seen on its way in shorter ones.
+/* step_substeps: a step that contact refuses is divided: tissue that flies past a tool in a step, or organs that fly
+ * through each other, are seen on their way in shorter ones.
  *
- * Parts are equal: two, four ... up to SBI_SUBSTEPS_MOST, until all of them are taken. Supports and tools go evenly
- * over them. What the first attempts leave is the state before the call, and where no division helps, the error of the
- * whole step. The recorder hears of one step: played again it divides itself as it did. */
+ * A part that is refused is tried half as long, or as short as contact asked for, and what follows is no longer; none
+ * is shorter than 1/SBI_SUBSTEPS_MOST of the step. So its work is bounded: that many parts, and the few that were
+ * refused. Supports and tools go evenly over the step. Where the shortest part fails, too, all is as before the call,
+ * and the error is that of the whole step. The recorder hears of one step: played again it divides itself as it did. */
 #include "step_touch.h"
 
 #include <string.h>
@@ -55,14 +56,13 @@ static void sbi_substeps_rewind(sb_body *b, size_t snapshot)
     b->touch->rewind(b->touch->user);
 }
 
-/* Supports go to where the next of `left` parts should take them. */
-static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, int left)
+/* Supports go this share of what is left of their ways. */
+static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, sb_real part)
 {
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 goal;
         memcpy(&goal, kept + (size_t)i * sizeof goal, sizeof goal);
-        b->target[i] =
-            left == 1 ? goal : sb_v3_madd(b->displacement[i], 1 / (sb_real)left, sb_v3_sub(goal, b->displacement[i]));
+        b->target[i] = part < 1 ? sb_v3_madd(b->displacement[i], part, sb_v3_sub(goal, b->displacement[i])) : goal;
     }
 }
 
@@ -77,20 +77,40 @@ static void sbi_substeps_count(sb_step_info *sum, const sb_step_info *part)
     sum->seconds_solve += part->seconds_solve;
 }
 
-/* sum: counts up; the rest is of the last part. */
-static sb_result sbi_substeps_run(sb_body *b, sb_real dt, int parts, size_t snapshot, sb_step_info *sum)
+/* Shorter than a part that was refused: half as long, or as short as contact asked for. */
+static int sbi_substeps_shorten(const sb_body *b, int length)
+{
+    int wanted = length / sbi_max_int(2, b->touch->parts);
+    do
+        length /= 2;
+    while (length > sbi_max_int(1, wanted));
+    return length;
+}
+
+/* After the whole step was refused. sum: counts up; the rest is of the last part. */
+static sb_result sbi_substeps_run(sb_body *b, sb_real dt, size_t snapshot, sb_step_info *sum)
 {
     const unsigned char *kept = b->substep_room + sbi_substeps_aligned(snapshot);
-    sb_result result = SB_OK;
-    for (int left = parts; left > 0 && result == SB_OK; left--) {
-        sb_step_info part;
-        sbi_substeps_aim(b, kept, left);
-        result = sbi_step_whole(b, dt / (sb_real)parts, NULL, 0, left, &part);
-        sbi_substeps_count(&part, sum);
-        *sum = part;
+    int length = sbi_substeps_shorten(b, SBI_SUBSTEPS_MOST), parts = 0;
+    for (int left = SBI_SUBSTEPS_MOST; left > 0;) { /* in the shortest parts, as length */
+        sb_real part = (sb_real)length / (sb_real)left, share = (sb_real)length / (sb_real)SBI_SUBSTEPS_MOST;
+        sb_step_info info;
+        sb_result result;
+        b->touch->share = share;
+        b->touch->is_last = length == 1;
+        sbi_substeps_aim(b, kept, part);
+        result = sbi_step_whole(b, dt * share, NULL, 0, part, &info);
+        sbi_substeps_count(&info, sum);
+        *sum = info;
+        sum->substeps = result == SB_OK ? ++parts : parts;
+        if (result != SB_OK && length == 1)
+            return result;
+        if (result == SB_OK)
+            left -= length;
+        else
+            length = sbi_substeps_shorten(b, length);
     }
-    sum->substeps = parts;
-    return result;
+    return SB_OK;
 }
 
 /* A step failed that may succeed in parts. *info: of the whole step. */
@@ -101,13 +121,11 @@ static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, s
     if (sbi_body_reserve_substeps(b, NULL) != SB_OK)
         return result;
     sbi_substeps_keep(b, snapshot);
-    for (int parts = 2; parts <= SBI_SUBSTEPS_MOST; parts *= 2) {
-        if (sbi_substeps_run(b, dt, parts, snapshot, &sum) == SB_OK) {
-            *info = sum;
-            return SB_OK;
-        }
-        sbi_substeps_rewind(b, snapshot);
+    if (sbi_substeps_run(b, dt, snapshot, &sum) == SB_OK) {
+        *info = sum;
+        return SB_OK;
     }
+    sbi_substeps_rewind(b, snapshot);
     sum.error = info->error;
     sum.load_factor = info->load_factor;
     sum.substeps = 0;
@@ -127,12 +145,14 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
         return sbi_step_whole(body, dt, guests, guest_count, 1, info);
     info = info ? info : &own;
     begun = sbi_body_now(body);
-    body->touch->refused = 0;
+    body->touch->refused = body->touch->is_last = body->touch->mended = 0;
     sbi_body_mute(body);
     result = sbi_step_whole(body, dt, NULL, 0, 1, info);
     if (result == SB_ERROR_DIVERGED && body->touch->refused)
         result = sbi_substeps_divide(body, dt, result, info);
     sbi_body_unmute(body);
+    body->touch->share = 1;
+    body->touch->is_last = 1;
     info->seconds_total = sbi_body_now(body) - begun;
     sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
     return result;

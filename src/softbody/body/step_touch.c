@@ -80,12 +80,14 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
-    told.parts_left = step->dynamic ? step->parts_left : 1;
+    told.part = step->dynamic ? step->part : 1;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
     step->touch->coupling.node_count = 0;
+    step->touch->apart = step->touch->parts = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    step->touch->refused |= step->touch->apart;
     if (result == SB_OK)
         result = sbi_step_couple_touch(step);
     if (result != SB_OK && step->info->error.result != result)
@@ -180,11 +182,34 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
     }
 }
 
+/* Motion is taken out of the end of the step. */
+static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
+{
+    sb_body *b = step->body;
+    if (!step->touch->mend(step->touch->user, b->displacement, whole))
+        return SB_OK;
+    step->touch->mended = 1;
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
+    b->force_current = step->energy_known = 0;
+    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
+}
+
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
 {
-    step->touch->refused = !step->touch->accept(step->touch->user, step->body->displacement);
-    if (!step->touch->refused)
+    sbi_touch *touch = step->touch;
+    int is_safe = touch->accept(touch->user, step->body->displacement);
+    if (!is_safe && touch->apart && touch->is_last) {
+        sb_result result = sbi_step_mend_touch(step, 0);
+        if (result != SB_OK)
+            result = sbi_step_mend_touch(step, 1);
+        if (result != SB_OK)
+            return result;
+        is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
+    }
+    if (is_safe)
         return SB_OK;
+    touch->refused = 1;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
 }

@@ -25,11 +25,11 @@ typedef struct sbi_touch_step {
     const sb_vec3 *start; /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
-    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
-    sb_real factor; /* share of the way of a static solve; 1 in a time step */
-    int stage;      /* increments of a static solve that have converged before; 0 in a time step */
-    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
-    int parts_left; /* of a divided step, with this one: it asks for one of so many parts of what is left; else 1 */
+    sb_real level;         /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor;        /* share of the way of a static solve; 1 in a time step */
+    int stage;             /* increments of a static solve that have converged before; 0 in a time step */
+    int tries;             /* how often this step was refused or failed already: each time it asks for less motion */
+    sb_real part;          /* share of what is left of a divided step, and of its motion; else 1 */
     const sb_real *masses; /* [rows] of an explicit substep (kg), whose matrix is NULL; NULL: the step is implicit */
     sb_real rate; /* of one: 1/s^2, no pattern of motion may have more stiffness of contact than so much of its mass */
 } sbi_touch_step;
@@ -43,8 +43,13 @@ typedef struct sbi_touch {
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
-    int links;   /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
-    int refused; /* 1: accept refused the last end of a step; written by the step */
+    int links;     /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
+    int refused;   /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
+    int apart;     /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
+    int parts;     /* what begin would have a step divided into that it refuses; the owner's */
+    sb_real share; /* of the caller's step that the one under way is; the step's */
+    int mended;    /* 1: motion was taken out of a part of the caller's step; the step's */
+    int is_last;   /* 1: what is refused now will not be divided (any further); the step's */
     sb_vec3 *force; /* on the nodes (N), at the last evaluation */
     double noise;   /* N: norm of what rounding of places makes in them; from begin on */
     /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
@@ -81,6 +86,9 @@ typedef struct sbi_touch {
     void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
     /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
     int (*accept)(void *user, const sb_vec3 *u);
+    /* Takes out of u [rows] the motion by which parts of the body pass through each other, momentum left as it is, so
+     * that accept refuses it only for tools; whole: that of whole organs, which changes no shapes. 1: u has changed. */
+    int (*mend)(void *user, sb_vec3 *u, int whole);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);

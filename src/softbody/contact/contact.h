@@ -29,8 +29,9 @@
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
  * most, less the deeper it lies. What it could not make is its lag, made up in the steps to come. A step after which
  * something may have passed is taken back and done again with half the tools' way, then with tools that stay, then with
- * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
- * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
+ * tools that give way to what presses on them; where the tissue itself flies it is divided into up to 16
+ * steps (sb_step_info.substeps): what is refused is tried half as long, down to a sixteenth, and readings are those of
+ * the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
  * as it was.
  *
  * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
@@ -41,9 +42,13 @@
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
  * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
- * surface that is folded from the start, do not. A step in which something may have passed through is refused like that
- * of a tool, but organs are not as sure as tools: where soft ones hit each other so hard that they are flattened, they
- * may end entangled. info tells: steps are `capped` with a `residual` above 0.1, and `deepest` stays large afterwards.
+ * surface that is folded from the start, do not. A step in which a point would end deeper in an organ than 0.4 of its
+ * thickness or of a face's length, or pass through it, is divided like one with tools, at once into parts as short as
+ * the organs' speed asks for. In parts of a sixteenth, what would still pass moves together, as far as it would have on
+ * the mean: momentum stays, kinetic energy is lost (sb_contact_info.mended). Overlap that was there without having been
+ * pressed in is let out by a fifth a step, so that it throws nothing out. Where organs hit so hard that the tissue
+ * itself is turned inside out (rho v^2 above some 2 E), sides are no longer sure and they may end entangled: `deepest`
+ * stays large afterwards.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -176,6 +181,7 @@ typedef struct sb_contact_info {
     int retries;      /* times that the step was taken back and done again */
     int capped;       /* 1: max_iterations ended the iteration; `residual` says how good it is */
     int thinned;      /* 1: faces had fewer samples than their size asks for */
+    int mended;       /* 1: organs would have passed through each other in the shortest part of a divided step */
     sb_real deepest;  /* m, overlap */
     sb_real residual; /* of contact's forces, of the largest force */
     sb_real lag;      /* m, largest of all tools' */

@@ -21,6 +21,12 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->zones = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    p->zone_ways = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    p->zone_masses = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     c->touch.product = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
 }

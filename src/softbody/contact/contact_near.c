@@ -248,12 +248,31 @@ static void sbi_near_fit_leaf(const sb_contact *contact, int leaf, sbi_pair_cone
     }
 }
 
+/* A ball around a face; a curved one may go beyond its nodes by as much again. */
+static void sbi_near_fit_ball(sb_contact *contact, int face, const sb_vec3 *x)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    int count = contact->faces->sizes[face], corners = contact->faces->kinds[count].corners;
+    sb_vec3 middle = {0, 0, 0};
+    sb_real square = 0;
+    for (int a = 0; a < corners; a++)
+        middle = sb_v3_madd(middle, 1 / (sb_real)corners, x[nodes[a]]);
+    for (int a = 0; a < count; a++) {
+        sb_vec3 way = sb_v3_sub(x[nodes[a]], middle);
+        square = sb_max(square, sb_v3_dot(way, way));
+    }
+    contact->pairs.middles[face] = middle;
+    contact->pairs.radii[face] = (sb_real)(corners < count ? 2.0 : 1.001) * sb_sqrt(square);
+}
+
 SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
     sbi_pair_cone *cones = contact->pairs.cones;
-    for (int f = 0; f < contact->faces->face_end; f++)
+    for (int f = 0; f < contact->faces->face_end; f++) {
         contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
+        sbi_near_fit_ball(contact, f, x);
+    }
     for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         sbi_near_fit_leaf(contact, leaf, cones + leaf);
     for (int level = 1; level < tree->level_count; level++)

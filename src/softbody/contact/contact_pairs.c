@@ -7,7 +7,7 @@
 #include "../body/body_private.h"
 #include "contact_private.h"
 
-enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5 };
+enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5, SBI_PAIR_MOST_PARTS = 1024 };
 
 /* Of the body's own stiffness at the surface, for the two sides' harmonic mean. */
 #define SBI_PAIR_STIFFNESS ((sb_real)3)
@@ -18,15 +18,16 @@ enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5 };
  * goes into the other organ, whose nearest point then lies within a face, or is none of this way at all. */
 #define SBI_PAIR_LEAN ((sb_real)0.7)
 #define SBI_PAIR_LEAN_INSIDE ((sb_real)0.02)
-/* Of a face's length: overlap deeper than this is looked at from all sides; of its depth: where another face is nearer
- * than that, it has not come in by this one. */
+/* Of a face's length: overlap deeper than this is looked at from all sides. */
 #define SBI_PAIR_DEEP ((sb_real)0.1)
-#define SBI_PAIR_SIDE ((sb_real)0.5)
+/* Of its depth: where a face of any look is nearer than that, a sample is not held by this one. */
+#define SBI_PAIR_SIDE ((sb_real)0.9)
+/* Faces whose normals have a product below this do not look the same way. */
+#define SBI_PAIR_TURNED ((sb_real)0.5)
 /* Of the thickness: what lies deeper is taken to be on the other side. */
 #define SBI_PAIR_DEEPEST ((sb_real)0.5)
-/* Of that, after a step; and of a face's length, how far a point may come behind a face that it was not paired with. */
-#define SBI_PAIR_SAFE ((sb_real)0.9)
-#define SBI_PAIR_STRAY ((sb_real)0.4)
+/* Of what is safe: a step at whose end samples would be deeper than this, if nothing held them, is divided at once. */
+#define SBI_PAIR_COASTS ((sb_real)2)
 
 /* ---- pairing ---- */
 
@@ -38,6 +39,8 @@ typedef struct sbi_pair_search {
     sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
     int best;         /* -1: none */
     sb_real measure;
+    int nearest; /* face whose point is nearest, whether or not it may be paired with; -1: none */
+    sb_real nearest_away, nearest_height;
     sbi_closest closest;
 } sbi_pair_search;
 
@@ -54,31 +57,20 @@ static void sbi_pair_gather(const sb_contact *contact, int face, sb_vec3 *x)
         x[a] = contact->x[nodes[a]];
 }
 
-/* 1 when a point of `face` that lies deep behind another is in the other's organ all around: no face of that, wherever
- * it looks, is much nearer. Nodes are at x + way (way NULL: at x). */
-static int sbi_pair_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real depth, const sb_vec3 *x,
-                              const sb_vec3 *way)
+/* 1 when no point of a face is within `most` (m) of the sample where the step begins. */
+static int sbi_pair_is_far(const sbi_pair_search *search, int other, sb_real most)
 {
-    const sbi_contact_faces *faces = contact->faces;
-    sb_real most = SBI_PAIR_SIDE * depth;
-    int count =
-        sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
-                                sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
-    for (int i = 0; i < count; i++) {
-        int side = contact->scratch[i];
-        const int *nodes = sbi_contact_face_nodes(faces, side);
-        sb_vec3 places[SB_MAX_FACE_NODES];
-        sbi_closest closest;
-        if (side == face || contact->pairs.organs[side] != contact->pairs.organs[other] ||
-            !sbi_pairs_are_apart(contact, face, side))
-            continue;
-        for (int a = 0; a < faces->sizes[side]; a++)
-            places[a] = way ? sb_v3_add(x[nodes[a]], way[nodes[a]]) : x[nodes[a]];
-        sbi_closest_on_face(&faces->kinds[faces->sizes[side]], places, at, &closest);
-        if (sb_v3_norm(sb_v3_sub(at, closest.point)) < most)
-            return 0;
-    }
-    return 1;
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
+    sb_real reach = pairs->radii[other] + most;
+    return sb_v3_dot(way, way) > reach * reach;
+}
+
+/* How far a partner of this face may be, whichever way it leans (m). */
+static sb_real sbi_pair_farthest(const sbi_pairs *pairs, int other, sb_real length)
+{
+    sb_real height = sb_max(sbi_pair_deepest(pairs, other), sb_max(pairs->distance, SBI_PAIR_NEAR * length));
+    return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * length;
 }
 
 /* A face near the sample where the step begins. */
@@ -89,17 +81,25 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     sb_vec3 x[SB_MAX_FACE_NODES], way, n = sbi_pairs_face_normal(contact, other);
     sbi_closest closest;
     sb_real height, beside, length = contact->faces->lengths[other], away, lean;
+    sb_real most = sbi_pair_farthest(pairs, other, length);
+    if (sbi_pair_is_far(search, other, search->best >= 0 ? sb_min(most, search->measure) : most))
+        return;
     sbi_pair_gather(contact, other, x);
     sbi_closest_on_face(&contact->faces->kinds[contact->faces->sizes[other]], x, search->at, &closest);
     way = sb_v3_sub(search->at, closest.point);
     height = sb_v3_dot(n, way);
     away = sb_v3_norm(way);
     beside = sb_v3_norm(sbi_contact_tangential(way, n));
+    if (search->nearest < 0 || away < search->nearest_away) {
+        search->nearest = other;
+        search->nearest_away = away;
+        search->nearest_height = height;
+    }
     lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
     if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
         (-height > SBI_PAIR_DEEP * length &&
-         !sbi_pair_is_inside(contact, search->face, other, search->at, -height, contact->x, NULL)))
+         !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL)))
         return;
     search->best = other;
     search->measure = away;
@@ -113,9 +113,14 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
-    sbi_pair_gather(contact, other, x);
-    for (int a = 0; a < kind->nodes; a++)
+    sb_real most = 0;
+    for (int a = 0; a < kind->nodes; a++) {
         v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
+        most = sb_max(most, sb_v3_norm(v[a]));
+    }
+    if (sbi_pair_is_far(search, other, sb_v3_norm(search->way) + 2 * most))
+        return;
+    sbi_pair_gather(contact, other, x);
     for (int part = 0; part < sbi_closest_part_count(kind); part++) {
         sb_vec3 at[3], ways[3];
         sb_real share, depth;
@@ -135,12 +140,50 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     }
 }
 
+/* A sample that no face's own rule holds may lie in a fold of the other organ, nearest to an edge or a corner there, or
+ * to a face that does not look at it: the nearest of all faces decides. */
+static void sbi_pair_try_around(sbi_pair_search *search)
+{
+    sb_contact *contact = search->contact;
+    const sbi_contact_faces *faces = contact->faces;
+    sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 at = search->at, sum = {0, 0, 0}, own = sbi_pairs_face_normal(contact, search->face);
+    sb_real most = search->nearest_away * (1 + SBI_PAIR_BESIDE), least = SB_REAL_MAX;
+    int organ = pairs->organs[search->nearest], best = -1, count;
+    count = sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
+                                    sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
+    for (int pass = 0; pass < 2; pass++)
+        for (int i = 0; i < count; i++) {
+            int other = contact->scratch[i];
+            sb_vec3 x[SB_MAX_FACE_NODES];
+            sbi_closest closest;
+            sb_real away;
+            if (pairs->organs[other] != organ || !sbi_pairs_are_apart(contact, search->face, other))
+                continue;
+            sbi_pair_gather(contact, other, x);
+            sbi_closest_on_face(&faces->kinds[faces->sizes[other]], x, at, &closest);
+            away = sb_v3_norm(sb_v3_sub(at, closest.point));
+            if (pass == 0 && away < least)
+                least = away, best = other, search->closest = closest;
+            if (pass == 1 && away <= least * (1 + SBI_PAIR_BESIDE)) /* those of its edge or corner */
+                sum = sb_v3_add(sum, sbi_pairs_face_normal(contact, other));
+        }
+    if (best < 0 ||
+        !(sb_v3_dot(sum, sb_v3_sub(at, search->closest.point)) < -SBI_PAIR_TURNED * sb_v3_norm(sum) * least) ||
+        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best))
+        return;
+    search->best = best;
+}
+
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    search->best = -1;
+    search->best = search->nearest = -1;
     for (int i = 0; i < search->others; i++)
         sbi_pair_try_near(search, pairs->found[i]);
+    if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
+        search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away) /* else it is beside that face */
+        sbi_pair_try_around(search);
     for (int i = 0; search->best < 0 && search->step->dt > 0 && i < search->others; i++)
         sbi_pair_try_way(search, pairs->found[i]);
 }
@@ -154,6 +197,26 @@ static int sbi_pair_take_slot(sbi_pairs *pairs, int face)
     pairs->slot_of[face] = pairs->slot_count;
     pairs->slots[pairs->slot_count++] = face;
     return 1;
+}
+
+/* Where the smooth normal does not lead out of the other organ, the way to the nearest point does. */
+static void sbi_pair_turn_out(sbi_pair_sample *s)
+{
+    sb_real away = sb_v3_norm(s->start), height = sb_v3_dot(s->normal, s->start);
+    if (height < 0 && -height < SBI_PAIR_TURNED * away)
+        s->normal = sb_v3_scale(-1 / away, s->start);
+}
+
+/* How deep it would be at the end if nothing held it, of what is safe. */
+static void sbi_pair_foresee(const sbi_pair_search *search, const sbi_pair_sample *s)
+{
+    sb_contact *contact = search->contact;
+    const int *nodes = sbi_contact_face_nodes(contact->faces, s->other);
+    sb_vec3 other = sbi_contact_mean(s->shares, nodes, contact->faces->sizes[s->other], search->step->velocity);
+    sb_vec3 end = sb_v3_add(s->start, sb_v3_madd(search->way, -search->step->dt, other));
+    sb_real depth = -sb_v3_dot(s->normal, end), closer = depth + sb_min((sb_real)0, sb_v3_dot(s->normal, s->start));
+    sb_real most = SBI_PAIR_COASTS * sbi_pairs_safe_depth(contact, s->other);
+    contact->pairs.foreseen = sb_max(contact->pairs.foreseen, closer / most);
 }
 
 /* The sample of the patch that is being made, with its partner. 0: no room is left. */
@@ -179,14 +242,15 @@ static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const 
     }
     s->normal = sbi_pairs_normal(contact, search->best, search->closest.shares);
     s->start = sb_v3_sub(search->at, sbi_contact_mean(s->shares, nodes, count, contact->x));
-    s->least = sbi_pair_deepest(pairs, search->best);
+    sbi_pair_turn_out(s);
+    sbi_pair_foresee(search, s);
     pairs->sample_count++;
     return 1;
 }
 
 /* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
  */
-static int sbi_pair_parts(const sb_contact *contact, int face, int thin)
+SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
 {
     const sbi_pairs *pairs = &contact->pairs;
     sb_real own = pairs->organ_lengths[pairs->organs[face]];
@@ -202,7 +266,7 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     const sbi_contact_faces *faces = contact->faces;
     const int *nodes = sbi_contact_face_nodes(faces, face);
     sbi_pair_patch *patch = pairs->patches + pairs->patch_count;
-    int parts = sbi_pair_parts(contact, face, thin), count = faces->sizes[face];
+    int parts = sbi_pairs_parts(contact, face, thin), count = faces->sizes[face];
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
     sbi_pair_search search;
     if (pairs->patch_count == contact->patch_room)
@@ -245,6 +309,7 @@ SBI_API void sbi_pairs_forget(sb_contact *contact)
     for (int i = 0; i < pairs->slot_count; i++)
         pairs->slot_of[pairs->slots[i]] = -1;
     pairs->slot_count = pairs->patch_count = pairs->sample_count = pairs->active_count = 0;
+    pairs->foreseen = 0;
 }
 
 /* Takes back nodes from `count` on. */
@@ -252,6 +317,17 @@ static void sbi_pair_return_nodes(sb_contact *contact, int count)
 {
     while (contact->touch.node_count > count)
         contact->node_place[contact->nodes[--contact->touch.node_count]] = -1;
+}
+
+/* A step in which organs go so far that pairs of its start mean nothing is left for shorter ones. */
+static sb_result sbi_pair_check_way(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
+{
+    sb_real parts = contact->pairs.foreseen;
+    if (!(parts > 1) || contact->touch.is_last || !(step->dt > 0))
+        return SB_OK;
+    contact->touch.apart = 1;
+    contact->touch.parts = parts < (sb_real)SBI_PAIR_MOST_PARTS ? (int)parts + 1 : SBI_PAIR_MOST_PARTS;
+    return sbi_fail(error, SB_ERROR_DIVERGED, "organs move so far in this step that they may pass through each other");
 }
 
 SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
@@ -273,7 +349,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
             face = sbi_pairs_next_near(contact, face + 1);
         contact->step_info.thinned |= thin > 0;
         if (face < 0)
-            return SB_OK;
+            return sbi_pair_check_way(contact, step, error);
         if (thin == SBI_PAIR_THINNEST)
             return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of organs are near each other",
                             contact->max_contacts);
@@ -350,8 +426,8 @@ static void sbi_pair_evaluate_sample(const sbi_pair_work *work, sbi_pair_sample 
     s->gap = sb_v3_dot(s->normal, sb_v3_add(s->start, motion)) - pairs->distance;
     s->slip = sb_v3_norm(sbi_contact_tangential(motion, s->normal));
     if (work->renew)
-        s->bound = pairs->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
-    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, motion, s->remembered, s->bound);
+        s->bound = pairs->friction * sb_max((sb_real)0, s->memory - s->k * (s->gap - s->left));
+    s->answer = sbi_contact_law(s->k, s->gap - s->left, s->memory, s->normal, motion, s->remembered, s->bound);
 }
 
 static void sbi_pair_evaluate_chunk(void *user, int chunk)
@@ -548,72 +624,4 @@ SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked,
         sum -= 2 * (double)sb_v3_dot(x1, f1);
     }
     return sum;
-}
-
-/* ---- whether anything has passed through ---- */
-
-/* 1 when the sample on its way comes from the front of a face to farther behind it than what is pushed back. */
-static int sbi_pair_strays(sb_contact *contact, int face, int other, sb_vec3 at, sb_vec3 way)
-{
-    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
-    const int *nodes = sbi_contact_face_nodes(contact->faces, other);
-    sb_real most = SBI_PAIR_STRAY * sb_min(contact->pairs.thickness[other], contact->faces->lengths[other]);
-    const sb_vec3 *x = sb_body_positions(contact->body);
-    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
-        sb_vec3 corners[3], ways[3];
-        sb_real depth;
-        for (int k = 0; k < 3; k++) {
-            int node = nodes[sbi_closest_part_node(kind, part, k)];
-            corners[k] = x[node];
-            ways[k] = contact->moved[node];
-        }
-        if (sbi_closest_meeting(corners, ways, at, way, &depth) >= 0 && depth > most &&
-            sbi_pair_is_inside(contact, face, other, sb_v3_add(at, way), depth, x, contact->moved))
-            return 1;
-    }
-    return 0;
-}
-
-static int sbi_pair_face_is_safe(sb_contact *contact, int face)
-{
-    const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body);
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pair_parts(contact, face, 0));
-    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0);
-    for (int i = 0; others > 0 && i < rule->count; i++) {
-        const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
-        sb_vec3 at = sbi_contact_mean(weights, nodes, count, x);
-        sb_vec3 way = sbi_contact_mean(weights, nodes, count, contact->moved);
-        for (int k = 0; k < others; k++)
-            if (sbi_pair_strays(contact, face, contact->pairs.found[k], at, way))
-                return 0;
-    }
-    return 1;
-}
-
-/* 1 when no pair is deeper than where its side is sure, unless it was so before. */
-static int sbi_pair_samples_are_safe(const sb_contact *contact)
-{
-    const sbi_pairs *pairs = &contact->pairs;
-    for (int i = 0; i < pairs->active_count; i++) {
-        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
-        sb_real depth = -(s->gap + pairs->distance), before = -sb_v3_dot(s->normal, s->start);
-        if (depth > SBI_PAIR_SAFE * s->least && depth > before)
-            return 0;
-    }
-    return 1;
-}
-
-SBI_API int sbi_pairs_are_safe(sb_contact *contact)
-{
-    if (!contact->pairs.kinds)
-        return 1;
-    if (!sbi_pair_samples_are_safe(contact))
-        return 0;
-    sbi_pairs_find_near(contact, 0);
-    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
-        if (!sbi_pair_face_is_safe(contact, face))
-            return 0;
-    return 1;
 }

@@ -29,10 +29,11 @@ typedef struct sbi_pair_sample {
     const sb_real *weights;             /* w */
     sb_real shares[SB_MAX_FACE_NODES];  /* v */
     sb_real area, spacing;              /* m^2 at rest: half of the sample's; m */
-    sb_real k, memory, least;           /* Pa/m; l (Pa); m: deepest overlap at which it is surely on this side */
+    sb_real k, memory;                  /* Pa/m; l (Pa) */
     sb_vec3 remembered;                 /* t (Pa) */
     sb_vec3 normal, start;              /* out of the other face; x - y at the start of the step (m) */
     sb_vec3 point;                      /* x (m) */
+    sb_real left;                       /* gap (m, <= 0) up to which overlap of the start is not pushed out */
     sb_real gap, slip, bound;           /* m, m, Pa */
     sbi_contact_answer answer;
 } sbi_pair_sample;
@@ -48,6 +49,7 @@ typedef struct sbi_pair_link {
 typedef struct sbi_pair_entry {
     int face, parts, sample, other, sticks;
     sb_real gap, area; /* m, m^2 at rest: half of the sample's */
+    sb_real left;      /* m: see sbi_pair_sample */
     sb_real shares[SB_MAX_FACE_NODES];
     sb_vec3 traction, point, normal, force;
 } sbi_pair_entry;
@@ -82,15 +84,20 @@ typedef struct sbi_pairs {
 
     /* of the step, likewise by face */
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
+    sb_vec3 *middles; /* m, there: no point of the face is farther from it than: */
+    sb_real *radii;   /* m */
     uint64_t *near;   /* a bit for each face that is near one that it looks at */
     int *found;
     int *slot_of; /* -1 between steps */
+    int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
+    sb_vec3 *zone_ways, *zone_masses, *zone_held; /* [nodes] sums of a zone */
 
     sbi_pair_patch *patches;
     int patch_count;
     sbi_pair_sample *samples; /* [max_contacts] */
     int sample_count;
-    int *active; /* [max_contacts] those that touch */
+    sb_real foreseen; /* overlap at the end of the step without contact, of what is safe: the largest */
+    int *active;      /* [max_contacts] those that touch */
     int active_count;
     sb_real *region_sum; /* [regions] */
     int *region_count;

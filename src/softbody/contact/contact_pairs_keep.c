@@ -9,6 +9,8 @@
 /* Of the series of both sides' stiffness at a corner, see contact_memory.c. */
 #define SBI_PAIR_FORGETS ((sb_real)2)
 #define SBI_PAIR_REMEMBERS ((sb_real)3)
+/* Of an overlap that was not pressed in: what a step pushes out. */
+#define SBI_PAIR_LETS_OUT ((sb_real)0.2)
 
 /* ---- from the lists to samples ---- */
 
@@ -39,6 +41,15 @@ SBI_API void sbi_pairs_remember_pressures(sb_contact *contact)
     }
 }
 
+/* Overlap at the start of a step, as a gap (m), that it does not push out, of what there is and what the last step
+ * left. What appears without having been pressed in would bring in energy from nowhere: it is let out little by little.
+ * And parts of a step divide its work to push out what was there before: else it would be thrown out in the first. */
+static sb_real sbi_pair_leave(const sb_contact *contact, sb_real gap, sb_real left)
+{
+    sb_real part = contact->touch.share;
+    return sb_max(gap, sb_min(left * (1 - SBI_PAIR_LETS_OUT * part), gap * (1 - part)));
+}
+
 SBI_API void sbi_pairs_remember(sb_contact *contact)
 {
     sbi_pairs *pairs = &contact->pairs;
@@ -48,9 +59,12 @@ SBI_API void sbi_pairs_remember(sb_contact *contact)
         while (e < pairs->entry_count && (pairs->entries[e].face < s->face ||
                                           (pairs->entries[e].face == s->face && pairs->entries[e].sample < s->sample)))
             e++;
+        s->left = sb_min((sb_real)0, sb_v3_dot(s->normal, s->start) - pairs->distance);
         if (e < pairs->entry_count && pairs->entries[e].face == s->face && pairs->entries[e].sample == s->sample &&
-            pairs->entries[e].parts == pairs->patches[s->patch].parts)
+            pairs->entries[e].parts == pairs->patches[s->patch].parts) {
             s->remembered = pairs->entries[e].traction;
+            s->left = sbi_pair_leave(contact, s->left, pairs->entries[e].left);
+        }
     }
     sbi_pairs_remember_pressures(contact);
 }
@@ -120,6 +134,7 @@ static sbi_pair_entry sbi_pair_make_entry(const sb_contact *contact, const sbi_p
     entry.other = s->other;
     entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
     entry.gap = s->gap;
+    entry.left = s->left;
     entry.area = s->area;
     memcpy(entry.shares, s->shares, sizeof entry.shares);
     entry.traction = s->answer.traction;

@@ -4,7 +4,7 @@
 
 #include "contact_private.h"
 
-enum { SBI_PAIR_VERSION = 1, SBI_PAIR_REALS = 14 };
+enum { SBI_PAIR_VERSION = 2, SBI_PAIR_REALS = 15 };
 
 static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
 {
@@ -21,6 +21,7 @@ static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *
     sbi_contact_pack_vector(entry->point, reals + 5);
     sbi_contact_pack_vector(entry->normal, reals + 8);
     sbi_contact_pack_vector(entry->force, reals + 11);
+    reals[14] = entry->left;
     sbi_contact_put_reals(out, reals, SBI_PAIR_REALS);
     sbi_contact_put_reals(out, entry->shares, SB_MAX_FACE_NODES);
 }
@@ -62,8 +63,9 @@ static void sbi_pair_get_entry(const sb_contact *contact, sbi_contact_in *in, in
     entry->point = sb_v3(reals[5], reals[6], reals[7]);
     entry->normal = sb_v3(reals[8], reals[9], reals[10]);
     entry->force = sb_v3(reals[11], reals[12], reals[13]);
+    entry->left = reals[14];
     in->bad |= entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS || entry->sample < 0 || !(entry->area > 0) ||
-               (entry->sticks & ~1);
+               entry->left > 0 || (entry->sticks & ~1);
     entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, at[0], at[1]) : -1;
     entry->other = entry->face >= 0 ? sbi_contact_find_face(contact->faces, at[2], at[3]) : -1;
     if (entry->other < 0 || !sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->weights ||

@@ -126,6 +126,7 @@ struct sb_contact {
 
     /* of the step */
     int is_static, is_explicit;
+    sb_real level;    /* share of the step after which forces balance */
     const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
     sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
     int *near;        /* [max_tools][face_room] faces by tool */
@@ -232,8 +233,21 @@ SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *
 SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix);
 SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix);
 SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
-/* 1: nothing has passed through; contact->moved and the faces' boxes are those of the step. */
-SBI_API int sbi_pairs_are_safe(sb_contact *contact);
+/* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
+ * thin: half as many, so many times. */
+SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin);
+
+/* ---- contact_apart.c ---- */
+/* How deep (m) a point may lie behind a face at the end of a step. */
+SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face);
+/* 1 when a point of `face` that lies behind another is in the other's organ all around: no face of that, wherever it
+ * looks, is nearer than `most` (m). Nodes are at x + way (way NULL: at x). */
+SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real most, const sb_vec3 *x,
+                                const sb_vec3 *way);
+/* 1: nothing has passed through; contact->moved and the faces' boxes are those of displacements u. */
+SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u);
+/* As sbi_touch.mend. */
+SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole);
 
 /* ---- contact_pairs_keep.c ---- */
 SBI_API void sbi_pairs_remember(sb_contact *contact);

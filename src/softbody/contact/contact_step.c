@@ -502,8 +502,15 @@ static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 
 static int sbi_contact_accept(void *user, const sb_vec3 *u)
 {
-    return sbi_contact_is_safe((sb_contact *)user, u) && sbi_pairs_are_safe((sb_contact *)user);
+    sb_contact *contact = (sb_contact *)user;
+    contact->touch.apart = 0;
+    if (!sbi_contact_is_safe(contact, u))
+        return 0;
+    contact->touch.apart = !sbi_pairs_are_safe(contact, u);
+    return !contact->touch.apart;
 }
+
+static int sbi_contact_mend(void *user, sb_vec3 *u, int whole) { return sbi_pairs_mend((sb_contact *)user, u, whole); }
 
 /* A sample in touch becomes an entry. */
 static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
@@ -699,6 +706,7 @@ static void sbi_contact_commit(void *user)
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
     contact->step_info.capped = contact->touch.capped;
+    contact->step_info.mended = contact->touch.mended;
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
     contact->kept = 0;
@@ -766,6 +774,9 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->restore_blocks = sbi_contact_restore_blocks;
     touch->multiply_links = sbi_pairs_multiply_links;
     touch->accept = sbi_contact_accept;
+    touch->mend = sbi_contact_mend;
+    touch->share = 1;
+    touch->is_last = 1;
     touch->balance = sbi_contact_balance;
     touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;

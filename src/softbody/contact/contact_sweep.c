@@ -151,7 +151,7 @@ static sb_real sbi_sweep_free(sb_contact *contact, int number, sb_real way)
 static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step, sb_real *clear)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left, reach;
+    sb_real less = sbi_sweep_less(step), part = step->part, reach;
     sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
     *clear = 0;
     if (less == 0 || step->dt == 0)
@@ -177,7 +177,7 @@ static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
 static void sbi_sweep_hung(sbi_contact_tool *tool, const sbi_touch_step *step, sb_real clear)
 {
     sbi_contact_spring *spring = &tool->spring;
-    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left;
+    sb_real less = sbi_sweep_less(step), part = step->part;
     sb_real most =
         less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape); /* not `reach`: it may be pushed out */
     spring->hand_next = sbi_pose_between(&spring->hand, &tool->wanted, step->factor * part);
@@ -225,6 +225,7 @@ static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *ste
     const sb_vec3 *rest = sb_body_rest_positions(contact->body);
     contact->x = sb_body_positions(contact->body);
     contact->is_static = !(step->dt > 0);
+    contact->level = step->level;
     if (!contact->is_static)
         return;
     for (int i = 0; i < sb_body_node_count(contact->body); i++)

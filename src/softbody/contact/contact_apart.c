@@ -1,0 +1,340 @@
+/* contact_apart: whether organs have passed into or through each other in a step, and a last resort against it.
+ *
+ * All samples are followed on their straight ways against the faces that go theirs: one that came in by a face may not
+ * end deeper behind it than it can be pushed back from, nor leave on the other side; one that was in already, where its
+ * pair knows, may not be deeper than that unless it was so before. A step that fails this is divided.
+ *
+ * Where it is not divided any further the motion of the two faces is made one: their nodes move together, as far as
+ * they would have gone on the mean, so that nothing between them can change and their momentum stays. Zones that share
+ * nodes become one, and grow until nothing is left to mend, at worst over whole organs. It is a perfectly inelastic
+ * impact of what moves together: kinetic energy is only lost.
+ * Source: Provot 1997; Bridson, Fedkiw, Anderson 2002 (rigid impact zones). */
+#include <string.h>
+
+#include "../body/body_private.h"
+#include "contact_private.h"
+
+/* Of the thickness or a face's length, whichever is less: how deep samples may end. */
+#define SBI_APART_DEEPEST ((sb_real)0.4)
+/* Of that: by how much what was deeper may become yet deeper, before its pressure holds it. */
+#define SBI_APART_SINKS ((sb_real)0.1)
+/* Of its depth: where another face is nearer than that, a point has not come in by this one. */
+#define SBI_APART_SIDE ((sb_real)0.5)
+/* Normals with a product below this are those of opposite sides. */
+#define SBI_APART_OPPOSITE ((sb_real)-0.25)
+/* Rounds in which zones grow face by face. */
+enum { SBI_APART_ROUNDS = 8 };
+
+SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face)
+{
+    return SBI_APART_DEEPEST * sb_min(contact->pairs.thickness[face], contact->faces->lengths[face]);
+}
+
+/* ---- one sample ---- */
+
+static sb_vec3 sbi_apart_at(const sb_vec3 *x, const sb_vec3 *way, int node)
+{
+    return way ? sb_v3_add(x[node], way[node]) : x[node];
+}
+
+SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real most, const sb_vec3 *x,
+                                const sb_vec3 *way)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int count =
+        sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
+                                sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
+    for (int i = 0; i < count; i++) {
+        int side = contact->scratch[i];
+        const int *nodes = sbi_contact_face_nodes(faces, side);
+        sb_vec3 places[SB_MAX_FACE_NODES];
+        sbi_closest closest;
+        if (side == face || contact->pairs.organs[side] != contact->pairs.organs[other] ||
+            !sbi_pairs_are_apart(contact, face, side))
+            continue;
+        for (int a = 0; a < faces->sizes[side]; a++)
+            places[a] = sbi_apart_at(x, way, nodes[a]);
+        sbi_closest_on_face(&faces->kinds[faces->sizes[side]], places, at, &closest);
+        if (sb_v3_norm(sb_v3_sub(at, closest.point)) < most)
+            return 0;
+    }
+    return 1;
+}
+
+/* A sample on its way. */
+typedef struct sbi_apart_sample {
+    int face;
+    sb_vec3 at, way;
+} sbi_apart_sample;
+
+/* When it comes through a face from its front (out: from its back), < 0: it does not; *depth behind it at the end. */
+static sb_real sbi_apart_meets(const sb_contact *contact, int other, const sbi_apart_sample *s, int out, sb_real *depth)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 corners[3], ways[3];
+        sb_real share;
+        for (int k = 0; k < 3; k++) {
+            int node = nodes[sbi_closest_part_node(kind, part, out ? 2 - k : k)];
+            corners[k] = x[node];
+            ways[k] = contact->moved[node];
+        }
+        share = sbi_closest_meeting(corners, ways, s->at, s->way, depth);
+        if (share >= 0)
+            return share;
+    }
+    return -1;
+}
+
+/* 1 when a sample that came in by a face has left its organ by the opposite side. */
+static int sbi_apart_passes(sb_contact *contact, int other, const sbi_apart_sample *s)
+{
+    sb_vec3 end = sb_v3_add(s->at, s->way), n = sbi_pairs_face_normal(contact, other);
+    int count = sbi_contact_faces_query(contact->faces,
+                                        sb_v3(sb_min(s->at.x, end.x), sb_min(s->at.y, end.y), sb_min(s->at.z, end.z)),
+                                        sb_v3(sb_max(s->at.x, end.x), sb_max(s->at.y, end.y), sb_max(s->at.z, end.z)),
+                                        contact->scratch, contact->faces->face_room);
+    for (int i = 0; i < count; i++) {
+        int side = contact->scratch[i];
+        sb_real depth;
+        if (contact->pairs.organs[side] == contact->pairs.organs[other] &&
+            sb_v3_dot(sbi_pairs_face_normal(contact, side), n) < SBI_APART_OPPOSITE &&
+            sbi_pairs_are_apart(contact, s->face, side) && sbi_apart_meets(contact, side, s, 1, &depth) >= 0)
+            return 1;
+    }
+    return 0;
+}
+
+/* 1 when the sample on its way comes from the front of a face to farther behind it than what is pushed back. */
+static int sbi_apart_strays(sb_contact *contact, int other, const sbi_apart_sample *s)
+{
+    sb_real depth;
+    if (sbi_apart_meets(contact, other, s, 0, &depth) < 0 || !(depth > sbi_pairs_safe_depth(contact, other)))
+        return 0;
+    return sbi_pairs_is_inside(contact, s->face, other, sb_v3_add(s->at, s->way), SBI_APART_SIDE * depth,
+                               sb_body_positions(contact->body), contact->moved) ||
+           sbi_apart_passes(contact, other, s);
+}
+
+/* 1 when a pair has become deeper than is safe. */
+static int sbi_apart_sinks(sb_contact *contact, const sbi_pair_sample *s)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const int *nodes = sbi_contact_face_nodes(faces, s->face), *others = sbi_contact_face_nodes(faces, s->other);
+    sb_vec3 way = sbi_contact_mean(s->weights, nodes, faces->sizes[s->face], contact->moved), motion, at;
+    sb_real before = -sb_v3_dot(s->normal, s->start), depth, safe = sbi_pairs_safe_depth(contact, s->other);
+    motion = sb_v3_sub(way, sbi_contact_mean(s->shares, others, faces->sizes[s->other], contact->moved));
+    depth = before - sb_v3_dot(s->normal, motion);
+    if (!(depth > sb_max(safe, before + SBI_APART_SINKS * safe)))
+        return 0;
+    at = sb_v3_add(sbi_contact_mean(s->weights, nodes, faces->sizes[s->face], x), way);
+    return sbi_pairs_is_inside(contact, s->face, s->other, at, SBI_APART_SIDE * depth, x, contact->moved);
+}
+
+/* ---- zones ---- */
+
+/* A look at the end of a step. joins: faces that are in each other's way become one zone, or their organs do, and the
+ * look goes on. */
+typedef struct sbi_apart_look {
+    sb_contact *contact;
+    int joins, whole, found, joined;
+} sbi_apart_look;
+
+static int sbi_apart_root(int *zones, int k)
+{
+    while (zones[k] != k)
+        k = zones[k] = zones[zones[k]];
+    return k;
+}
+
+static void sbi_apart_join(sbi_apart_look *look, int a, int b)
+{
+    int *zones = look->contact->pairs.zones;
+    look->joined |= zones[a] < 0 || zones[b] < 0;
+    if (zones[a] < 0)
+        zones[a] = a;
+    if (zones[b] < 0)
+        zones[b] = b;
+    a = sbi_apart_root(zones, a);
+    b = sbi_apart_root(zones, b);
+    look->joined |= a != b;
+    zones[sbi_max_int(a, b)] = sbi_min_int(a, b);
+}
+
+/* Returns 1 to go on looking. */
+static int sbi_apart_find(sbi_apart_look *look, int face, int other)
+{
+    const sb_contact *contact = look->contact;
+    int first = sbi_contact_face_nodes(contact->faces, face)[0];
+    const int both[2] = {face, other};
+    look->found = 1;
+    if (!look->joins)
+        return 0;
+    if (look->whole) {
+        sbi_apart_join(look, contact->pairs.organs[face], contact->pairs.organs[other]);
+        return 1;
+    }
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < contact->faces->sizes[both[k]]; a++)
+            sbi_apart_join(look, first, sbi_contact_face_nodes(contact->faces, both[k])[a]);
+    return 1;
+}
+
+static int sbi_apart_look_at(sbi_apart_look *look, int face)
+{
+    sb_contact *contact = look->contact;
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pairs_parts(contact, face, 0));
+    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0);
+    for (int i = 0; others > 0 && i < rule->count; i++) {
+        const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
+        sbi_apart_sample s;
+        s.face = face;
+        s.at = sbi_contact_mean(weights, nodes, count, x);
+        s.way = sbi_contact_mean(weights, nodes, count, contact->moved);
+        for (int k = 0; k < others; k++)
+            if (sbi_apart_strays(contact, contact->pairs.found[k], &s) &&
+                !sbi_apart_find(look, face, contact->pairs.found[k]))
+                return 0;
+    }
+    return 1;
+}
+
+/* The whole look; boxes of faces are those of their ways. Returns 1 when nothing was found. */
+static int sbi_apart_look_around(sbi_apart_look *look)
+{
+    sb_contact *contact = look->contact;
+    look->found = look->joined = 0;
+    for (int i = 0; i < contact->pairs.sample_count; i++) {
+        const sbi_pair_sample *s = contact->pairs.samples + i;
+        int is_known = !look->joins && contact->level == 1; /* its gap is that of the end */
+        if (is_known && !(-(s->gap + contact->pairs.distance) > sbi_pairs_safe_depth(contact, s->other)))
+            continue;
+        if (sbi_apart_sinks(contact, s) && !sbi_apart_find(look, s->face, s->other))
+            return 0;
+    }
+    sbi_pairs_find_near(contact, 0);
+    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
+        if (!sbi_apart_look_at(look, face))
+            return 0;
+    return !look->found;
+}
+
+/* How far a node goes in the step whose balance is at u. */
+static sb_vec3 sbi_apart_way(const sb_contact *contact, const sb_vec3 *u, int node)
+{
+    sb_vec3 rest = sb_body_rest_positions(contact->body)[node], x = sb_body_positions(contact->body)[node];
+    return sb_v3_scale(1 / contact->level, sb_v3_sub(sb_v3_add(rest, u[node]), x));
+}
+
+static void sbi_apart_set_ways(sb_contact *contact, const sb_vec3 *u)
+{
+    for (int i = 0; i < sb_body_node_count(contact->body); i++)
+        contact->moved[i] = sbi_apart_way(contact, u, i);
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
+}
+
+SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
+{
+    sbi_apart_look look;
+    if (!contact->pairs.kinds)
+        return 1;
+    memset(&look, 0, sizeof look);
+    look.contact = contact;
+    if (contact->level < 1) /* what balances within the step goes on to its end */
+        sbi_apart_set_ways(contact, u);
+    return sbi_apart_look_around(&look);
+}
+
+/* ---- mending ---- */
+
+/* Adds an axis of a node's way to its zone's: what supports hold there counts alone. */
+static void sbi_apart_add(int is_held, sb_real mass, sb_real way, sb_real *ways, sb_real *masses, sb_real *held)
+{
+    if (!is_held && *held > 0)
+        return;
+    if (is_held && !(*held > 0))
+        *ways = *masses = 0;
+    *held += (sb_real)is_held;
+    *masses += is_held ? 1 : mass;
+    *ways += is_held ? way : mass * way;
+}
+
+static sb_real sbi_apart_mean(int is_held, sb_real way, sb_real ways, sb_real masses)
+{
+    return is_held || !(masses > 0) ? way : ways / masses;
+}
+
+/* Nodes of a zone go as far as they all do on the mean. */
+static void sbi_apart_move(const sbi_apart_look *look)
+{
+    sb_contact *contact = look->contact;
+    const sb_body *body = contact->body;
+    sbi_pairs *pairs = &contact->pairs;
+    int count = sb_body_node_count(body);
+    memset(pairs->zone_ways, 0, (size_t)count * sizeof *pairs->zone_ways);
+    memset(pairs->zone_masses, 0, (size_t)count * sizeof *pairs->zone_masses);
+    memset(pairs->zone_held, 0, (size_t)count * sizeof *pairs->zone_held);
+    for (int pass = 0; pass < 2; pass++)
+        for (int i = 0; i < count; i++) {
+            int key = look->whole ? body->node_component[i] : i;
+            unsigned held = sbi_body_held(body, i);
+            sb_real mass = body->lumped_mass[i];
+            sb_vec3 *way = contact->moved + i, *w, *m, *h;
+            if (key < 0 || pairs->zones[key] < 0)
+                continue;
+            key = sbi_apart_root(pairs->zones, key);
+            w = pairs->zone_ways + key, m = pairs->zone_masses + key, h = pairs->zone_held + key;
+            if (pass == 0) {
+                sbi_apart_add((held & SB_X) != 0, mass, way->x, &w->x, &m->x, &h->x);
+                sbi_apart_add((held & SB_Y) != 0, mass, way->y, &w->y, &m->y, &h->y);
+                sbi_apart_add((held & SB_Z) != 0, mass, way->z, &w->z, &m->z, &h->z);
+            } else {
+                way->x = sbi_apart_mean((held & SB_X) != 0, way->x, w->x, m->x);
+                way->y = sbi_apart_mean((held & SB_Y) != 0, way->y, w->y, m->y);
+                way->z = sbi_apart_mean((held & SB_Z) != 0, way->z, w->z, m->z);
+            }
+        }
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(body), contact->moved, 1);
+}
+
+static void sbi_apart_forget_zones(const sb_contact *contact)
+{
+    for (int i = 0; i < contact->faces->node_room; i++)
+        contact->pairs.zones[i] = -1;
+}
+
+SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole)
+{
+    sbi_apart_look look;
+    int changed = 0;
+    memset(&look, 0, sizeof look);
+    look.contact = contact;
+    look.joins = 1;
+    look.whole = whole;
+    sbi_apart_set_ways(contact, u);
+    sbi_apart_forget_zones(contact);
+    for (int round = 0; !sbi_apart_look_around(&look); round++) {
+        if (!look.whole && (round == SBI_APART_ROUNDS || !look.joined)) {
+            look.whole = 1;
+            sbi_apart_forget_zones(contact);
+            (void)sbi_apart_look_around(&look);
+        }
+        if (!look.joined) /* rounding: they go together already */
+            break;
+        sbi_apart_move(&look);
+    }
+    for (int i = 0; i < sb_body_node_count(contact->body); i++) {
+        sb_vec3 more = sb_v3_sub(contact->moved[i], sbi_apart_way(contact, u, i));
+        if (sb_v3_dot(more, more) > 0) {
+            u[i] = sb_v3_madd(u[i], contact->level, more);
+            changed = 1;
+        }
+    }
+    return changed;
+}

@@ -1,0 +1,370 @@
+/* test_contact_thrown: organs of random shapes, meshes and materials are thrown at each other: none passes through
+ * another, no step is refused, and no energy comes from nowhere. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/body/body_private.h"
+#include "../src/softbody/contact/contact_private.h"
+
+#include "contact_scene.h"
+
+enum { MOST_ORGANS = 5 };
+
+/* ---- scenes that nobody chose ---------------------------------------------------------------------------------- */
+
+typedef struct organs {
+    press p;
+    int workers, count, first[MOST_ORGANS + 1]; /* node of each organ, and the end */
+    sb_surface *surfaces[MOST_ORGANS];
+    double cell[MOST_ORGANS]; /* m, mean edge of its cells */
+    unsigned char *skin;      /* [nodes] 1: of a face */
+} organs;
+
+/* A block, or an ellipsoid, about the origin, with cells that are even, graded or shaken. */
+static sb_mesh organ_mesh(sb_element_type type, unsigned long long *seed, double scale, double *cell)
+{
+    const double graded = check_random_in(seed, 1, 1.4);
+    const int round = check_random(seed) < 0.6, cells = sb_element_straight(type) == type ? 4 : 3;
+    const double shake = check_random(seed) < 0.3 ? 0.15 : 0;
+    sb_mesh mesh, curved;
+    double size[3], mean = 0;
+    memset(&mesh, 0, sizeof mesh);
+    for (int k = 0; k < 3; k++)
+        mean += (size[k] = scale * check_random_in(seed, 0.04, 0.1)) / 3;
+    *cell = mean / cells;
+    if (round)
+        CHECK_OK(sb_mesh_ellipsoid(sb_element_straight(type),
+                                   sb_v3(REAL(size[0] / 2), REAL(size[1] / 2), REAL(size[2] / 2)), cells + 1, NULL,
+                                   &mesh, NULL));
+    else
+        mesh = scene_box(sb_element_straight(type), cells, cells - 1, cells - 1,
+                         sb_v3(REAL(size[0]), REAL(size[1]), REAL(size[2])), shake);
+    for (int i = 0; !round && i < mesh.node_count; i++) {
+        sb_vec3 *x = mesh.nodes + i;
+        x->x = REAL(size[0] * (pow(fmax(0, (double)x->x / size[0]), graded) - 0.5));
+        x->y -= REAL(size[1] / 2);
+        x->z -= REAL(size[2] / 2);
+    }
+    if (mesh.element_type == type)
+        return mesh;
+    memset(&curved, 0, sizeof curved);
+    CHECK_OK(sb_mesh_to_tet10(&mesh, NULL, &curved, NULL));
+    sb_mesh_free(&mesh);
+    return curved;
+}
+
+static sb_vec3 random_vector(unsigned long long *seed, double most)
+{
+    sb_vec3 v;
+    v.x = REAL(check_random_in(seed, -most, most));
+    v.y = REAL(check_random_in(seed, -most, most));
+    v.z = REAL(check_random_in(seed, -most, most));
+    return v;
+}
+
+static double reach_of(const sb_mesh *mesh)
+{
+    double most = 0;
+    for (int i = 0; i < mesh->node_count; i++)
+        most = fmax(most, (double)sb_v3_norm(mesh->nodes[i]));
+    return most;
+}
+
+/* A surface of each organ: the faces of the whole that have its nodes. */
+static void organs_watch(organs *o)
+{
+    o->skin = (unsigned char *)calloc((size_t)o->p.mesh.node_count, 1);
+    for (int k = 0; k < o->count; k++) {
+        sb_mesh whole = o->p.mesh, *mesh = &whole;
+        sb_boundary boundary;
+        int kept = 0;
+        memset(&boundary, 0, sizeof boundary);
+        CHECK_OK(sb_mesh_boundary(mesh, 0, NULL, &boundary, NULL));
+        for (int e = 0; e < boundary.surface.element_count; e++) {
+            int width = sb_element_node_count(boundary.surface.element_type);
+            int *nodes = boundary.surface.elements + (size_t)e * (size_t)width;
+            if (nodes[0] < o->first[k] || nodes[0] >= o->first[k + 1])
+                continue;
+            for (int a = 0; a < width; a++)
+                o->skin[nodes[a]] = 1;
+            memmove(boundary.surface.elements + (size_t)kept++ * (size_t)width, nodes, (size_t)width * sizeof *nodes);
+        }
+        boundary.surface.element_count = kept;
+        CHECK_OK(sb_surface_create(&boundary.surface, NULL, &o->surfaces[k], NULL));
+        sb_boundary_free(&boundary);
+    }
+}
+
+/* Organs about a middle, the first in it, that fly to it and spin. */
+static void organs_make(organs *o, sb_element_type type, int count, unsigned long long *seed, double scale,
+                        double speed, sb_material material, double beta)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_contact_def contact = sb_default_contact_def();
+    sb_mesh mesh;
+    sb_vec3 *velocity = NULL;
+    sb_vec3 at[MOST_ORGANS], spin[MOST_ORGANS], way[MOST_ORGANS];
+    double first = 0;
+    memset(o, 0, sizeof *o);
+    memset(&mesh, 0, sizeof mesh);
+    o->workers = 1;
+    o->count = count;
+    for (int k = 0; k < count; k++) {
+        sb_quat turn = sb_quat_from_rotation_vector(random_vector(seed, 2));
+        sb_mesh one = organ_mesh(type, seed, scale, &o->cell[k]);
+        sb_vec3 aim = random_vector(seed, 1);
+        double reach = reach_of(&one);
+        first = k ? first : reach;
+        at[k] = way[k] = sb_v3(0, 0, 0);
+        spin[k] = random_vector(seed, 0.3 * speed / reach);
+        if (k > 0) {
+            double side = k == 4 ? -1 : 1; /* the fifth opposite the fourth, as the third is to the second */
+            sb_vec3 d = k == 2 ? sb_v3_scale(-1, at[1]) : k > 2 ? sb_v3_cross(at[1], sb_v3(1, 2, 3)) : aim;
+            d = sb_v3_scale(REAL(side) / sb_v3_norm(d), d);
+            at[k] = sb_v3_scale(REAL(1.02 * (first + reach)), d);
+            way[k] = sb_v3_madd(sb_v3_scale(REAL(-speed), d), REAL(0.2 * speed), random_vector(seed, 1));
+        }
+        for (int i = 0; i < one.node_count; i++)
+            one.nodes[i] = sb_v3_add(at[k], sb_quat_rotate(turn, one.nodes[i]));
+        o->first[k] = mesh.node_count;
+        if (k == 0) {
+            mesh = one;
+        } else {
+            CHECK_OK(sb_mesh_append(&mesh, &one, NULL));
+            sb_mesh_free(&one);
+        }
+        o->first[k + 1] = mesh.node_count;
+    }
+    velocity = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof *velocity);
+    for (int k = 0; k < count; k++)
+        for (int i = o->first[k]; i < o->first[k + 1]; i++)
+            velocity[i] = sb_v3_add(way[k], sb_v3_cross(spin[k], sb_v3_sub(mesh.nodes[i], at[k])));
+    def.material = material;
+    def.damping_stiffness = REAL(beta);
+    def.jobs = scene_jobs(&o->workers);
+    contact.pairs = SB_CONTACT_ORGANS;
+    contact.pair_friction = REAL(check_random_in(seed, 0, 0.5));
+    o->p = press_make(mesh, def, contact);
+    CHECK_OK(sb_body_set_velocities(o->p.body, velocity));
+    free(velocity);
+    organs_watch(o);
+}
+
+static void organs_free(organs *o)
+{
+    for (int k = 0; k < o->count; k++)
+        sb_surface_destroy(o->surfaces[k]);
+    free(o->skin);
+    press_free(&o->p);
+}
+
+/* How deep (of a cell's edge) the deepest node of a face lies in another organ. Nodes within come out of the skin where
+ * the tissue is turned inside out, which is not contact's. */
+static double organs_overlap(const organs *o)
+{
+    const sb_vec3 *x = sb_body_positions(o->p.body);
+    double worst = 0;
+    for (int k = 0; k < o->count; k++) {
+        CHECK_OK(sb_surface_move(o->surfaces[k], x, NULL, NULL));
+        for (int i = 0; i < o->p.mesh.node_count; i++) {
+            double depth;
+            if (!o->skin[i] || (i >= o->first[k] && i < o->first[k + 1]))
+                continue;
+            if (!sb_surface_inside(o->surfaces[k], x[i]))
+                continue;
+            depth = -(double)sb_surface_signed_distance_winding(o->surfaces[k], x[i], NULL) / o->cell[k];
+            worst = fmax(worst, depth);
+        }
+    }
+    return worst;
+}
+
+static double energy_of(sb_body *body)
+{
+    sb_energy energy = {0, 0, 0};
+    CHECK_OK(sb_body_energy(body, &energy));
+    return (double)energy.elastic + (double)energy.kinetic;
+}
+
+/* ---- thrown at each other -------------------------------------------------------------------------------------- */
+
+/* Of a cell's edge: how deep nodes of the skin may come. */
+#define DEEPEST 0.7
+
+/* Speeds stay below those at which the tissue itself is turned inside out: rho v^2 = 2 E. */
+static void throw_organs(unsigned long long number)
+{
+    static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8};
+    unsigned long long seed = 977 * number + 3;
+    double scale, young, speed, dt, start, worst = 0, most = 0;
+    int count, touched = 0;
+    sb_material material;
+    sb_element_type type;
+    organs o;
+    for (int i = 0; i < 5; i++)
+        (void)check_random(&seed);
+    type = types[(int)(3 * check_random(&seed))];
+    count = 2 + (int)(4 * check_random(&seed));
+    scale = check_random(&seed) < 0.6 ? 1 : pow(10, check_random_in(&seed, -2, 2));
+    young = 1e3 * pow(50, check_random(&seed)) * scale * scale;
+    speed = fmin(check_random_in(&seed, 0.5, 3) * scale, sqrt(2 * young / 1000));
+    dt = check_random(&seed) < 0.7 ? 1.0 / 60 : 1.0 / 120;
+    material = check_random(&seed) < 0.6 ? sb_material_corotated(REAL(young), REAL(0.4), 1000)
+                                         : sb_material_stable_neo_hookean(REAL(young), REAL(0.4), 1000);
+    organs_make(&o, type, count, &seed, scale, speed, material, check_random(&seed) < 0.5 ? 0.01 : 0.002);
+    start = energy_of(o.p.body);
+    for (int i = 0; i < (int)(0.4 / dt + 0.5); i++) {
+        if (!CHECK_OK(sb_body_step(o.p.body, REAL(dt), NULL)))
+            break;
+        worst = fmax(worst, organs_overlap(&o));
+        if (touched)
+            most = fmax(most, energy_of(o.p.body) / start);
+        else
+            start = fmax(start, energy_of(o.p.body)); /* a linearised step makes what turns grow by itself */
+        touched |= sb_contact_get_info(o.p.contact).touching > 0;
+    }
+    if (!CHECK(touched && worst < DEEPEST && most < 1.01))
+        printf("  scene %d: a node %.3f cells deep, energy %.4f of the start's\n", (int)number, worst, most);
+    CHECK(scene_all_finite(sb_body_positions(o.p.body), o.p.mesh.node_count));
+    organs_free(&o);
+}
+
+static void test_thrown(void)
+{
+    int scenes = check_quick() ? 2 : check_rounds(10);
+    for (int i = 0; i < scenes; i++)
+        throw_organs((unsigned long long)i);
+}
+
+/* ---- faster than parts of a step can follow -------------------------------------------------------------------- */
+
+/* Momentum by the body's way in a step, and twice the kinetic energy, over dt^0 and dt^1. */
+typedef struct motion {
+    double momentum[3], square, size;
+} motion;
+
+static motion motion_of(const sb_contact *contact, const sb_vec3 *u)
+{
+    const sb_body *body = contact->body;
+    motion m;
+    memset(&m, 0, sizeof m);
+    for (int i = 0; i < sb_body_node_count(body); i++) {
+        sb_vec3 way = sb_v3_sub(sb_v3_add(sb_body_rest_positions(body)[i], u[i]), sb_body_positions(body)[i]);
+        double mass = (double)body->lumped_mass[i];
+        m.momentum[0] += mass * (double)way.x;
+        m.momentum[1] += mass * (double)way.y;
+        m.momentum[2] += mass * (double)way.z;
+        m.square += mass * (double)sb_v3_dot(way, way);
+        m.size += mass * (double)sb_v3_norm(way);
+    }
+    return m;
+}
+
+static int (*own_mend)(void *, sb_vec3 *, int);
+static int mended;
+
+static int watched_mend(void *user, sb_vec3 *u, int whole)
+{
+    motion before = motion_of((const sb_contact *)user, u), after;
+    int changed = own_mend(user, u, whole);
+    after = motion_of((const sb_contact *)user, u);
+    for (int k = 0; k < 3; k++)
+        CHECK_NEAR(after.momentum[k], before.momentum[k], (sizeof(sb_real) == 4 ? 1e-5 : 1e-10) * before.size);
+    CHECK(after.square <= before.square * (1 + 1e-6));
+    mended += changed;
+    return changed;
+}
+
+static sb_vec3 middle_of(const organs *o, int organ)
+{
+    sb_vec3 sum = {0, 0, 0};
+    for (int i = o->first[organ]; i < o->first[organ + 1]; i++)
+        sum = sb_v3_add(sum, sb_body_positions(o->p.body)[i]);
+    return sb_v3_scale(1 / (sb_real)(o->first[organ + 1] - o->first[organ]), sum);
+}
+
+/* What moves farther than itself in the shortest part does not pass either: it takes the other along. */
+static void test_too_fast(void)
+{
+    mended = 0;
+    for (unsigned long long number = 1; number <= 3; number++) {
+        unsigned long long seed = number;
+        sb_vec3 aim;
+        organs o;
+        organs_make(&o, number % 2 ? SB_TET4 : SB_HEX8, 2, &seed, 1, 600,
+                    sb_material_corotated(REAL(5e8), REAL(0.4), 1000), 1e-4);
+        own_mend = o.p.contact->touch.mend;
+        o.p.contact->touch.mend = watched_mend;
+        aim = sb_v3_scale(-1, middle_of(&o, 1));
+        for (int i = 0; i < 2; i++) {
+            int told = mended;
+            CHECK_OK(sb_body_step(o.p.body, REAL(1.0 / 60), NULL));
+            CHECK_INT(sb_contact_get_info(o.p.contact).mended, mended > told);
+        }
+        CHECK(sb_v3_dot(middle_of(&o, 0), aim) > sb_v3_dot(aim, aim)); /* at rest before */
+        organs_free(&o);
+    }
+    CHECK(mended > 0);
+}
+
+/* ---- the same bits ---------------------------------------------------------------------------------------------- */
+
+static void make_two(organs *o)
+{
+    unsigned long long seed = 5;
+    organs_make(o, SB_TET4, 2, &seed, 1, 5, sb_material_corotated(REAL(2e4), REAL(0.4), 1000), 0.002);
+}
+
+static int fly(organs *o, int steps)
+{
+    int divided = 0;
+    for (int i = 0; i < steps; i++) {
+        sb_step_info info;
+        CHECK_OK(sb_body_step(o->p.body, REAL(1.0 / 60), &info));
+        divided += info.substeps > 0;
+    }
+    return divided;
+}
+
+static int same_end(const organs *a, const organs *b)
+{
+    size_t size = (size_t)a->p.mesh.node_count * sizeof(sb_vec3);
+    return memcmp(sb_body_positions(a->p.body), sb_body_positions(b->p.body), size) == 0 &&
+           memcmp(sb_body_velocities(a->p.body), sb_body_velocities(b->p.body), size) == 0;
+}
+
+/* Whatever the threads, from a state that was saved between divided steps, and from a recording. */
+static void test_same_bits(void)
+{
+    organs one, other, loaded, replayed;
+    sb_recording *recording = NULL;
+    sb_recording_report report;
+    size_t size;
+    void *image;
+    make_two(&one);
+    make_two(&other);
+    make_two(&loaded);
+    make_two(&replayed);
+    other.workers = 3;
+    CHECK_OK(sb_recording_start(one.p.body, 1, NULL, &recording, NULL));
+    CHECK(fly(&one, 1) > 0);
+    size = sb_body_state_size(one.p.body);
+    image = malloc(size);
+    CHECK_OK(sb_body_state_save(one.p.body, image, size));
+    (void)fly(&one, 5);
+    sb_recording_stop(recording);
+    (void)fly(&other, 6);
+    CHECK(same_end(&one, &other));
+    CHECK_OK(sb_body_state_load(loaded.p.body, image, size, NULL));
+    (void)fly(&loaded, 5);
+    CHECK(same_end(&one, &loaded));
+    CHECK_OK(sb_recording_replay(recording, replayed.p.body, &report));
+    CHECK(same_end(&one, &replayed));
+    free(image);
+    sb_recording_destroy(recording);
+    organs_free(&one);
+    organs_free(&other);
+    organs_free(&loaded);
+    organs_free(&replayed);
+}
+
+CHECK_SUITE(contact_thrown, {"thrown at each other", test_thrown}, {"too fast", test_too_fast},
+            {"same bits", test_same_bits});
