@@ -5695,8 +5695,9 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * Tools cannot pass through: each moves freely up to the surface, and there by half of its inner radius in a step at
  * most, less the deeper it lies. What it could not make is its lag, made up in the steps to come. A step after which
  * something may have passed is taken back and done again with half the tools' way, then with tools that stay, then with
- * tools that give way to what presses on them; where the tissue itself flies it is divided into 2, 4, 8 or 16 steps
- * (sb_step_info.substeps), and readings are those of the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
+ * tools that give way to what presses on them; where the tissue itself flies it is divided into up to 16
+ * steps (sb_step_info.substeps): what is refused is tried half as long, down to a sixteenth, and readings are those of
+ * the last. Only then is it refused: SB_ERROR_DIVERGED, and all is
  * as it was.
  *
  * A tool with coupling_stiffness hangs by a spring on the pose that it is sent to, and is where spring and surface
@@ -5707,9 +5708,13 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
  * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
- * surface that is folded from the start, do not. A step in which something may have passed through is refused like that
- * of a tool, but organs are not as sure as tools: where soft ones hit each other so hard that they are flattened, they
- * may end entangled. info tells: steps are `capped` with a `residual` above 0.1, and `deepest` stays large afterwards.
+ * surface that is folded from the start, do not. A step in which a point would end deeper in an organ than 0.4 of its
+ * thickness or of a face's length, or pass through it, is divided like one with tools, at once into parts as short as
+ * the organs' speed asks for. In parts of a sixteenth, what would still pass moves together, as far as it would have on
+ * the mean: momentum stays, kinetic energy is lost (sb_contact_info.mended). Overlap that was there without having been
+ * pressed in is let out by a fifth a step, so that it throws nothing out. Where organs hit so hard that the tissue
+ * itself is turned inside out (rho v^2 above some 2 E), sides are no longer sure and they may end entangled: `deepest`
+ * stays large afterwards.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -5840,6 +5845,7 @@ typedef struct sb_contact_info {
     int retries;      /* times that the step was taken back and done again */
     int capped;       /* 1: max_iterations ended the iteration; `residual` says how good it is */
     int thinned;      /* 1: faces had fewer samples than their size asks for */
+    int mended;       /* 1: organs would have passed through each other in the shortest part of a divided step */
     sb_real deepest;  /* m, overlap */
     sb_real residual; /* of contact's forces, of the largest force */
     sb_real lag;      /* m, largest of all tools' */
@@ -47029,7 +47035,7 @@ typedef struct sbi_step {
     int touch_begun;
     int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
                 * have made it fail */
-    int parts_left; /* of a divided step, with this one; else 1 */
+    sb_real part; /* share of what is left of a divided step; else 1 */
 
     /* what is solved */
     sb_real dt;     /* s */
@@ -47119,11 +47125,11 @@ typedef struct sbi_touch_step {
     const sb_vec3 *start; /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
-    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
-    sb_real factor; /* share of the way of a static solve; 1 in a time step */
-    int stage;      /* increments of a static solve that have converged before; 0 in a time step */
-    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
-    int parts_left; /* of a divided step, with this one: it asks for one of so many parts of what is left; else 1 */
+    sb_real level;         /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor;        /* share of the way of a static solve; 1 in a time step */
+    int stage;             /* increments of a static solve that have converged before; 0 in a time step */
+    int tries;             /* how often this step was refused or failed already: each time it asks for less motion */
+    sb_real part;          /* share of what is left of a divided step, and of its motion; else 1 */
     const sb_real *masses; /* [rows] of an explicit substep (kg), whose matrix is NULL; NULL: the step is implicit */
     sb_real rate; /* of one: 1/s^2, no pattern of motion may have more stiffness of contact than so much of its mass */
 } sbi_touch_step;
@@ -47137,8 +47143,13 @@ typedef struct sbi_touch {
     int node_count;
     const int *nodes; /* [node_count] rows of the matrix, each once */
     int touching;     /* points of contact at the last evaluation */
-    int links;   /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
-    int refused; /* 1: accept refused the last end of a step; written by the step */
+    int links;     /* 1: K of it has a part between nodes without a block, see `multiply_links`; stays after the step */
+    int refused;   /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
+    int apart;     /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
+    int parts;     /* what begin would have a step divided into that it refuses; the owner's */
+    sb_real share; /* of the caller's step that the one under way is; the step's */
+    int mended;    /* 1: motion was taken out of a part of the caller's step; the step's */
+    int is_last;   /* 1: what is refused now will not be divided (any further); the step's */
     sb_vec3 *force; /* on the nodes (N), at the last evaluation */
     double noise;   /* N: norm of what rounding of places makes in them; from begin on */
     /* A part of K between nodes of no common face, which has no blocks in the matrix; a tangent. From begin on; without
@@ -47175,6 +47186,9 @@ typedef struct sbi_touch {
     void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
     /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
     int (*accept)(void *user, const sb_vec3 *u);
+    /* Takes out of u [rows] the motion by which parts of the body pass through each other, momentum left as it is, so
+     * that accept refuses it only for tools; whole: that of whole organs, which changes no shapes. 1: u has changed. */
+    int (*mend)(void *user, sb_vec3 *u, int whole);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);
@@ -61744,7 +61758,6 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
  * body is, and pushes where it has gone to, beside the loads. Its stiffness is bounded by the nodes' masses: with
  * `rate` lambda_c = c lambda, lambda the square of the body's highest frequency, substeps that are shorter by sqrt(1 +
  * c) are as stable as those without contact: no eigenvalue of a sum is more than the largest of both together. */
-#include <limits.h>
 #include <string.h>
 
 
@@ -61758,7 +61771,7 @@ static sbi_touch_step sbi_explicit_tell_touch(const sb_body *b, sb_real left, do
     told.dt = (sb_real)((double)left / count);
     told.level = told.factor = 1;
     told.tries = tries;
-    told.parts_left = count < (double)INT_MAX ? (int)count : INT_MAX;
+    told.part = (sb_real)(1 / count);
     told.masses = b->lumped_mass;
     told.rate = b->touch->stiffening * 4 / (stable * stable);
     return told;
@@ -61959,9 +61972,9 @@ SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
 SBI_API sb_result sbi_step_linearise(sbi_step *step);
 /* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
 SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
-/* A time step from begin to end, undone where it fails. parts_left: of a divided step, with this one; else 1. */
+/* A time step from begin to end, undone where it fails. part: share of what is left of a divided step; else 1. */
 SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 int parts_left, sb_step_info *info);
+                                 sb_real part, sb_step_info *info);
 SBI_API void sbi_step_forget_error(sb_step_info *info);
 /* Sees to it that a failing call says why, whatever failed. */
 SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
@@ -62310,12 +62323,14 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
-    told.parts_left = step->dynamic ? step->parts_left : 1;
+    told.part = step->dynamic ? step->part : 1;
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
     step->touch->coupling.node_count = 0;
+    step->touch->apart = step->touch->parts = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
+    step->touch->refused |= step->touch->apart;
     if (result == SB_OK)
         result = sbi_step_couple_touch(step);
     if (result != SB_OK && step->info->error.result != result)
@@ -62410,11 +62425,34 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
     }
 }
 
+/* Motion is taken out of the end of the step. */
+static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
+{
+    sb_body *b = step->body;
+    if (!step->touch->mend(step->touch->user, b->displacement, whole))
+        return SB_OK;
+    step->touch->mended = 1;
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
+    b->force_current = step->energy_known = 0;
+    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
+}
+
 SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
 {
-    step->touch->refused = !step->touch->accept(step->touch->user, step->body->displacement);
-    if (!step->touch->refused)
+    sbi_touch *touch = step->touch;
+    int is_safe = touch->accept(touch->user, step->body->displacement);
+    if (!is_safe && touch->apart && touch->is_last) {
+        sb_result result = sbi_step_mend_touch(step, 0);
+        if (result != SB_OK)
+            result = sbi_step_mend_touch(step, 1);
+        if (result != SB_OK)
+            return result;
+        is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
+    }
+    if (is_safe)
         return SB_OK;
+    touch->refused = 1;
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
                     "the body moves so far in this step that a tool may have passed through it: take a shorter one");
 }
@@ -63904,7 +63942,7 @@ static int sbi_step_is_tame(const sb_body *b)
 static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_info *info)
 {
     int is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
-    step->parts_left = 1;
+    step->part = 1;
     step->body = body;
     step->info = info;
     step->dynamic = 1;
@@ -63978,12 +64016,12 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
 }
 
 static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     int parts_left, sb_step_info *info, sbi_step *step)
+                                     sb_real part, sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
-    step->parts_left = parts_left;
+    step->part = part;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
@@ -64021,7 +64059,7 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
  * they give way. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
-    return result != SB_OK && step->touch_begun && step->tries < SBI_STEP_TRIES;
+    return result != SB_OK && step->touch_begun && !step->touch->apart && step->tries < SBI_STEP_TRIES;
 }
 
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
@@ -64039,7 +64077,7 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     fresh.guests = fresh.given = step->given;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
-    fresh.parts_left = step->parts_left;
+    fresh.part = step->part;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
@@ -64100,13 +64138,13 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
 }
 
 SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 int parts_left, sb_step_info *info)
+                                 sb_real part, sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
     if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin_part(body, dt, guests, guest_count, parts_left, info, &step);
+    result = sbi_step_begin_part(body, dt, guests, guest_count, part, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)
@@ -67200,12 +67238,13 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
 }
 
 /* ==== src/softbody/body/step_substeps.c ==== */
-/* step_substeps: a step that contact refuses is divided: tissue that flies past a tool in a step, which the tool cannot
- * mend by going less far, is seen on its way in shorter ones.
+/* step_substeps: a step that contact refuses is divided: tissue that flies past a tool in a step, or organs that fly
+ * through each other, are seen on their way in shorter ones.
  *
- * Parts are equal: two, four ... up to SBI_SUBSTEPS_MOST, until all of them are taken. Supports and tools go evenly
- * over them. What the first attempts leave is the state before the call, and where no division helps, the error of the
- * whole step. The recorder hears of one step: played again it divides itself as it did. */
+ * A part that is refused is tried half as long, or as short as contact asked for, and what follows is no longer; none
+ * is shorter than 1/SBI_SUBSTEPS_MOST of the step. So its work is bounded: that many parts, and the few that were
+ * refused. Supports and tools go evenly over the step. Where the shortest part fails, too, all is as before the call,
+ * and the error is that of the whole step. The recorder hears of one step: played again it divides itself as it did. */
 
 #include <string.h>
 
@@ -67254,14 +67293,13 @@ static void sbi_substeps_rewind(sb_body *b, size_t snapshot)
     b->touch->rewind(b->touch->user);
 }
 
-/* Supports go to where the next of `left` parts should take them. */
-static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, int left)
+/* Supports go this share of what is left of their ways. */
+static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, sb_real part)
 {
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 goal;
         memcpy(&goal, kept + (size_t)i * sizeof goal, sizeof goal);
-        b->target[i] =
-            left == 1 ? goal : sb_v3_madd(b->displacement[i], 1 / (sb_real)left, sb_v3_sub(goal, b->displacement[i]));
+        b->target[i] = part < 1 ? sb_v3_madd(b->displacement[i], part, sb_v3_sub(goal, b->displacement[i])) : goal;
     }
 }
 
@@ -67276,20 +67314,40 @@ static void sbi_substeps_count(sb_step_info *sum, const sb_step_info *part)
     sum->seconds_solve += part->seconds_solve;
 }
 
-/* sum: counts up; the rest is of the last part. */
-static sb_result sbi_substeps_run(sb_body *b, sb_real dt, int parts, size_t snapshot, sb_step_info *sum)
+/* Shorter than a part that was refused: half as long, or as short as contact asked for. */
+static int sbi_substeps_shorten(const sb_body *b, int length)
+{
+    int wanted = length / sbi_max_int(2, b->touch->parts);
+    do
+        length /= 2;
+    while (length > sbi_max_int(1, wanted));
+    return length;
+}
+
+/* After the whole step was refused. sum: counts up; the rest is of the last part. */
+static sb_result sbi_substeps_run(sb_body *b, sb_real dt, size_t snapshot, sb_step_info *sum)
 {
     const unsigned char *kept = b->substep_room + sbi_substeps_aligned(snapshot);
-    sb_result result = SB_OK;
-    for (int left = parts; left > 0 && result == SB_OK; left--) {
-        sb_step_info part;
-        sbi_substeps_aim(b, kept, left);
-        result = sbi_step_whole(b, dt / (sb_real)parts, NULL, 0, left, &part);
-        sbi_substeps_count(&part, sum);
-        *sum = part;
+    int length = sbi_substeps_shorten(b, SBI_SUBSTEPS_MOST), parts = 0;
+    for (int left = SBI_SUBSTEPS_MOST; left > 0;) { /* in the shortest parts, as length */
+        sb_real part = (sb_real)length / (sb_real)left, share = (sb_real)length / (sb_real)SBI_SUBSTEPS_MOST;
+        sb_step_info info;
+        sb_result result;
+        b->touch->share = share;
+        b->touch->is_last = length == 1;
+        sbi_substeps_aim(b, kept, part);
+        result = sbi_step_whole(b, dt * share, NULL, 0, part, &info);
+        sbi_substeps_count(&info, sum);
+        *sum = info;
+        sum->substeps = result == SB_OK ? ++parts : parts;
+        if (result != SB_OK && length == 1)
+            return result;
+        if (result == SB_OK)
+            left -= length;
+        else
+            length = sbi_substeps_shorten(b, length);
     }
-    sum->substeps = parts;
-    return result;
+    return SB_OK;
 }
 
 /* A step failed that may succeed in parts. *info: of the whole step. */
@@ -67300,13 +67358,11 @@ static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, s
     if (sbi_body_reserve_substeps(b, NULL) != SB_OK)
         return result;
     sbi_substeps_keep(b, snapshot);
-    for (int parts = 2; parts <= SBI_SUBSTEPS_MOST; parts *= 2) {
-        if (sbi_substeps_run(b, dt, parts, snapshot, &sum) == SB_OK) {
-            *info = sum;
-            return SB_OK;
-        }
-        sbi_substeps_rewind(b, snapshot);
+    if (sbi_substeps_run(b, dt, snapshot, &sum) == SB_OK) {
+        *info = sum;
+        return SB_OK;
     }
+    sbi_substeps_rewind(b, snapshot);
     sum.error = info->error;
     sum.load_factor = info->load_factor;
     sum.substeps = 0;
@@ -67326,12 +67382,14 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
         return sbi_step_whole(body, dt, guests, guest_count, 1, info);
     info = info ? info : &own;
     begun = sbi_body_now(body);
-    body->touch->refused = 0;
+    body->touch->refused = body->touch->is_last = body->touch->mended = 0;
     sbi_body_mute(body);
     result = sbi_step_whole(body, dt, NULL, 0, 1, info);
     if (result == SB_ERROR_DIVERGED && body->touch->refused)
         result = sbi_substeps_divide(body, dt, result, info);
     sbi_body_unmute(body);
+    body->touch->share = 1;
+    body->touch->is_last = 1;
     info->seconds_total = sbi_body_now(body) - begun;
     sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
     return result;
@@ -75835,10 +75893,11 @@ typedef struct sbi_pair_sample {
     const sb_real *weights;             /* w */
     sb_real shares[SB_MAX_FACE_NODES];  /* v */
     sb_real area, spacing;              /* m^2 at rest: half of the sample's; m */
-    sb_real k, memory, least;           /* Pa/m; l (Pa); m: deepest overlap at which it is surely on this side */
+    sb_real k, memory;                  /* Pa/m; l (Pa) */
     sb_vec3 remembered;                 /* t (Pa) */
     sb_vec3 normal, start;              /* out of the other face; x - y at the start of the step (m) */
     sb_vec3 point;                      /* x (m) */
+    sb_real left;                       /* gap (m, <= 0) up to which overlap of the start is not pushed out */
     sb_real gap, slip, bound;           /* m, m, Pa */
     sbi_contact_answer answer;
 } sbi_pair_sample;
@@ -75854,6 +75913,7 @@ typedef struct sbi_pair_link {
 typedef struct sbi_pair_entry {
     int face, parts, sample, other, sticks;
     sb_real gap, area; /* m, m^2 at rest: half of the sample's */
+    sb_real left;      /* m: see sbi_pair_sample */
     sb_real shares[SB_MAX_FACE_NODES];
     sb_vec3 traction, point, normal, force;
 } sbi_pair_entry;
@@ -75888,15 +75948,20 @@ typedef struct sbi_pairs {
 
     /* of the step, likewise by face */
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
+    sb_vec3 *middles; /* m, there: no point of the face is farther from it than: */
+    sb_real *radii;   /* m */
     uint64_t *near;   /* a bit for each face that is near one that it looks at */
     int *found;
     int *slot_of; /* -1 between steps */
+    int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
+    sb_vec3 *zone_ways, *zone_masses, *zone_held; /* [nodes] sums of a zone */
 
     sbi_pair_patch *patches;
     int patch_count;
     sbi_pair_sample *samples; /* [max_contacts] */
     int sample_count;
-    int *active; /* [max_contacts] those that touch */
+    sb_real foreseen; /* overlap at the end of the step without contact, of what is safe: the largest */
+    int *active;      /* [max_contacts] those that touch */
     int active_count;
     sb_real *region_sum; /* [regions] */
     int *region_count;
@@ -76059,6 +76124,7 @@ struct sb_contact {
 
     /* of the step */
     int is_static, is_explicit;
+    sb_real level;    /* share of the step after which forces balance */
     const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
     sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
     int *near;        /* [max_tools][face_room] faces by tool */
@@ -76165,8 +76231,21 @@ SBI_API void sbi_pairs_multiply(const sb_contact *contact, const unsigned char *
 SBI_API void sbi_pairs_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix);
 SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix);
 SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out);
-/* 1: nothing has passed through; contact->moved and the faces' boxes are those of the step. */
-SBI_API int sbi_pairs_are_safe(sb_contact *contact);
+/* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
+ * thin: half as many, so many times. */
+SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin);
+
+/* ---- contact_apart.c ---- */
+/* How deep (m) a point may lie behind a face at the end of a step. */
+SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face);
+/* 1 when a point of `face` that lies behind another is in the other's organ all around: no face of that, wherever it
+ * looks, is nearer than `most` (m). Nodes are at x + way (way NULL: at x). */
+SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real most, const sb_vec3 *x,
+                                const sb_vec3 *way);
+/* 1: nothing has passed through; contact->moved and the faces' boxes are those of displacements u. */
+SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u);
+/* As sbi_touch.mend. */
+SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole);
 
 /* ---- contact_pairs_keep.c ---- */
 SBI_API void sbi_pairs_remember(sb_contact *contact);
@@ -76948,12 +77027,31 @@ static void sbi_near_fit_leaf(const sb_contact *contact, int leaf, sbi_pair_cone
     }
 }
 
+/* A ball around a face; a curved one may go beyond its nodes by as much again. */
+static void sbi_near_fit_ball(sb_contact *contact, int face, const sb_vec3 *x)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    int count = contact->faces->sizes[face], corners = contact->faces->kinds[count].corners;
+    sb_vec3 middle = {0, 0, 0};
+    sb_real square = 0;
+    for (int a = 0; a < corners; a++)
+        middle = sb_v3_madd(middle, 1 / (sb_real)corners, x[nodes[a]]);
+    for (int a = 0; a < count; a++) {
+        sb_vec3 way = sb_v3_sub(x[nodes[a]], middle);
+        square = sb_max(square, sb_v3_dot(way, way));
+    }
+    contact->pairs.middles[face] = middle;
+    contact->pairs.radii[face] = (sb_real)(corners < count ? 2.0 : 1.001) * sb_sqrt(square);
+}
+
 SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
     sbi_pair_cone *cones = contact->pairs.cones;
-    for (int f = 0; f < contact->faces->face_end; f++)
+    for (int f = 0; f < contact->faces->face_end; f++) {
         contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
+        sbi_near_fit_ball(contact, f, x);
+    }
     for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         sbi_near_fit_leaf(contact, leaf, cones + leaf);
     for (int level = 1; level < tree->level_count; level++)
@@ -77109,6 +77207,348 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_apart.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_apart: whether organs have passed into or through each other in a step, and a last resort against it.
+ *
+ * All samples are followed on their straight ways against the faces that go theirs: one that came in by a face may not
+ * end deeper behind it than it can be pushed back from, nor leave on the other side; one that was in already, where its
+ * pair knows, may not be deeper than that unless it was so before. A step that fails this is divided.
+ *
+ * Where it is not divided any further the motion of the two faces is made one: their nodes move together, as far as
+ * they would have gone on the mean, so that nothing between them can change and their momentum stays. Zones that share
+ * nodes become one, and grow until nothing is left to mend, at worst over whole organs. It is a perfectly inelastic
+ * impact of what moves together: kinetic energy is only lost.
+ * Source: Provot 1997; Bridson, Fedkiw, Anderson 2002 (rigid impact zones). */
+#include <string.h>
+
+
+/* Of the thickness or a face's length, whichever is less: how deep samples may end. */
+#define SBI_APART_DEEPEST ((sb_real)0.4)
+/* Of that: by how much what was deeper may become yet deeper, before its pressure holds it. */
+#define SBI_APART_SINKS ((sb_real)0.1)
+/* Of its depth: where another face is nearer than that, a point has not come in by this one. */
+#define SBI_APART_SIDE ((sb_real)0.5)
+/* Normals with a product below this are those of opposite sides. */
+#define SBI_APART_OPPOSITE ((sb_real)-0.25)
+/* Rounds in which zones grow face by face. */
+enum { SBI_APART_ROUNDS = 8 };
+
+SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face)
+{
+    return SBI_APART_DEEPEST * sb_min(contact->pairs.thickness[face], contact->faces->lengths[face]);
+}
+
+/* ---- one sample ---- */
+
+static sb_vec3 sbi_apart_at(const sb_vec3 *x, const sb_vec3 *way, int node)
+{
+    return way ? sb_v3_add(x[node], way[node]) : x[node];
+}
+
+SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real most, const sb_vec3 *x,
+                                const sb_vec3 *way)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int count =
+        sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
+                                sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
+    for (int i = 0; i < count; i++) {
+        int side = contact->scratch[i];
+        const int *nodes = sbi_contact_face_nodes(faces, side);
+        sb_vec3 places[SB_MAX_FACE_NODES];
+        sbi_closest closest;
+        if (side == face || contact->pairs.organs[side] != contact->pairs.organs[other] ||
+            !sbi_pairs_are_apart(contact, face, side))
+            continue;
+        for (int a = 0; a < faces->sizes[side]; a++)
+            places[a] = sbi_apart_at(x, way, nodes[a]);
+        sbi_closest_on_face(&faces->kinds[faces->sizes[side]], places, at, &closest);
+        if (sb_v3_norm(sb_v3_sub(at, closest.point)) < most)
+            return 0;
+    }
+    return 1;
+}
+
+/* A sample on its way. */
+typedef struct sbi_apart_sample {
+    int face;
+    sb_vec3 at, way;
+} sbi_apart_sample;
+
+/* When it comes through a face from its front (out: from its back), < 0: it does not; *depth behind it at the end. */
+static sb_real sbi_apart_meets(const sb_contact *contact, int other, const sbi_apart_sample *s, int out, sb_real *depth)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 corners[3], ways[3];
+        sb_real share;
+        for (int k = 0; k < 3; k++) {
+            int node = nodes[sbi_closest_part_node(kind, part, out ? 2 - k : k)];
+            corners[k] = x[node];
+            ways[k] = contact->moved[node];
+        }
+        share = sbi_closest_meeting(corners, ways, s->at, s->way, depth);
+        if (share >= 0)
+            return share;
+    }
+    return -1;
+}
+
+/* 1 when a sample that came in by a face has left its organ by the opposite side. */
+static int sbi_apart_passes(sb_contact *contact, int other, const sbi_apart_sample *s)
+{
+    sb_vec3 end = sb_v3_add(s->at, s->way), n = sbi_pairs_face_normal(contact, other);
+    int count = sbi_contact_faces_query(contact->faces,
+                                        sb_v3(sb_min(s->at.x, end.x), sb_min(s->at.y, end.y), sb_min(s->at.z, end.z)),
+                                        sb_v3(sb_max(s->at.x, end.x), sb_max(s->at.y, end.y), sb_max(s->at.z, end.z)),
+                                        contact->scratch, contact->faces->face_room);
+    for (int i = 0; i < count; i++) {
+        int side = contact->scratch[i];
+        sb_real depth;
+        if (contact->pairs.organs[side] == contact->pairs.organs[other] &&
+            sb_v3_dot(sbi_pairs_face_normal(contact, side), n) < SBI_APART_OPPOSITE &&
+            sbi_pairs_are_apart(contact, s->face, side) && sbi_apart_meets(contact, side, s, 1, &depth) >= 0)
+            return 1;
+    }
+    return 0;
+}
+
+/* 1 when the sample on its way comes from the front of a face to farther behind it than what is pushed back. */
+static int sbi_apart_strays(sb_contact *contact, int other, const sbi_apart_sample *s)
+{
+    sb_real depth;
+    if (sbi_apart_meets(contact, other, s, 0, &depth) < 0 || !(depth > sbi_pairs_safe_depth(contact, other)))
+        return 0;
+    return sbi_pairs_is_inside(contact, s->face, other, sb_v3_add(s->at, s->way), SBI_APART_SIDE * depth,
+                               sb_body_positions(contact->body), contact->moved) ||
+           sbi_apart_passes(contact, other, s);
+}
+
+/* 1 when a pair has become deeper than is safe. */
+static int sbi_apart_sinks(sb_contact *contact, const sbi_pair_sample *s)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const int *nodes = sbi_contact_face_nodes(faces, s->face), *others = sbi_contact_face_nodes(faces, s->other);
+    sb_vec3 way = sbi_contact_mean(s->weights, nodes, faces->sizes[s->face], contact->moved), motion, at;
+    sb_real before = -sb_v3_dot(s->normal, s->start), depth, safe = sbi_pairs_safe_depth(contact, s->other);
+    motion = sb_v3_sub(way, sbi_contact_mean(s->shares, others, faces->sizes[s->other], contact->moved));
+    depth = before - sb_v3_dot(s->normal, motion);
+    if (!(depth > sb_max(safe, before + SBI_APART_SINKS * safe)))
+        return 0;
+    at = sb_v3_add(sbi_contact_mean(s->weights, nodes, faces->sizes[s->face], x), way);
+    return sbi_pairs_is_inside(contact, s->face, s->other, at, SBI_APART_SIDE * depth, x, contact->moved);
+}
+
+/* ---- zones ---- */
+
+/* A look at the end of a step. joins: faces that are in each other's way become one zone, or their organs do, and the
+ * look goes on. */
+typedef struct sbi_apart_look {
+    sb_contact *contact;
+    int joins, whole, found, joined;
+} sbi_apart_look;
+
+static int sbi_apart_root(int *zones, int k)
+{
+    while (zones[k] != k)
+        k = zones[k] = zones[zones[k]];
+    return k;
+}
+
+static void sbi_apart_join(sbi_apart_look *look, int a, int b)
+{
+    int *zones = look->contact->pairs.zones;
+    look->joined |= zones[a] < 0 || zones[b] < 0;
+    if (zones[a] < 0)
+        zones[a] = a;
+    if (zones[b] < 0)
+        zones[b] = b;
+    a = sbi_apart_root(zones, a);
+    b = sbi_apart_root(zones, b);
+    look->joined |= a != b;
+    zones[sbi_max_int(a, b)] = sbi_min_int(a, b);
+}
+
+/* Returns 1 to go on looking. */
+static int sbi_apart_find(sbi_apart_look *look, int face, int other)
+{
+    const sb_contact *contact = look->contact;
+    int first = sbi_contact_face_nodes(contact->faces, face)[0];
+    const int both[2] = {face, other};
+    look->found = 1;
+    if (!look->joins)
+        return 0;
+    if (look->whole) {
+        sbi_apart_join(look, contact->pairs.organs[face], contact->pairs.organs[other]);
+        return 1;
+    }
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < contact->faces->sizes[both[k]]; a++)
+            sbi_apart_join(look, first, sbi_contact_face_nodes(contact->faces, both[k])[a]);
+    return 1;
+}
+
+static int sbi_apart_look_at(sbi_apart_look *look, int face)
+{
+    sb_contact *contact = look->contact;
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = sb_body_positions(contact->body);
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pairs_parts(contact, face, 0));
+    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0);
+    for (int i = 0; others > 0 && i < rule->count; i++) {
+        const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
+        sbi_apart_sample s;
+        s.face = face;
+        s.at = sbi_contact_mean(weights, nodes, count, x);
+        s.way = sbi_contact_mean(weights, nodes, count, contact->moved);
+        for (int k = 0; k < others; k++)
+            if (sbi_apart_strays(contact, contact->pairs.found[k], &s) &&
+                !sbi_apart_find(look, face, contact->pairs.found[k]))
+                return 0;
+    }
+    return 1;
+}
+
+/* The whole look; boxes of faces are those of their ways. Returns 1 when nothing was found. */
+static int sbi_apart_look_around(sbi_apart_look *look)
+{
+    sb_contact *contact = look->contact;
+    look->found = look->joined = 0;
+    for (int i = 0; i < contact->pairs.sample_count; i++) {
+        const sbi_pair_sample *s = contact->pairs.samples + i;
+        int is_known = !look->joins && contact->level == 1; /* its gap is that of the end */
+        if (is_known && !(-(s->gap + contact->pairs.distance) > sbi_pairs_safe_depth(contact, s->other)))
+            continue;
+        if (sbi_apart_sinks(contact, s) && !sbi_apart_find(look, s->face, s->other))
+            return 0;
+    }
+    sbi_pairs_find_near(contact, 0);
+    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
+        if (!sbi_apart_look_at(look, face))
+            return 0;
+    return !look->found;
+}
+
+/* How far a node goes in the step whose balance is at u. */
+static sb_vec3 sbi_apart_way(const sb_contact *contact, const sb_vec3 *u, int node)
+{
+    sb_vec3 rest = sb_body_rest_positions(contact->body)[node], x = sb_body_positions(contact->body)[node];
+    return sb_v3_scale(1 / contact->level, sb_v3_sub(sb_v3_add(rest, u[node]), x));
+}
+
+static void sbi_apart_set_ways(sb_contact *contact, const sb_vec3 *u)
+{
+    for (int i = 0; i < sb_body_node_count(contact->body); i++)
+        contact->moved[i] = sbi_apart_way(contact, u, i);
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
+}
+
+SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
+{
+    sbi_apart_look look;
+    if (!contact->pairs.kinds)
+        return 1;
+    memset(&look, 0, sizeof look);
+    look.contact = contact;
+    if (contact->level < 1) /* what balances within the step goes on to its end */
+        sbi_apart_set_ways(contact, u);
+    return sbi_apart_look_around(&look);
+}
+
+/* ---- mending ---- */
+
+/* Adds an axis of a node's way to its zone's: what supports hold there counts alone. */
+static void sbi_apart_add(int is_held, sb_real mass, sb_real way, sb_real *ways, sb_real *masses, sb_real *held)
+{
+    if (!is_held && *held > 0)
+        return;
+    if (is_held && !(*held > 0))
+        *ways = *masses = 0;
+    *held += (sb_real)is_held;
+    *masses += is_held ? 1 : mass;
+    *ways += is_held ? way : mass * way;
+}
+
+static sb_real sbi_apart_mean(int is_held, sb_real way, sb_real ways, sb_real masses)
+{
+    return is_held || !(masses > 0) ? way : ways / masses;
+}
+
+/* Nodes of a zone go as far as they all do on the mean. */
+static void sbi_apart_move(const sbi_apart_look *look)
+{
+    sb_contact *contact = look->contact;
+    const sb_body *body = contact->body;
+    sbi_pairs *pairs = &contact->pairs;
+    int count = sb_body_node_count(body);
+    memset(pairs->zone_ways, 0, (size_t)count * sizeof *pairs->zone_ways);
+    memset(pairs->zone_masses, 0, (size_t)count * sizeof *pairs->zone_masses);
+    memset(pairs->zone_held, 0, (size_t)count * sizeof *pairs->zone_held);
+    for (int pass = 0; pass < 2; pass++)
+        for (int i = 0; i < count; i++) {
+            int key = look->whole ? body->node_component[i] : i;
+            unsigned held = sbi_body_held(body, i);
+            sb_real mass = body->lumped_mass[i];
+            sb_vec3 *way = contact->moved + i, *w, *m, *h;
+            if (key < 0 || pairs->zones[key] < 0)
+                continue;
+            key = sbi_apart_root(pairs->zones, key);
+            w = pairs->zone_ways + key, m = pairs->zone_masses + key, h = pairs->zone_held + key;
+            if (pass == 0) {
+                sbi_apart_add((held & SB_X) != 0, mass, way->x, &w->x, &m->x, &h->x);
+                sbi_apart_add((held & SB_Y) != 0, mass, way->y, &w->y, &m->y, &h->y);
+                sbi_apart_add((held & SB_Z) != 0, mass, way->z, &w->z, &m->z, &h->z);
+            } else {
+                way->x = sbi_apart_mean((held & SB_X) != 0, way->x, w->x, m->x);
+                way->y = sbi_apart_mean((held & SB_Y) != 0, way->y, w->y, m->y);
+                way->z = sbi_apart_mean((held & SB_Z) != 0, way->z, w->z, m->z);
+            }
+        }
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(body), contact->moved, 1);
+}
+
+static void sbi_apart_forget_zones(const sb_contact *contact)
+{
+    for (int i = 0; i < contact->faces->node_room; i++)
+        contact->pairs.zones[i] = -1;
+}
+
+SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole)
+{
+    sbi_apart_look look;
+    int changed = 0;
+    memset(&look, 0, sizeof look);
+    look.contact = contact;
+    look.joins = 1;
+    look.whole = whole;
+    sbi_apart_set_ways(contact, u);
+    sbi_apart_forget_zones(contact);
+    for (int round = 0; !sbi_apart_look_around(&look); round++) {
+        if (!look.whole && (round == SBI_APART_ROUNDS || !look.joined)) {
+            look.whole = 1;
+            sbi_apart_forget_zones(contact);
+            (void)sbi_apart_look_around(&look);
+        }
+        if (!look.joined) /* rounding: they go together already */
+            break;
+        sbi_apart_move(&look);
+    }
+    for (int i = 0; i < sb_body_node_count(contact->body); i++) {
+        sb_vec3 more = sb_v3_sub(contact->moved[i], sbi_apart_way(contact, u, i));
+        if (sb_v3_dot(more, more) > 0) {
+            u[i] = sb_v3_madd(u[i], contact->level, more);
+            changed = 1;
+        }
+    }
+    return changed;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_pairs.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_pairs: organs in touch within a step: samples and what they are paired with, forces, blocks, what couples. */
@@ -77117,7 +77557,7 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
 #include <string.h>
 
 
-enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5 };
+enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5, SBI_PAIR_MOST_PARTS = 1024 };
 
 /* Of the body's own stiffness at the surface, for the two sides' harmonic mean. */
 #define SBI_PAIR_STIFFNESS ((sb_real)3)
@@ -77128,15 +77568,16 @@ enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5 };
  * goes into the other organ, whose nearest point then lies within a face, or is none of this way at all. */
 #define SBI_PAIR_LEAN ((sb_real)0.7)
 #define SBI_PAIR_LEAN_INSIDE ((sb_real)0.02)
-/* Of a face's length: overlap deeper than this is looked at from all sides; of its depth: where another face is nearer
- * than that, it has not come in by this one. */
+/* Of a face's length: overlap deeper than this is looked at from all sides. */
 #define SBI_PAIR_DEEP ((sb_real)0.1)
-#define SBI_PAIR_SIDE ((sb_real)0.5)
+/* Of its depth: where a face of any look is nearer than that, a sample is not held by this one. */
+#define SBI_PAIR_SIDE ((sb_real)0.9)
+/* Faces whose normals have a product below this do not look the same way. */
+#define SBI_PAIR_TURNED ((sb_real)0.5)
 /* Of the thickness: what lies deeper is taken to be on the other side. */
 #define SBI_PAIR_DEEPEST ((sb_real)0.5)
-/* Of that, after a step; and of a face's length, how far a point may come behind a face that it was not paired with. */
-#define SBI_PAIR_SAFE ((sb_real)0.9)
-#define SBI_PAIR_STRAY ((sb_real)0.4)
+/* Of what is safe: a step at whose end samples would be deeper than this, if nothing held them, is divided at once. */
+#define SBI_PAIR_COASTS ((sb_real)2)
 
 /* ---- pairing ---- */
 
@@ -77148,6 +77589,8 @@ typedef struct sbi_pair_search {
     sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
     int best;         /* -1: none */
     sb_real measure;
+    int nearest; /* face whose point is nearest, whether or not it may be paired with; -1: none */
+    sb_real nearest_away, nearest_height;
     sbi_closest closest;
 } sbi_pair_search;
 
@@ -77164,31 +77607,20 @@ static void sbi_pair_gather(const sb_contact *contact, int face, sb_vec3 *x)
         x[a] = contact->x[nodes[a]];
 }
 
-/* 1 when a point of `face` that lies deep behind another is in the other's organ all around: no face of that, wherever
- * it looks, is much nearer. Nodes are at x + way (way NULL: at x). */
-static int sbi_pair_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real depth, const sb_vec3 *x,
-                              const sb_vec3 *way)
+/* 1 when no point of a face is within `most` (m) of the sample where the step begins. */
+static int sbi_pair_is_far(const sbi_pair_search *search, int other, sb_real most)
 {
-    const sbi_contact_faces *faces = contact->faces;
-    sb_real most = SBI_PAIR_SIDE * depth;
-    int count =
-        sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
-                                sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
-    for (int i = 0; i < count; i++) {
-        int side = contact->scratch[i];
-        const int *nodes = sbi_contact_face_nodes(faces, side);
-        sb_vec3 places[SB_MAX_FACE_NODES];
-        sbi_closest closest;
-        if (side == face || contact->pairs.organs[side] != contact->pairs.organs[other] ||
-            !sbi_pairs_are_apart(contact, face, side))
-            continue;
-        for (int a = 0; a < faces->sizes[side]; a++)
-            places[a] = way ? sb_v3_add(x[nodes[a]], way[nodes[a]]) : x[nodes[a]];
-        sbi_closest_on_face(&faces->kinds[faces->sizes[side]], places, at, &closest);
-        if (sb_v3_norm(sb_v3_sub(at, closest.point)) < most)
-            return 0;
-    }
-    return 1;
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
+    sb_real reach = pairs->radii[other] + most;
+    return sb_v3_dot(way, way) > reach * reach;
+}
+
+/* How far a partner of this face may be, whichever way it leans (m). */
+static sb_real sbi_pair_farthest(const sbi_pairs *pairs, int other, sb_real length)
+{
+    sb_real height = sb_max(sbi_pair_deepest(pairs, other), sb_max(pairs->distance, SBI_PAIR_NEAR * length));
+    return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * length;
 }
 
 /* A face near the sample where the step begins. */
@@ -77199,17 +77631,25 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     sb_vec3 x[SB_MAX_FACE_NODES], way, n = sbi_pairs_face_normal(contact, other);
     sbi_closest closest;
     sb_real height, beside, length = contact->faces->lengths[other], away, lean;
+    sb_real most = sbi_pair_farthest(pairs, other, length);
+    if (sbi_pair_is_far(search, other, search->best >= 0 ? sb_min(most, search->measure) : most))
+        return;
     sbi_pair_gather(contact, other, x);
     sbi_closest_on_face(&contact->faces->kinds[contact->faces->sizes[other]], x, search->at, &closest);
     way = sb_v3_sub(search->at, closest.point);
     height = sb_v3_dot(n, way);
     away = sb_v3_norm(way);
     beside = sb_v3_norm(sbi_contact_tangential(way, n));
+    if (search->nearest < 0 || away < search->nearest_away) {
+        search->nearest = other;
+        search->nearest_away = away;
+        search->nearest_height = height;
+    }
     lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
     if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
         (-height > SBI_PAIR_DEEP * length &&
-         !sbi_pair_is_inside(contact, search->face, other, search->at, -height, contact->x, NULL)))
+         !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL)))
         return;
     search->best = other;
     search->measure = away;
@@ -77223,9 +77663,14 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
-    sbi_pair_gather(contact, other, x);
-    for (int a = 0; a < kind->nodes; a++)
+    sb_real most = 0;
+    for (int a = 0; a < kind->nodes; a++) {
         v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
+        most = sb_max(most, sb_v3_norm(v[a]));
+    }
+    if (sbi_pair_is_far(search, other, sb_v3_norm(search->way) + 2 * most))
+        return;
+    sbi_pair_gather(contact, other, x);
     for (int part = 0; part < sbi_closest_part_count(kind); part++) {
         sb_vec3 at[3], ways[3];
         sb_real share, depth;
@@ -77245,12 +77690,50 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     }
 }
 
+/* A sample that no face's own rule holds may lie in a fold of the other organ, nearest to an edge or a corner there, or
+ * to a face that does not look at it: the nearest of all faces decides. */
+static void sbi_pair_try_around(sbi_pair_search *search)
+{
+    sb_contact *contact = search->contact;
+    const sbi_contact_faces *faces = contact->faces;
+    sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 at = search->at, sum = {0, 0, 0}, own = sbi_pairs_face_normal(contact, search->face);
+    sb_real most = search->nearest_away * (1 + SBI_PAIR_BESIDE), least = SB_REAL_MAX;
+    int organ = pairs->organs[search->nearest], best = -1, count;
+    count = sbi_contact_faces_query(contact->faces, sb_v3(at.x - most, at.y - most, at.z - most),
+                                    sb_v3(at.x + most, at.y + most, at.z + most), contact->scratch, faces->face_room);
+    for (int pass = 0; pass < 2; pass++)
+        for (int i = 0; i < count; i++) {
+            int other = contact->scratch[i];
+            sb_vec3 x[SB_MAX_FACE_NODES];
+            sbi_closest closest;
+            sb_real away;
+            if (pairs->organs[other] != organ || !sbi_pairs_are_apart(contact, search->face, other))
+                continue;
+            sbi_pair_gather(contact, other, x);
+            sbi_closest_on_face(&faces->kinds[faces->sizes[other]], x, at, &closest);
+            away = sb_v3_norm(sb_v3_sub(at, closest.point));
+            if (pass == 0 && away < least)
+                least = away, best = other, search->closest = closest;
+            if (pass == 1 && away <= least * (1 + SBI_PAIR_BESIDE)) /* those of its edge or corner */
+                sum = sb_v3_add(sum, sbi_pairs_face_normal(contact, other));
+        }
+    if (best < 0 ||
+        !(sb_v3_dot(sum, sb_v3_sub(at, search->closest.point)) < -SBI_PAIR_TURNED * sb_v3_norm(sum) * least) ||
+        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best))
+        return;
+    search->best = best;
+}
+
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    search->best = -1;
+    search->best = search->nearest = -1;
     for (int i = 0; i < search->others; i++)
         sbi_pair_try_near(search, pairs->found[i]);
+    if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
+        search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away) /* else it is beside that face */
+        sbi_pair_try_around(search);
     for (int i = 0; search->best < 0 && search->step->dt > 0 && i < search->others; i++)
         sbi_pair_try_way(search, pairs->found[i]);
 }
@@ -77264,6 +77747,26 @@ static int sbi_pair_take_slot(sbi_pairs *pairs, int face)
     pairs->slot_of[face] = pairs->slot_count;
     pairs->slots[pairs->slot_count++] = face;
     return 1;
+}
+
+/* Where the smooth normal does not lead out of the other organ, the way to the nearest point does. */
+static void sbi_pair_turn_out(sbi_pair_sample *s)
+{
+    sb_real away = sb_v3_norm(s->start), height = sb_v3_dot(s->normal, s->start);
+    if (height < 0 && -height < SBI_PAIR_TURNED * away)
+        s->normal = sb_v3_scale(-1 / away, s->start);
+}
+
+/* How deep it would be at the end if nothing held it, of what is safe. */
+static void sbi_pair_foresee(const sbi_pair_search *search, const sbi_pair_sample *s)
+{
+    sb_contact *contact = search->contact;
+    const int *nodes = sbi_contact_face_nodes(contact->faces, s->other);
+    sb_vec3 other = sbi_contact_mean(s->shares, nodes, contact->faces->sizes[s->other], search->step->velocity);
+    sb_vec3 end = sb_v3_add(s->start, sb_v3_madd(search->way, -search->step->dt, other));
+    sb_real depth = -sb_v3_dot(s->normal, end), closer = depth + sb_min((sb_real)0, sb_v3_dot(s->normal, s->start));
+    sb_real most = SBI_PAIR_COASTS * sbi_pairs_safe_depth(contact, s->other);
+    contact->pairs.foreseen = sb_max(contact->pairs.foreseen, closer / most);
 }
 
 /* The sample of the patch that is being made, with its partner. 0: no room is left. */
@@ -77289,14 +77792,15 @@ static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const 
     }
     s->normal = sbi_pairs_normal(contact, search->best, search->closest.shares);
     s->start = sb_v3_sub(search->at, sbi_contact_mean(s->shares, nodes, count, contact->x));
-    s->least = sbi_pair_deepest(pairs, search->best);
+    sbi_pair_turn_out(s);
+    sbi_pair_foresee(search, s);
     pairs->sample_count++;
     return 1;
 }
 
 /* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
  */
-static int sbi_pair_parts(const sb_contact *contact, int face, int thin)
+SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
 {
     const sbi_pairs *pairs = &contact->pairs;
     sb_real own = pairs->organ_lengths[pairs->organs[face]];
@@ -77312,7 +77816,7 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     const sbi_contact_faces *faces = contact->faces;
     const int *nodes = sbi_contact_face_nodes(faces, face);
     sbi_pair_patch *patch = pairs->patches + pairs->patch_count;
-    int parts = sbi_pair_parts(contact, face, thin), count = faces->sizes[face];
+    int parts = sbi_pairs_parts(contact, face, thin), count = faces->sizes[face];
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
     sbi_pair_search search;
     if (pairs->patch_count == contact->patch_room)
@@ -77355,6 +77859,7 @@ SBI_API void sbi_pairs_forget(sb_contact *contact)
     for (int i = 0; i < pairs->slot_count; i++)
         pairs->slot_of[pairs->slots[i]] = -1;
     pairs->slot_count = pairs->patch_count = pairs->sample_count = pairs->active_count = 0;
+    pairs->foreseen = 0;
 }
 
 /* Takes back nodes from `count` on. */
@@ -77362,6 +77867,17 @@ static void sbi_pair_return_nodes(sb_contact *contact, int count)
 {
     while (contact->touch.node_count > count)
         contact->node_place[contact->nodes[--contact->touch.node_count]] = -1;
+}
+
+/* A step in which organs go so far that pairs of its start mean nothing is left for shorter ones. */
+static sb_result sbi_pair_check_way(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
+{
+    sb_real parts = contact->pairs.foreseen;
+    if (!(parts > 1) || contact->touch.is_last || !(step->dt > 0))
+        return SB_OK;
+    contact->touch.apart = 1;
+    contact->touch.parts = parts < (sb_real)SBI_PAIR_MOST_PARTS ? (int)parts + 1 : SBI_PAIR_MOST_PARTS;
+    return sbi_fail(error, SB_ERROR_DIVERGED, "organs move so far in this step that they may pass through each other");
 }
 
 SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
@@ -77383,7 +77899,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
             face = sbi_pairs_next_near(contact, face + 1);
         contact->step_info.thinned |= thin > 0;
         if (face < 0)
-            return SB_OK;
+            return sbi_pair_check_way(contact, step, error);
         if (thin == SBI_PAIR_THINNEST)
             return sbi_fail(error, SB_ERROR_MEMORY, "more than max_contacts = %d samples of organs are near each other",
                             contact->max_contacts);
@@ -77460,8 +77976,8 @@ static void sbi_pair_evaluate_sample(const sbi_pair_work *work, sbi_pair_sample 
     s->gap = sb_v3_dot(s->normal, sb_v3_add(s->start, motion)) - pairs->distance;
     s->slip = sb_v3_norm(sbi_contact_tangential(motion, s->normal));
     if (work->renew)
-        s->bound = pairs->friction * sb_max((sb_real)0, s->memory - s->k * s->gap);
-    s->answer = sbi_contact_law(s->k, s->gap, s->memory, s->normal, motion, s->remembered, s->bound);
+        s->bound = pairs->friction * sb_max((sb_real)0, s->memory - s->k * (s->gap - s->left));
+    s->answer = sbi_contact_law(s->k, s->gap - s->left, s->memory, s->normal, motion, s->remembered, s->bound);
 }
 
 static void sbi_pair_evaluate_chunk(void *user, int chunk)
@@ -77659,74 +78175,6 @@ SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked,
     }
     return sum;
 }
-
-/* ---- whether anything has passed through ---- */
-
-/* 1 when the sample on its way comes from the front of a face to farther behind it than what is pushed back. */
-static int sbi_pair_strays(sb_contact *contact, int face, int other, sb_vec3 at, sb_vec3 way)
-{
-    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
-    const int *nodes = sbi_contact_face_nodes(contact->faces, other);
-    sb_real most = SBI_PAIR_STRAY * sb_min(contact->pairs.thickness[other], contact->faces->lengths[other]);
-    const sb_vec3 *x = sb_body_positions(contact->body);
-    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
-        sb_vec3 corners[3], ways[3];
-        sb_real depth;
-        for (int k = 0; k < 3; k++) {
-            int node = nodes[sbi_closest_part_node(kind, part, k)];
-            corners[k] = x[node];
-            ways[k] = contact->moved[node];
-        }
-        if (sbi_closest_meeting(corners, ways, at, way, &depth) >= 0 && depth > most &&
-            sbi_pair_is_inside(contact, face, other, sb_v3_add(at, way), depth, x, contact->moved))
-            return 1;
-    }
-    return 0;
-}
-
-static int sbi_pair_face_is_safe(sb_contact *contact, int face)
-{
-    const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body);
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pair_parts(contact, face, 0));
-    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0);
-    for (int i = 0; others > 0 && i < rule->count; i++) {
-        const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
-        sb_vec3 at = sbi_contact_mean(weights, nodes, count, x);
-        sb_vec3 way = sbi_contact_mean(weights, nodes, count, contact->moved);
-        for (int k = 0; k < others; k++)
-            if (sbi_pair_strays(contact, face, contact->pairs.found[k], at, way))
-                return 0;
-    }
-    return 1;
-}
-
-/* 1 when no pair is deeper than where its side is sure, unless it was so before. */
-static int sbi_pair_samples_are_safe(const sb_contact *contact)
-{
-    const sbi_pairs *pairs = &contact->pairs;
-    for (int i = 0; i < pairs->active_count; i++) {
-        const sbi_pair_sample *s = pairs->samples + pairs->active[i];
-        sb_real depth = -(s->gap + pairs->distance), before = -sb_v3_dot(s->normal, s->start);
-        if (depth > SBI_PAIR_SAFE * s->least && depth > before)
-            return 0;
-    }
-    return 1;
-}
-
-SBI_API int sbi_pairs_are_safe(sb_contact *contact)
-{
-    if (!contact->pairs.kinds)
-        return 1;
-    if (!sbi_pair_samples_are_safe(contact))
-        return 0;
-    sbi_pairs_find_near(contact, 0);
-    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
-        if (!sbi_pair_face_is_safe(contact, face))
-            return 0;
-    return 1;
-}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_pairs_keep.c ==== */
@@ -77741,6 +78189,8 @@ SBI_API int sbi_pairs_are_safe(sb_contact *contact)
 /* Of the series of both sides' stiffness at a corner, see contact_memory.c. */
 #define SBI_PAIR_FORGETS ((sb_real)2)
 #define SBI_PAIR_REMEMBERS ((sb_real)3)
+/* Of an overlap that was not pressed in: what a step pushes out. */
+#define SBI_PAIR_LETS_OUT ((sb_real)0.2)
 
 /* ---- from the lists to samples ---- */
 
@@ -77771,6 +78221,15 @@ SBI_API void sbi_pairs_remember_pressures(sb_contact *contact)
     }
 }
 
+/* Overlap at the start of a step, as a gap (m), that it does not push out, of what there is and what the last step
+ * left. What appears without having been pressed in would bring in energy from nowhere: it is let out little by little.
+ * And parts of a step divide its work to push out what was there before: else it would be thrown out in the first. */
+static sb_real sbi_pair_leave(const sb_contact *contact, sb_real gap, sb_real left)
+{
+    sb_real part = contact->touch.share;
+    return sb_max(gap, sb_min(left * (1 - SBI_PAIR_LETS_OUT * part), gap * (1 - part)));
+}
+
 SBI_API void sbi_pairs_remember(sb_contact *contact)
 {
     sbi_pairs *pairs = &contact->pairs;
@@ -77780,9 +78239,12 @@ SBI_API void sbi_pairs_remember(sb_contact *contact)
         while (e < pairs->entry_count && (pairs->entries[e].face < s->face ||
                                           (pairs->entries[e].face == s->face && pairs->entries[e].sample < s->sample)))
             e++;
+        s->left = sb_min((sb_real)0, sb_v3_dot(s->normal, s->start) - pairs->distance);
         if (e < pairs->entry_count && pairs->entries[e].face == s->face && pairs->entries[e].sample == s->sample &&
-            pairs->entries[e].parts == pairs->patches[s->patch].parts)
+            pairs->entries[e].parts == pairs->patches[s->patch].parts) {
             s->remembered = pairs->entries[e].traction;
+            s->left = sbi_pair_leave(contact, s->left, pairs->entries[e].left);
+        }
     }
     sbi_pairs_remember_pressures(contact);
 }
@@ -77852,6 +78314,7 @@ static sbi_pair_entry sbi_pair_make_entry(const sb_contact *contact, const sbi_p
     entry.other = s->other;
     entry.sticks = s->answer.state == SBI_CONTACT_STICKS;
     entry.gap = s->gap;
+    entry.left = s->left;
     entry.area = s->area;
     memcpy(entry.shares, s->shares, sizeof entry.shares);
     entry.traction = s->answer.traction;
@@ -78023,6 +78486,12 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->zones = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    p->zone_ways = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    p->zone_masses = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     c->touch.product = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
 }
@@ -78204,10 +78673,10 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
 /* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
  *
  * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
- * from there on. After the solve no sample may be, or have been on its straight way against the tool, deeper than 0.6 of
- * it, nor may it have come into the tool on a way longer than 0.8 of it: a face has a sample within 0.36 radii of any of
- * its points, also of the one where a skeleton would go through it. Faces are looked for anew then: tissue may go where
- * its velocity did not point to.
+ * from there on. After the solve no sample may be, or have been on its straight way against the tool, deeper than 0.6
+ * of it, nor may it have come into the tool on a way longer than 0.8 of it: a face has a sample within 0.36 radii of
+ * any of its points, also of the one where a skeleton would go through it. Faces are looked for anew then: tissue may
+ * go where its velocity did not point to.
  *
  * A step that fails this is done again with less motion of tools, then with none. Tissue that is squeezed between tools
  * without room for it would fail even so: a tool that lies deep in it goes no deeper, and where that was too late those
@@ -78353,7 +78822,7 @@ static sb_real sbi_sweep_free(sb_contact *contact, int number, sb_real way)
 static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_step *step, sb_real *clear)
 {
     sbi_contact_tool *tool = contact->tools + number;
-    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left, reach;
+    sb_real less = sbi_sweep_less(step), part = step->part, reach;
     sb_real way = sbi_tool_motion(tool->shape, tool->chain_reached, &tool->reached, tool->chain_wanted, &tool->wanted);
     *clear = 0;
     if (less == 0 || step->dt == 0)
@@ -78379,7 +78848,7 @@ static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
 static void sbi_sweep_hung(sbi_contact_tool *tool, const sbi_touch_step *step, sb_real clear)
 {
     sbi_contact_spring *spring = &tool->spring;
-    sb_real less = sbi_sweep_less(step), part = 1 / (sb_real)step->parts_left;
+    sb_real less = sbi_sweep_less(step), part = step->part;
     sb_real most =
         less * SBI_SWEEP_ADVANCE * sbi_tool_inner_radius(tool->shape); /* not `reach`: it may be pushed out */
     spring->hand_next = sbi_pose_between(&spring->hand, &tool->wanted, step->factor * part);
@@ -78427,6 +78896,7 @@ static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *ste
     const sb_vec3 *rest = sb_body_rest_positions(contact->body);
     contact->x = sb_body_positions(contact->body);
     contact->is_static = !(step->dt > 0);
+    contact->level = step->level;
     if (!contact->is_static)
         return;
     for (int i = 0; i < sb_body_node_count(contact->body); i++)
@@ -78472,7 +78942,8 @@ static sb_pose sbi_sweep_start(const sbi_contact_tool *tool)
     return start;
 }
 
-/* 1 when a sample on the straight way from x0 to x1, both in the tool's frame at the end, comes as deep into the tool. */
+/* 1 when a sample on the straight way from x0 to x1, both in the tool's frame at the end, comes as deep into the tool.
+ */
 static int sbi_sweep_way_meets(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1, sb_real depth)
 {
     const sb_vec3 up = {0, 0, 1};
@@ -78534,8 +79005,8 @@ static int sbi_sweep_face_crosses(const sb_contact *contact, const sbi_contact_t
     int count = faces->sizes[face];
     for (int a = 0; a < count; a++)
         ends[a] = sb_v3_add(rest[nodes[a]], u[nodes[a]]);
-    rule = sbi_contact_face_rule(
-        faces, face, sbi_contact_face_parts_at(faces, face, ends, sbi_tool_radius(tool->shape)));
+    rule =
+        sbi_contact_face_rule(faces, face, sbi_contact_face_parts_at(faces, face, ends, sbi_tool_radius(tool->shape)));
     for (int s = 0; s < rule->count; s++) {
         const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
         sb_vec3 x1 =
@@ -79579,8 +80050,15 @@ static void sbi_contact_restore_blocks(void *user, sb_matrix *matrix)
 
 static int sbi_contact_accept(void *user, const sb_vec3 *u)
 {
-    return sbi_contact_is_safe((sb_contact *)user, u) && sbi_pairs_are_safe((sb_contact *)user);
+    sb_contact *contact = (sb_contact *)user;
+    contact->touch.apart = 0;
+    if (!sbi_contact_is_safe(contact, u))
+        return 0;
+    contact->touch.apart = !sbi_pairs_are_safe(contact, u);
+    return !contact->touch.apart;
 }
+
+static int sbi_contact_mend(void *user, sb_vec3 *u, int whole) { return sbi_pairs_mend((sb_contact *)user, u, whole); }
 
 /* A sample in touch becomes an entry. */
 static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
@@ -79776,6 +80254,7 @@ static void sbi_contact_commit(void *user)
     sbi_contact_arrive(contact);
     contact->step_info.iterations = contact->touch.iterations;
     contact->step_info.capped = contact->touch.capped;
+    contact->step_info.mended = contact->touch.mended;
     contact->step_info.residual = contact->touch.residual;
     contact->info = contact->step_info;
     contact->kept = 0;
@@ -79843,6 +80322,9 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->restore_blocks = sbi_contact_restore_blocks;
     touch->multiply_links = sbi_pairs_multiply_links;
     touch->accept = sbi_contact_accept;
+    touch->mend = sbi_contact_mend;
+    touch->share = 1;
+    touch->is_last = 1;
     touch->balance = sbi_contact_balance;
     touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
@@ -80482,7 +80964,7 @@ SBI_API void sbi_contact_leave_state(const sb_contact *contact)
 #include <string.h>
 
 
-enum { SBI_PAIR_VERSION = 1, SBI_PAIR_REALS = 14 };
+enum { SBI_PAIR_VERSION = 2, SBI_PAIR_REALS = 15 };
 
 static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
 {
@@ -80499,6 +80981,7 @@ static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *
     sbi_contact_pack_vector(entry->point, reals + 5);
     sbi_contact_pack_vector(entry->normal, reals + 8);
     sbi_contact_pack_vector(entry->force, reals + 11);
+    reals[14] = entry->left;
     sbi_contact_put_reals(out, reals, SBI_PAIR_REALS);
     sbi_contact_put_reals(out, entry->shares, SB_MAX_FACE_NODES);
 }
@@ -80540,8 +81023,9 @@ static void sbi_pair_get_entry(const sb_contact *contact, sbi_contact_in *in, in
     entry->point = sb_v3(reals[5], reals[6], reals[7]);
     entry->normal = sb_v3(reals[8], reals[9], reals[10]);
     entry->force = sb_v3(reals[11], reals[12], reals[13]);
+    entry->left = reals[14];
     in->bad |= entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS || entry->sample < 0 || !(entry->area > 0) ||
-               (entry->sticks & ~1);
+               entry->left > 0 || (entry->sticks & ~1);
     entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, at[0], at[1]) : -1;
     entry->other = entry->face >= 0 ? sbi_contact_find_face(contact->faces, at[2], at[3]) : -1;
     if (entry->other < 0 || !sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->weights ||
