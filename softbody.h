@@ -5196,8 +5196,9 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
  *   sb_embedding_report.lost say so. It is back inside when cells are made there again.
  * - Points outside that are held where the mesh changed are held anew from their places at rest.
  * - In an element that is cut (sb_cut) a point goes with the piece that has its material, outside with the piece that
- *   has its foot: it is where it was at the instant of the cut. After a state with another mesh was loaded nobody knows
- *   which piece that is (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
+ *   has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by
+ *   the first update after a state with another mesh; of one without nobody knows then which piece that is
+ *   (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
@@ -47852,6 +47853,7 @@ typedef struct sbi_live {
     sb_quadrature_kind rule; /* of the domain's points */
     sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
     void *find_user;
+    int find_knows; /* 1: it knows the mesh that the change under way leads to, too */
     int follows;          /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;         /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
@@ -54276,7 +54278,7 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->made_cell_nodes = lists->made_cell_nodes;
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
-    out->find_cell = change->body->live->find;
+    out->find_cell = change->body->live->find_knows ? change->body->live->find : NULL;
     out->find_user = change->body->live->find_user;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;
@@ -55498,7 +55500,7 @@ static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
     int found = cell;
     if (change->found_next < change->found.count)
         found = change->found.items[change->found_next++];
-    else if (live->find)
+    else if (live->find && live->find_knows)
         found = live->find(live->find_user, cell, xi);
     if (!sbi_slots_is_used(&change->cells, found))
         return cell;
@@ -55714,7 +55716,7 @@ static int sbi_live_face_is_cut(const sbi_live_rows *rows, const int *nodes, int
 static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_element_type type,
                                      sb_error *error)
 {
-    int lost = sbi_live_loses_node(rows, nodes, count), done = 0;
+    int lost = sbi_live_loses_node(rows, nodes, count), done = 1;
     sbi_body_face face;
     if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(type), &face, NULL) == SB_OK &&
         !face.inner) {
@@ -55723,11 +55725,12 @@ static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int 
             memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
         if (!is_cut || !(sbi_live_face_is_empty(rows, nodes) || sbi_live_has_face(rows, 0, &face)))
             done = sbi_live_add_face(rows, &face);
+        if (!done)
+            return sbi_live_rows_no_memory(error);
         if (!is_cut)
-            return done ? SB_OK : sbi_live_rows_no_memory(error);
+            return SB_OK;
     }
     sbi_live_mark_face(rows, nodes, count, 1);
-    done = 1;
     for (int i = 0; i < rows->change->made_cell_count && done; i++)
         done = sbi_live_add_parts(rows, i);
     sbi_live_mark_face(rows, nodes, count, 0);
@@ -57491,7 +57494,7 @@ typedef struct sbi_embed_swap {
 
 typedef struct sbi_embed_follower {
     sbi_embed_owner owner;
-    int stale; /* 1: the mesh is another, and the points have no places in it for want of memory */
+    int stale; /* 1: the mesh is another, and the points have no places in it yet, or for want of memory */
     int width, faces, face_nodes, face_corners, local[6][SB_MAX_FACE_NODES];
 
     int node_end, cell_end, node_room, cell_room;
@@ -60251,6 +60254,8 @@ static void sbi_body_embed_follow(void *user, const sb_body *body, const sb_mesh
     sb_embedding *embedding = (sb_embedding *)user;
     if (change)
         sbi_embed_follower_follow(embedding);
+    else if (body->live->find)
+        embedding->follower->stale = 1; /* until it is used: who knows of cuts has not loaded yet what it knows */
     else
         sbi_body_embed_load(embedding, body, NULL); /* or it is stale, and tries again later */
 }
@@ -67268,6 +67273,8 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *b, sb_error *error)
     unsigned char *room;
     if (needed && needed <= b->substep_room_size)
         return SB_OK;
+    if (b->substep_room && needed <= (size_t)-1 / 2) /* of a mesh that has grown: it may again */
+        needed += needed / 2;
     room = needed ? (unsigned char *)sbi_alloc(&b->allocator, needed, 1) : NULL;
     if (!room)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for what a divided step gives back");
@@ -70947,11 +70954,11 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
     for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
         sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
-        cut->changing = 1;
+        cut->changing = cut->body->live->find_knows = 1;
         sbi_body_mute(cut->body); /* a recording has the call itself */
         result = sb_body_change_commit(change, error);
         sbi_body_unmute(cut->body);
-        cut->changing = 0;
+        cut->changing = cut->body->live->find_knows = 0;
     }
     if (result != SB_OK)
         sb_body_change_cancel(change);
@@ -78640,6 +78647,7 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
     (void)sbi_contact_update_faces(contact, NULL); /* where it fails the next step says so */
+    (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }
 
 /* The body goes first: contact must not be asked about it any more. */

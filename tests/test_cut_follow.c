@@ -182,6 +182,96 @@ static void test_instant(void)
     CHECK_NEAR(worst, 0, scene_tolerance(1e-13 * (double)block_size.x, 100));
 }
 
+/* How far points are from their places at rest (m), which they have in any mesh of the body. */
+static double points_offset(const block *b, sb_embedding *embedding, const sb_vec3 *rest)
+{
+    sb_vec3 *points = (sb_vec3 *)malloc(POINTS * sizeof *points);
+    double worst = 0;
+    CHECK_OK(sb_embedding_update(embedding, b->body->reference, points, NULL, NULL));
+    for (int i = 0; i < POINTS; i++)
+        worst = fmax(worst, (double)sb_v3_norm(sb_v3_sub(points[i], rest[i])));
+    free(points);
+    return worst;
+}
+
+/* States of other cuts are loaded under points that follow since before there was a cut, or since after. */
+static void test_loaded(void)
+{
+    const sb_vec3 middle = {REAL(0.0277), REAL(0.0213), REAL(0.0239)};
+    unsigned long long seed = 93;
+    for (int first = 0; first < 2; first++) {
+        block_options options = block_default(2);
+        block b = block_make(&options);
+        planes p = planes_make(1);
+        sb_vec3 *rest = (sb_vec3 *)malloc(POINTS * sizeof *rest);
+        sb_embedding *embedding;
+        void *states[2];
+        size_t sizes[2];
+        int count;
+        points_make(rest, 0, &seed);
+        if (first)
+            sb_cut_destroy(b.cut);
+        embedding = points_embed(&b, rest, SB_EMBED_PLAIN);
+        if (first)
+            block_cut_create(&b, 2);
+        for (int k = 0; k < 2; k++) {
+            sizes[k] = sb_body_state_size(b.body);
+            states[k] = malloc(sizes[k]);
+            CHECK_OK(sb_body_state_save(b.body, states[k], sizes[k]));
+            if (k == 0)
+                cut_all(&b, &p);
+        }
+        CHECK_OK(sb_body_state_load(b.body, states[0], sizes[0], NULL));
+        CHECK_NEAR(points_offset(&b, embedding, rest), 0, scene_tolerance(1e-14, 200));
+        block_cut_plane(&b, middle, sb_v3(REAL(0.1), REAL(0.1), 1));
+        CHECK_OK(sb_body_state_load(b.body, states[1], sizes[1], NULL));
+        CHECK_NEAR(points_offset(&b, embedding, rest), 0, scene_tolerance(1e-14, 200));
+        parts_move(&b, &p);
+        CHECK_NEAR(points_fault(&b, embedding, &p, rest, &count), 0,
+                   scene_tolerance(1e-12 * (double)block_size.x, 200));
+        CHECK(count > 8 * POINTS / 10);
+        for (int k = 0; k < 2; k++)
+            free(states[k]);
+        free(rest);
+        sb_embedding_destroy(embedding);
+        block_free(&b);
+    }
+}
+
+/* Others give the number of a piece to a cell elsewhere, which the cut does not know. */
+static void test_changed_by_others(void)
+{
+    unsigned long long seed = 97;
+    block_options options = block_default(2);
+    planes p = planes_make(1);
+    block b = block_make(&options);
+    sb_vec3 *rest = (sb_vec3 *)malloc(POINTS * sizeof *rest);
+    sb_change_cell cell = sb_default_change_cell();
+    sb_embedding *embedding;
+    sb_body_change *change;
+    int piece = -1, whole = -1, nodes[4];
+    sb_error error;
+    points_make(rest, 0, &seed);
+    embedding = points_embed(&b, rest, SB_EMBED_PLAIN);
+    cut_all(&b, &p);
+    for (int i = 0; i < sb_body_element_count(b.body); i++)
+        if (sb_body_cell_share(b.body, i) < 1)
+            piece = i;
+        else if (whole < 0)
+            whole = i;
+    memcpy(nodes, sb_body_cell_nodes(b.body, whole), sizeof nodes);
+    cell.nodes = nodes;
+    cell.parent = whole;
+    CHECK_OK(sb_body_change_begin(b.body, &change, &error));
+    CHECK_OK(sb_body_change_remove_cell(change, whole, &error));
+    CHECK_OK(sb_body_change_replace_cell(change, piece, &cell, &error));
+    CHECK_OK(sb_body_change_commit(change, &error));
+    CHECK_NEAR(points_offset(&b, embedding, rest), 0, scene_tolerance(1e-14, 200));
+    free(rest);
+    sb_embedding_destroy(embedding);
+    block_free(&b);
+}
+
 /* ---- rows of mappings -------------------------------------------------------------------------------------------- */
 
 /* Adds soft rows at the points. */
@@ -269,4 +359,5 @@ static void test_find(void)
 }
 
 CHECK_SUITE(cut_follow, {"points go with their parts", test_points}, {"points stay when a cut is made", test_instant},
+            {"states of other cuts", test_loaded}, {"changed by others", test_changed_by_others},
             {"rows of mappings go with their parts", test_rows}, {"the cell of a point", test_find});

@@ -45,6 +45,8 @@ static void sbi_body_embed_follow(void *user, const sb_body *body, const sb_mesh
     sb_embedding *embedding = (sb_embedding *)user;
     if (change)
         sbi_embed_follower_follow(embedding);
+    else if (body->live->find)
+        embedding->follower->stale = 1; /* until it is used: who knows of cuts has not loaded yet what it knows */
     else
         sbi_body_embed_load(embedding, body, NULL); /* or it is stale, and tries again later */
 }

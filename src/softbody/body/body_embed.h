@@ -20,8 +20,9 @@
  *   sb_embedding_report.lost say so. It is back inside when cells are made there again.
  * - Points outside that are held where the mesh changed are held anew from their places at rest.
  * - In an element that is cut (sb_cut) a point goes with the piece that has its material, outside with the piece that
- *   has its foot: it is where it was at the instant of the cut. After a state with another mesh was loaded nobody knows
- *   which piece that is (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
+ *   has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by
+ *   the first update after a state with another mesh; of one without nobody knows then which piece that is
+ *   (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.

@@ -1031,7 +1031,7 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->made_cell_nodes = lists->made_cell_nodes;
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
-    out->find_cell = change->body->live->find;
+    out->find_cell = change->body->live->find_knows ? change->body->live->find : NULL;
     out->find_user = change->body->live->find_user;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;

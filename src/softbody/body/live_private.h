@@ -45,6 +45,7 @@ typedef struct sbi_live {
     sb_quadrature_kind rule; /* of the domain's points */
     sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
     void *find_user;
+    int find_knows;       /* 1: it knows the mesh that the change under way leads to, too */
     int follows;          /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;         /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)

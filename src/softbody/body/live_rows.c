@@ -249,7 +249,7 @@ static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
     int found = cell;
     if (change->found_next < change->found.count)
         found = change->found.items[change->found_next++];
-    else if (live->find)
+    else if (live->find && live->find_knows)
         found = live->find(live->find_user, cell, xi);
     if (!sbi_slots_is_used(&change->cells, found))
         return cell;
@@ -465,7 +465,7 @@ static int sbi_live_face_is_cut(const sbi_live_rows *rows, const int *nodes, int
 static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_element_type type,
                                      sb_error *error)
 {
-    int lost = sbi_live_loses_node(rows, nodes, count), done = 0;
+    int lost = sbi_live_loses_node(rows, nodes, count), done = 1;
     sbi_body_face face;
     if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(type), &face, NULL) == SB_OK &&
         !face.inner) {
@@ -474,11 +474,12 @@ static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int 
             memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
         if (!is_cut || !(sbi_live_face_is_empty(rows, nodes) || sbi_live_has_face(rows, 0, &face)))
             done = sbi_live_add_face(rows, &face);
+        if (!done)
+            return sbi_live_rows_no_memory(error);
         if (!is_cut)
-            return done ? SB_OK : sbi_live_rows_no_memory(error);
+            return SB_OK;
     }
     sbi_live_mark_face(rows, nodes, count, 1);
-    done = 1;
     for (int i = 0; i < rows->change->made_cell_count && done; i++)
         done = sbi_live_add_parts(rows, i);
     sbi_live_mark_face(rows, nodes, count, 0);

@@ -31,6 +31,8 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *b, sb_error *error)
     unsigned char *room;
     if (needed && needed <= b->substep_room_size)
         return SB_OK;
+    if (b->substep_room && needed <= (size_t)-1 / 2) /* of a mesh that has grown: it may again */
+        needed += needed / 2;
     room = needed ? (unsigned char *)sbi_alloc(&b->allocator, needed, 1) : NULL;
     if (!room)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for what a divided step gives back");

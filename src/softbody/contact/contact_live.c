@@ -174,7 +174,8 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     contact->is_solved = 0; /* its system is of the mesh before */
     sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
-    (void)sbi_contact_update_faces(contact, NULL); /* where it fails the next step says so */
+    (void)sbi_contact_update_faces(contact, NULL);        /* where it fails the next step says so */
+    (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }
 
 /* The body goes first: contact must not be asked about it any more. */

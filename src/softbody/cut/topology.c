@@ -429,11 +429,11 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
     for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
         sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
-        cut->changing = 1;
+        cut->changing = cut->body->live->find_knows = 1;
         sbi_body_mute(cut->body); /* a recording has the call itself */
         result = sb_body_change_commit(change, error);
         sbi_body_unmute(cut->body);
-        cut->changing = 0;
+        cut->changing = cut->body->live->find_knows = 0;
     }
     if (result != SB_OK)
         sb_body_change_cancel(change);

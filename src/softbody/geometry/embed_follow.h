@@ -50,7 +50,7 @@ typedef struct sbi_embed_swap {
 
 typedef struct sbi_embed_follower {
     sbi_embed_owner owner;
-    int stale; /* 1: the mesh is another, and the points have no places in it for want of memory */
+    int stale; /* 1: the mesh is another, and the points have no places in it yet, or for want of memory */
     int width, faces, face_nodes, face_corners, local[6][SB_MAX_FACE_NODES];
 
     int node_end, cell_end, node_room, cell_room;
