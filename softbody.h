@@ -74878,6 +74878,8 @@ SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_ve
 
 /* Parts a side of a face for a tool of radius r (m): a constant of the two, so that no sample comes or goes. */
 SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius);
+/* The same of a face that is stretched to places x [its nodes] (m). */
+SBI_API int sbi_contact_face_parts_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x, sb_real radius);
 /* Smallest radius (m) that no face needs more parts for than there are rules; *face (may be NULL): which needs most. */
 SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face);
 /* Area of a sample (m^2 at rest). */
@@ -75486,14 +75488,24 @@ SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_ve
 
 /* ---- samples and blocks ---- */
 
-SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius)
+static int sbi_contact_length_parts(const sbi_contact_kind *kind, sb_real length, sb_real radius)
 {
-    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
-    sb_real parts = faces->lengths[face] / (kind->part * radius);
+    sb_real parts = length / (kind->part * radius);
     int n = kind->least;
     while (n < kind->most && (sb_real)n < parts)
         n++;
     return n;
+}
+
+SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius)
+{
+    return sbi_contact_length_parts(&faces->kinds[faces->sizes[face]], faces->lengths[face], radius);
+}
+
+SBI_API int sbi_contact_face_parts_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x, sb_real radius)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    return sbi_contact_length_parts(kind, sb_max(faces->lengths[face], sbi_contact_length(kind, x)), radius);
 }
 
 SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face)
@@ -78661,10 +78673,10 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
 /* contact_sweep: how far tools go in a step, and whether anything may have passed through one.
  *
  * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
- * from there on. After the solve no sample may be deeper than 0.6 of it, nor any have come into the tool on a way
- * against it longer than 0.8 of it: a face has a sample within 0.36 radii of any of its points, so that a skeleton that
- * was at least 0.4 inner radii off a face's one side cannot have come as far off its other side. Faces are looked for
- * anew then: tissue may go where its velocity did not point to.
+ * from there on. After the solve no sample may be, or have been on its straight way against the tool, deeper than 0.6
+ * of it, nor may it have come into the tool on a way longer than 0.8 of it: a face has a sample within 0.36 radii of
+ * any of its points, also of the one where a skeleton would go through it. Faces are looked for anew then: tissue may
+ * go where its velocity did not point to.
  *
  * A step that fails this is done again with less motion of tools, then with none. Tissue that is squeezed between tools
  * without room for it would fail even so: a tool that lies deep in it goes no deeper, and where that was too late those
@@ -78675,7 +78687,7 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
 
 #define SBI_SWEEP_CLEAR ((sb_real)0.05)            /* of the radius: nearer than this a tool touches */
 #define SBI_SWEEP_ADVANCE ((sb_real)0.5)           /* of the inner radius, in a step that touches */
-#define SBI_SWEEP_DEEPEST ((sb_real)0.6)           /* of it, after a step */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)           /* of it, in a step */
 #define SBI_SWEEP_FARTHEST ((sb_real)0.8)          /* of it, of a sample that comes into the tool, against it */
 #define SBI_SWEEP_FULL ((sb_real)0.3)              /* of it: a tool so deep goes no deeper */
 #define SBI_SWEEP_GIVE ((sb_real)0.125)            /* of it, by which a tool gives way, times how often it had to */
@@ -78921,76 +78933,102 @@ SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *s
 
 /* ---- afterwards ---- */
 
-/* 1 when a sample on the straight way from x0 to x1, both in the tool's frame at the end, comes into the tool. */
-static int sbi_sweep_way_meets(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
+/* Where a tool comes from; what turning moves against it is none of a sphere's. */
+static sb_pose sbi_sweep_start(const sbi_contact_tool *tool)
+{
+    sb_pose start = tool->reached;
+    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_SPHERE)
+        start.rotation = tool->balance.rotation;
+    return start;
+}
+
+/* 1 when a sample on the straight way from x0 to x1, both in the tool's frame at the end, comes as deep into the tool.
+ */
+static int sbi_sweep_way_meets(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1, sb_real depth)
 {
     const sb_vec3 up = {0, 0, 1};
     sb_vec3 way = sb_v3_sub(x1, x0), normal;
-    sb_real length = sb_v3_norm(way), share = 0;
-    for (int i = 0; i < SBI_SWEEP_HOPS && share < 1; i++) {
-        sb_real gap = sbi_tool_distance(tool->shape, tool->chain_balance, sb_v3_madd(x0, share, way), up, &normal);
-        if (!(gap > 0))
+    sb_real length = sb_v3_norm(way), done = 0;
+    for (int i = 0; done < length; i++) {
+        sb_vec3 at = sb_v3_madd(x0, done / length, way);
+        sb_real left = sbi_tool_distance(tool->shape, tool->chain_balance, at, up, &normal) + depth;
+        if (!(left > 0) || i == SBI_SWEEP_HOPS)
             return 1;
-        share += sb_max(gap, SBI_SWEEP_CLEAR * sbi_tool_inner_radius(tool->shape)) / length;
+        done += sb_max(left, SBI_SWEEP_CLEAR * sbi_tool_inner_radius(tool->shape));
     }
-    return share < 1;
+    return !(sbi_tool_distance(tool->shape, tool->chain_balance, x1, up, &normal) > -depth);
 }
 
 /* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
 static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
 {
     const sb_vec3 up = {0, 0, 1};
-    sb_vec3 normal, start = sbi_pose_to_tool(&tool->reached, x0), end = sbi_pose_to_tool(&tool->balance, x1);
-    sb_real inner = sbi_tool_inner_radius(tool->shape), before, gap;
-    if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) && sbi_sweep_way_meets(tool, start, end))
+    const sb_pose from = sbi_sweep_start(tool);
+    sb_vec3 normal, start = sbi_pose_to_tool(&from, x0), end = sbi_pose_to_tool(&tool->balance, x1);
+    sb_real inner = sbi_tool_inner_radius(tool->shape), deepest = SBI_SWEEP_DEEPEST * inner, before;
+    if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) && sbi_sweep_way_meets(tool, start, end, 0))
         return 1;
-    gap = sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &normal);
-    if (gap > -SBI_SWEEP_DEEPEST * inner)
-        return 0;
     before = sbi_tool_distance(tool->shape, tool->chain_reached, start, up, &normal);
-    return !(gap > before); /* a body that was put deep into a tool may come out */
+    if (before > -deepest)
+        return sbi_sweep_way_meets(tool, start, end, deepest);
+    /* a body that was put deep into a tool may come out */
+    return !(sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &normal) > before);
 }
 
-/* 1 when no sample of a face can be crossing: none lies deep enough, nor goes far enough or comes near enough. */
+/* 1 when no sample of a face can be crossing: none comes deep enough, nor goes far enough or comes near enough. */
 static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_tool *tool, int face,
                                   const sbi_contact_rule *rule)
 {
     const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    const sb_pose from = sbi_sweep_start(tool);
     sb_vec3 ends[SB_MAX_FACE_NODES];
     sb_real square = 0, way, gap, inner = sbi_tool_inner_radius(tool->shape);
     for (int a = 0; a < contact->faces->sizes[face]; a++) {
         sb_vec3 start = contact->x[nodes[a]], against;
         ends[a] = sb_v3_add(start, contact->moved[nodes[a]]);
-        against = sb_v3_sub(sbi_pose_to_tool(&tool->balance, ends[a]), sbi_pose_to_tool(&tool->reached, start));
+        against = sb_v3_sub(sbi_pose_to_tool(&tool->balance, ends[a]), sbi_pose_to_tool(&from, start));
         square += sb_v3_dot(against, against);
     }
     way = rule->spread * sb_sqrt(square);
     gap = sbi_contact_clearance(contact->faces, face, ends, tool->shape, tool->chain_balance, &tool->balance);
-    return gap > -SBI_SWEEP_DEEPEST * inner && (way < SBI_SWEEP_FARTHEST * inner || gap > way);
+    return gap - way > -SBI_SWEEP_DEEPEST * inner && (way < SBI_SWEEP_FARTHEST * inner || gap > way);
+}
+
+/* 1 when a sample of a face may be crossing. Where it is stretched more are looked at than press on it. */
+static int sbi_sweep_face_crosses(const sb_contact *contact, const sbi_contact_tool *tool, int face, const sb_vec3 *u)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    const sbi_contact_rule *rule;
+    sb_vec3 ends[SB_MAX_FACE_NODES];
+    int count = faces->sizes[face];
+    for (int a = 0; a < count; a++)
+        ends[a] = sb_v3_add(rest[nodes[a]], u[nodes[a]]);
+    rule =
+        sbi_contact_face_rule(faces, face, sbi_contact_face_parts_at(faces, face, ends, sbi_tool_radius(tool->shape)));
+    for (int s = 0; s < rule->count; s++) {
+        const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+        sb_vec3 x1 =
+            sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
+        if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
+            return 1;
+    }
+    return 0;
 }
 
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
     const sbi_contact_tool *tool = contact->tools + number;
     const int *near = sbi_sweep_near(contact, number);
     if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
         return 1;
     for (int f = 0; f < tool->face_count; f++) {
-        int face = near[f], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(tool->shape));
-        int count = faces->sizes[face];
-        const int *nodes = sbi_contact_face_nodes(faces, face);
-        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
-        if (sbi_sweep_face_is_safe(contact, tool, face, rule))
-            continue;
-        for (int s = 0; s < rule->count; s++) {
-            const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
-            sb_vec3 x1 =
-                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
-            if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
-                return 0;
-        }
+        int parts = sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape));
+        if (!sbi_sweep_face_is_safe(contact, tool, near[f], sbi_contact_face_rule(faces, near[f], parts)) &&
+            sbi_sweep_face_crosses(contact, tool, near[f], u))
+            return 0;
     }
     return 1;
 }
