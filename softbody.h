@@ -47853,7 +47853,7 @@ typedef struct sbi_live {
     sb_quadrature_kind rule; /* of the domain's points */
     sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
     void *find_user;
-    int find_knows; /* 1: it knows the mesh that the change under way leads to, too */
+    int find_knows;       /* 1: it knows the mesh that the change under way leads to, too */
     int follows;          /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;         /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
@@ -78646,7 +78646,7 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     contact->is_solved = 0; /* its system is of the mesh before */
     sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
-    (void)sbi_contact_update_faces(contact, NULL); /* where it fails the next step says so */
+    (void)sbi_contact_update_faces(contact, NULL);        /* where it fails the next step says so */
     (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }
 
