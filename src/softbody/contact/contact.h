@@ -46,9 +46,9 @@
  * thickness or of a face's length, or pass through it, is divided like one with tools, at once into parts as short as
  * the organs' speed asks for. In parts of a sixteenth, what would still pass moves together, as far as it would have on
  * the mean: momentum stays, kinetic energy is lost (sb_contact_info.mended). Overlap that was there without having been
- * pressed in is let out by a fifth a step, so that it throws nothing out. Where organs hit so hard that the tissue
- * itself is turned inside out (rho v^2 above some 2 E), sides are no longer sure and they may end entangled: `deepest`
- * stays large afterwards.
+ * pressed in is let out by a fifth a step, so that it throws nothing out. It is not certain yet: of 100 random scenes
+ * with rho v^2 up to 2 E points came deeper than half a cell into an organ in 7, from 0.8 E on, and 2 ended entangled.
+ * `deepest` stays large then.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
