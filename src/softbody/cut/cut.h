@@ -33,9 +33,9 @@
  *   moment are what they were, to rounding, however often it is cut.
  * - A blade's strokes: the strip of each move begins where the edge was in the tissue, which has moved since, to the
  *   last digit: samples stand wherever the edge goes through a face of an element. Near the skin, outside of the
- * tissue, it moves with the skin, so that tissue that comes upon a blade at rest is cut as well. What rounding leaves
- * between strips is cut by a rule: a whole link that cut ones surround in all elements around it holds nothing but
- * itself.
+ *   tissue, it moves with the skin, so that tissue that comes upon a blade at rest is cut as well. What rounding leaves
+ *   between strips is cut by a rule: a whole link that cut ones surround in all elements around it holds nothing but
+ *   itself.
  * - States and recordings of the body hold its cuts: the sb_cut is a part of both, with its strokes. A state that was
  *   saved with one is loaded into a body that has one of the same mesh, lattice and max_strokes, whatever was cut there
  *   meanwhile, and takes cuts back that it does not have. A recording plays on a body with such an sb_cut, made before
@@ -102,9 +102,11 @@ SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int cou
  * SB_ERROR_MEMORY. Allocates nothing while edges go through some 200 faces of elements at most. */
 SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *stroke, sb_error *error);
 /* Moves the blade: what lies between where its edge was in the tissue, which may have moved since, and where it is now
- * is cut. Once a frame, between steps; also where the blade rests and the tissue moves. edge    as many corners as at
- * the beginning, where they are now (m) info    may be NULL On failure body, cut and stroke are as they were, and the
- * next move goes on from the last good one: SB_ERROR_INDEX (no such stroke), and as sb_cut_triangles. */
+ * is cut. Once a frame, between steps; also where the blade rests and the tissue moves.
+ * edge       as many corners as at the beginning, where they are now (m)
+ * info       may be NULL
+ * On failure body, cut and stroke are as they were, and the next move goes on from the last good one: SB_ERROR_INDEX
+ * (no such stroke), and as sb_cut_triangles. */
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error);
 /* Ends a stroke; one that is not under way is fine. */
 SB_API void sb_cut_end(sb_cut *cut, int stroke);
