@@ -55,7 +55,7 @@ static sb_body *beam_make(const sb_mesh *mesh)
 static void blade_at(double depth, sb_vec3 edge[SEGMENTS + 1])
 {
     for (int k = 0; k <= SEGMENTS; k++) {
-        double y = -0.1 * width + 1.2 * width * k / SEGMENTS;
+        double y = -0.1 * width + 1.2 * width * k / (double)SEGMENTS;
         edge[k] = sb_v3((sb_real)(0.503 * length + 0.002 * y / width), (sb_real)y, (sb_real)(height - depth));
     }
 }
@@ -98,7 +98,7 @@ static void run(const sb_mesh *mesh, int lattice)
     for (int frame = 1; frame <= FRAMES; frame++) {
         sb_cut_info info;
         clock_t start = clock(), middle, end;
-        blade_at(0.5 * height * frame / FRAMES, edge);
+        blade_at(0.5 * height * frame / (double)FRAMES, edge);
         if (sb_cut_move(knife, stroke, edge, &info, &error) != SB_OK)
             fail("move", &error);
         middle = clock();

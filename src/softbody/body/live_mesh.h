@@ -36,7 +36,7 @@
  *   by face besides, and go to its parts where it is cut.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded.
  *   Where a tet4 falls into pieces, each has what acts on its part of the face (face_loads): force and moment are what
- *   they were, to rounding. What a cut lays open is not loaded. A load that would lose its last face: SB_ERROR_ARGUMENT.
+ *   they were, to rounding. What a cut lays open is not loaded. A load cannot lose its last face (SB_ERROR_ARGUMENT).
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
  *   a removed cell becomes the same material point of the cell made there, of an element that is cut of the piece that
  *   has it. Points in space stay.
