@@ -74887,8 +74887,6 @@ SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_ve
 
 /* Parts a side of a face for a tool of radius r (m): a constant of the two, so that no sample comes or goes. */
 SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius);
-/* The same of a face that is stretched to places x [its nodes] (m). */
-SBI_API int sbi_contact_face_parts_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x, sb_real radius);
 /* Smallest radius (m) that no face needs more parts for than there are rules; *face (may be NULL): which needs most. */
 SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face);
 /* Area of a sample (m^2 at rest). */
@@ -75497,24 +75495,14 @@ SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_ve
 
 /* ---- samples and blocks ---- */
 
-static int sbi_contact_length_parts(const sbi_contact_kind *kind, sb_real length, sb_real radius)
+SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius)
 {
-    sb_real parts = length / (kind->part * radius);
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    sb_real parts = faces->lengths[face] / (kind->part * radius);
     int n = kind->least;
     while (n < kind->most && (sb_real)n < parts)
         n++;
     return n;
-}
-
-SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius)
-{
-    return sbi_contact_length_parts(&faces->kinds[faces->sizes[face]], faces->lengths[face], radius);
-}
-
-SBI_API int sbi_contact_face_parts_at(const sbi_contact_faces *faces, int face, const sb_vec3 *x, sb_real radius)
-{
-    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
-    return sbi_contact_length_parts(kind, sb_max(faces->lengths[face], sbi_contact_length(kind, x)), radius);
 }
 
 SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face)
@@ -78699,6 +78687,7 @@ SBI_API void sbi_contact_unlisten(sb_contact *contact)
 #define SBI_SWEEP_ADVANCE ((sb_real)0.5)           /* of the inner radius, in a step that touches */
 #define SBI_SWEEP_DEEPEST ((sb_real)0.6)           /* of it, in a step */
 #define SBI_SWEEP_FARTHEST ((sb_real)0.8)          /* of it, of a sample that comes into the tool, against it */
+#define SBI_SWEEP_TURNED ((sb_real)0.65)           /* cosine; a skeleton that goes through a face turns normals more */
 #define SBI_SWEEP_FULL ((sb_real)0.3)              /* of it: a tool so deep goes no deeper */
 #define SBI_SWEEP_GIVE ((sb_real)0.125)            /* of it, by which a tool gives way, times how often it had to */
 enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_STAYS = 5 }; /* tries from which on tools go nowhere */
@@ -78974,15 +78963,15 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
 {
     const sb_vec3 up = {0, 0, 1};
     const sb_pose from = sbi_sweep_start(tool);
-    sb_vec3 normal, start = sbi_pose_to_tool(&from, x0), end = sbi_pose_to_tool(&tool->balance, x1);
-    sb_real inner = sbi_tool_inner_radius(tool->shape), deepest = SBI_SWEEP_DEEPEST * inner, before;
+    sb_vec3 normal, turned, start = sbi_pose_to_tool(&from, x0), end = sbi_pose_to_tool(&tool->balance, x1);
+    sb_real inner = sbi_tool_inner_radius(tool->shape), deepest = SBI_SWEEP_DEEPEST * inner, before, after;
     if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) && sbi_sweep_way_meets(tool, start, end, 0))
         return 1;
     before = sbi_tool_distance(tool->shape, tool->chain_reached, start, up, &normal);
-    if (before > -deepest)
-        return sbi_sweep_way_meets(tool, start, end, deepest);
-    /* a body that was put deep into a tool may come out */
-    return !(sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &normal) > before);
+    after = sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &turned);
+    if (!(before > -deepest) || !(after > -deepest)) /* a body that was put deep into a tool may come out */
+        return !(after > -deepest) && !(after > before);
+    return sb_v3_dot(normal, turned) < SBI_SWEEP_TURNED && sbi_sweep_way_meets(tool, start, end, deepest);
 }
 
 /* 1 when no sample of a face can be crossing: none comes deep enough, nor goes far enough or comes near enough. */
@@ -79004,41 +78993,28 @@ static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_t
     return gap - way > -SBI_SWEEP_DEEPEST * inner && (way < SBI_SWEEP_FARTHEST * inner || gap > way);
 }
 
-/* 1 when a sample of a face may be crossing. Where it is stretched more are looked at than press on it. */
-static int sbi_sweep_face_crosses(const sb_contact *contact, const sbi_contact_tool *tool, int face, const sb_vec3 *u)
-{
-    const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    const sbi_contact_rule *rule;
-    sb_vec3 ends[SB_MAX_FACE_NODES];
-    int count = faces->sizes[face];
-    for (int a = 0; a < count; a++)
-        ends[a] = sb_v3_add(rest[nodes[a]], u[nodes[a]]);
-    rule =
-        sbi_contact_face_rule(faces, face, sbi_contact_face_parts_at(faces, face, ends, sbi_tool_radius(tool->shape)));
-    for (int s = 0; s < rule->count; s++) {
-        const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
-        sb_vec3 x1 =
-            sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
-        if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
-            return 1;
-    }
-    return 0;
-}
-
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
     const sbi_contact_tool *tool = contact->tools + number;
     const int *near = sbi_sweep_near(contact, number);
     if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
         return 1;
     for (int f = 0; f < tool->face_count; f++) {
-        int parts = sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape));
-        if (!sbi_sweep_face_is_safe(contact, tool, near[f], sbi_contact_face_rule(faces, near[f], parts)) &&
-            sbi_sweep_face_crosses(contact, tool, near[f], u))
-            return 0;
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(tool->shape));
+        int count = faces->sizes[face];
+        const int *nodes = sbi_contact_face_nodes(faces, face);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        if (sbi_sweep_face_is_safe(contact, tool, face, rule))
+            continue;
+        for (int s = 0; s < rule->count; s++) {
+            const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+            sb_vec3 x1 =
+                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
+            if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
+                return 0;
+        }
     }
     return 1;
 }

@@ -18,6 +18,7 @@
 #define SBI_SWEEP_ADVANCE ((sb_real)0.5)           /* of the inner radius, in a step that touches */
 #define SBI_SWEEP_DEEPEST ((sb_real)0.6)           /* of it, in a step */
 #define SBI_SWEEP_FARTHEST ((sb_real)0.8)          /* of it, of a sample that comes into the tool, against it */
+#define SBI_SWEEP_TURNED ((sb_real)0.65)           /* cosine; a skeleton that goes through a face turns normals more */
 #define SBI_SWEEP_FULL ((sb_real)0.3)              /* of it: a tool so deep goes no deeper */
 #define SBI_SWEEP_GIVE ((sb_real)0.125)            /* of it, by which a tool gives way, times how often it had to */
 enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_STAYS = 5 }; /* tries from which on tools go nowhere */
@@ -293,15 +294,15 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
 {
     const sb_vec3 up = {0, 0, 1};
     const sb_pose from = sbi_sweep_start(tool);
-    sb_vec3 normal, start = sbi_pose_to_tool(&from, x0), end = sbi_pose_to_tool(&tool->balance, x1);
-    sb_real inner = sbi_tool_inner_radius(tool->shape), deepest = SBI_SWEEP_DEEPEST * inner, before;
+    sb_vec3 normal, turned, start = sbi_pose_to_tool(&from, x0), end = sbi_pose_to_tool(&tool->balance, x1);
+    sb_real inner = sbi_tool_inner_radius(tool->shape), deepest = SBI_SWEEP_DEEPEST * inner, before, after;
     if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) && sbi_sweep_way_meets(tool, start, end, 0))
         return 1;
     before = sbi_tool_distance(tool->shape, tool->chain_reached, start, up, &normal);
-    if (before > -deepest)
-        return sbi_sweep_way_meets(tool, start, end, deepest);
-    /* a body that was put deep into a tool may come out */
-    return !(sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &normal) > before);
+    after = sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &turned);
+    if (!(before > -deepest) || !(after > -deepest)) /* a body that was put deep into a tool may come out */
+        return !(after > -deepest) && !(after > before);
+    return sb_v3_dot(normal, turned) < SBI_SWEEP_TURNED && sbi_sweep_way_meets(tool, start, end, deepest);
 }
 
 /* 1 when no sample of a face can be crossing: none comes deep enough, nor goes far enough or comes near enough. */
@@ -323,41 +324,28 @@ static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_t
     return gap - way > -SBI_SWEEP_DEEPEST * inner && (way < SBI_SWEEP_FARTHEST * inner || gap > way);
 }
 
-/* 1 when a sample of a face may be crossing. Where it is stretched more are looked at than press on it. */
-static int sbi_sweep_face_crosses(const sb_contact *contact, const sbi_contact_tool *tool, int face, const sb_vec3 *u)
-{
-    const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    const sbi_contact_rule *rule;
-    sb_vec3 ends[SB_MAX_FACE_NODES];
-    int count = faces->sizes[face];
-    for (int a = 0; a < count; a++)
-        ends[a] = sb_v3_add(rest[nodes[a]], u[nodes[a]]);
-    rule =
-        sbi_contact_face_rule(faces, face, sbi_contact_face_parts_at(faces, face, ends, sbi_tool_radius(tool->shape)));
-    for (int s = 0; s < rule->count; s++) {
-        const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
-        sb_vec3 x1 =
-            sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
-        if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
-            return 1;
-    }
-    return 0;
-}
-
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
+    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
     const sbi_contact_tool *tool = contact->tools + number;
     const int *near = sbi_sweep_near(contact, number);
     if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
         return 1;
     for (int f = 0; f < tool->face_count; f++) {
-        int parts = sbi_contact_face_parts(faces, near[f], sbi_tool_radius(tool->shape));
-        if (!sbi_sweep_face_is_safe(contact, tool, near[f], sbi_contact_face_rule(faces, near[f], parts)) &&
-            sbi_sweep_face_crosses(contact, tool, near[f], u))
-            return 0;
+        int face = near[f], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(tool->shape));
+        int count = faces->sizes[face];
+        const int *nodes = sbi_contact_face_nodes(faces, face);
+        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
+        if (sbi_sweep_face_is_safe(contact, tool, face, rule))
+            continue;
+        for (int s = 0; s < rule->count; s++) {
+            const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
+            sb_vec3 x1 =
+                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
+            if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
+                return 0;
+        }
     }
     return 1;
 }
