@@ -61923,8 +61923,6 @@ SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y)
 SBI_API void sbi_body_lend_touch(sb_body *body, sbi_pcg_extra *extra);
 /* Reactions less its forces on supported axes. */
 SBI_API void sbi_step_touch_reactions(const sbi_step *step);
-/* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
-SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
 /* 1: an increment of a static solve has converged, but contact's loads do not balance yet: iterate again. */
 SBI_API int sbi_step_balance_touch(sbi_step *step, int round);
 SBI_API void sbi_step_commit_touch(sbi_step *step);
@@ -62430,38 +62428,6 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
         b->reaction[node] =
             sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], touch->force[k]), b->reaction[node]);
     }
-}
-
-/* Motion is taken out of the end of the step. */
-static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
-{
-    sb_body *b = step->body;
-    if (!step->touch->mend(step->touch->user, b->displacement, whole))
-        return SB_OK;
-    step->touch->mended = 1;
-    if (b->elimination)
-        sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
-    b->force_current = step->energy_known = 0;
-    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
-}
-
-SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
-{
-    sbi_touch *touch = step->touch;
-    int is_safe = touch->accept(touch->user, step->body->displacement);
-    if (!is_safe && touch->apart && touch->is_last) {
-        sb_result result = sbi_step_mend_touch(step, 0);
-        if (result != SB_OK)
-            result = sbi_step_mend_touch(step, 1);
-        if (result != SB_OK)
-            return result;
-        is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
-    }
-    if (is_safe)
-        return SB_OK;
-    touch->refused = 1;
-    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
-                    "the body moves so far in this step that a tool may have passed through it: take a shorter one");
 }
 
 SBI_API int sbi_step_balance_touch(sbi_step *step, int round) { return step->touch->balance(step->touch->user, round); }
@@ -64041,6 +64007,38 @@ SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *con
                                  sb_step_info *info, sbi_step *step)
 {
     return sbi_step_begin_part(body, dt, guests, guest_count, 1, info, step);
+}
+
+/* Motion is taken out of the end of the step. */
+static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
+{
+    sb_body *b = step->body;
+    if (!step->touch->mend(step->touch->user, b->displacement, whole))
+        return SB_OK;
+    step->touch->mended = 1;
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
+    b->force_current = step->energy_known = 0;
+    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
+}
+
+static sb_result sbi_step_accept_touch(sbi_step *step)
+{
+    sbi_touch *touch = step->touch;
+    int is_safe = touch->accept(touch->user, step->body->displacement);
+    if (!is_safe && touch->apart && touch->is_last) {
+        sb_result result = sbi_step_mend_touch(step, 0);
+        if (result != SB_OK)
+            result = sbi_step_mend_touch(step, 1);
+        if (result != SB_OK)
+            return result;
+        is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
+    }
+    if (is_safe)
+        return SB_OK;
+    touch->refused = 1;
+    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
+                    "the body moves so far in this step that a tool may have passed through it: take a shorter one");
 }
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
@@ -77202,6 +77200,17 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
             pairs->found[kept++] = pairs->found[i];
     return kept;
 }
+
+/* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
+ */
+SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real own = pairs->organ_lengths[pairs->organs[face]];
+    sb_real length = sb_max((sb_real)0.5 * own, sb_min(own, pairs->shortest));
+    int least = contact->faces->kinds[contact->faces->sizes[face]].least;
+    return sbi_max_int(least, sbi_contact_face_parts(contact->faces, face, length) >> thin);
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_apart.c ==== */
@@ -77793,17 +77802,6 @@ static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const 
     sbi_pair_foresee(search, s);
     pairs->sample_count++;
     return 1;
-}
-
-/* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
- */
-SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
-{
-    const sbi_pairs *pairs = &contact->pairs;
-    sb_real own = pairs->organ_lengths[pairs->organs[face]];
-    sb_real length = sb_max((sb_real)0.5 * own, sb_min(own, pairs->shortest));
-    int least = contact->faces->kinds[contact->faces->sizes[face]].least;
-    return sbi_max_int(least, sbi_contact_face_parts(contact->faces, face, length) >> thin);
 }
 
 /* The samples of a face that have a partner. 0: no room is left. */

@@ -313,6 +313,38 @@ SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *con
     return sbi_step_begin_part(body, dt, guests, guest_count, 1, info, step);
 }
 
+/* Motion is taken out of the end of the step. */
+static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
+{
+    sb_body *b = step->body;
+    if (!step->touch->mend(step->touch->user, b->displacement, whole))
+        return SB_OK;
+    step->touch->mended = 1;
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
+    b->force_current = step->energy_known = 0;
+    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
+}
+
+static sb_result sbi_step_accept_touch(sbi_step *step)
+{
+    sbi_touch *touch = step->touch;
+    int is_safe = touch->accept(touch->user, step->body->displacement);
+    if (!is_safe && touch->apart && touch->is_last) {
+        sb_result result = sbi_step_mend_touch(step, 0);
+        if (result != SB_OK)
+            result = sbi_step_mend_touch(step, 1);
+        if (result != SB_OK)
+            return result;
+        is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
+    }
+    if (is_safe)
+        return SB_OK;
+    touch->refused = 1;
+    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
+                    "the body moves so far in this step that a tool may have passed through it: take a shorter one");
+}
+
 SBI_API sb_result sbi_step_commit(sbi_step *step)
 {
     sb_result result = step->touch ? sbi_step_accept_touch(step) : SB_OK;

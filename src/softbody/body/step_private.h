@@ -73,8 +73,6 @@ SBI_API double sbi_body_multiply_links(void *body, const sb_real *x, sb_real *y)
 SBI_API void sbi_body_lend_touch(sb_body *body, sbi_pcg_extra *extra);
 /* Reactions less its forces on supported axes. */
 SBI_API void sbi_step_touch_reactions(const sbi_step *step);
-/* SB_ERROR_DIVERGED: what has moved so far may have passed through. */
-SBI_API sb_result sbi_step_accept_touch(sbi_step *step);
 /* 1: an increment of a static solve has converged, but contact's loads do not balance yet: iterate again. */
 SBI_API int sbi_step_balance_touch(sbi_step *step, int round);
 SBI_API void sbi_step_commit_touch(sbi_step *step);

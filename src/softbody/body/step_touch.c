@@ -182,38 +182,6 @@ SBI_API void sbi_step_touch_reactions(const sbi_step *step)
     }
 }
 
-/* Motion is taken out of the end of the step. */
-static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
-{
-    sb_body *b = step->body;
-    if (!step->touch->mend(step->touch->user, b->displacement, whole))
-        return SB_OK;
-    step->touch->mended = 1;
-    if (b->elimination)
-        sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
-    b->force_current = step->energy_known = 0;
-    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
-}
-
-SBI_API sb_result sbi_step_accept_touch(sbi_step *step)
-{
-    sbi_touch *touch = step->touch;
-    int is_safe = touch->accept(touch->user, step->body->displacement);
-    if (!is_safe && touch->apart && touch->is_last) {
-        sb_result result = sbi_step_mend_touch(step, 0);
-        if (result != SB_OK)
-            result = sbi_step_mend_touch(step, 1);
-        if (result != SB_OK)
-            return result;
-        is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
-    }
-    if (is_safe)
-        return SB_OK;
-    touch->refused = 1;
-    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED,
-                    "the body moves so far in this step that a tool may have passed through it: take a shorter one");
-}
-
 SBI_API int sbi_step_balance_touch(sbi_step *step, int round) { return step->touch->balance(step->touch->user, round); }
 
 SBI_API void sbi_step_commit_touch(sbi_step *step)

@@ -426,3 +426,14 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
             pairs->found[kept++] = pairs->found[i];
     return kept;
 }
+
+/* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
+ */
+SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real own = pairs->organ_lengths[pairs->organs[face]];
+    sb_real length = sb_max((sb_real)0.5 * own, sb_min(own, pairs->shortest));
+    int least = contact->faces->kinds[contact->faces->sizes[face]].least;
+    return sbi_max_int(least, sbi_contact_face_parts(contact->faces, face, length) >> thin);
+}

@@ -248,17 +248,6 @@ static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const 
     return 1;
 }
 
-/* Parts a side: for the finest organ that it may touch, but no finer than half of its own, whose samples are there too.
- */
-SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
-{
-    const sbi_pairs *pairs = &contact->pairs;
-    sb_real own = pairs->organ_lengths[pairs->organs[face]];
-    sb_real length = sb_max((sb_real)0.5 * own, sb_min(own, pairs->shortest));
-    int least = contact->faces->kinds[contact->faces->sizes[face]].least;
-    return sbi_max_int(least, sbi_contact_face_parts(contact->faces, face, length) >> thin);
-}
-
 /* The samples of a face that have a partner. 0: no room is left. */
 static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, int face, int thin)
 {
