@@ -199,11 +199,12 @@ static int sbi_pair_take_slot(sbi_pairs *pairs, int face)
     return 1;
 }
 
-/* Where the smooth normal does not lead out of the other organ, the way to the nearest point does. */
-static void sbi_pair_turn_out(sbi_pair_sample *s)
+/* Where the smooth normal does not lead out of the other organ, the way to the nearest point does: of overlap that is
+ * deep. At rest the way is what rounding makes of it. */
+static void sbi_pair_turn_out(sbi_pair_sample *s, sb_real length)
 {
     sb_real away = sb_v3_norm(s->start), height = sb_v3_dot(s->normal, s->start);
-    if (height < 0 && -height < SBI_PAIR_TURNED * away)
+    if (height < 0 && -height < SBI_PAIR_TURNED * away && away > SBI_PAIR_DEEP * length)
         s->normal = sb_v3_scale(-1 / away, s->start);
 }
 
@@ -242,7 +243,7 @@ static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const 
     }
     s->normal = sbi_pairs_normal(contact, search->best, search->closest.shares);
     s->start = sb_v3_sub(search->at, sbi_contact_mean(s->shares, nodes, count, contact->x));
-    sbi_pair_turn_out(s);
+    sbi_pair_turn_out(s, contact->faces->lengths[search->best]);
     sbi_pair_foresee(search, s);
     pairs->sample_count++;
     return 1;
