@@ -60,10 +60,11 @@
  * Bodies with explicit steps (SB_CENTRAL_DIFFERENCE) are touched by tools, not by their own organs. Forces act beside
  * the loads, with `stiffness` over the body's own bounded by the nodes' masses; where a tool is near, substeps are
  * shorter by 1.8 sqrt(stiffness / 3), with the default 3.3 times. No pressure is remembered: overlap stays, and takes
- * some tenth of a tool's way. Readings are those of the last substep. Momentum is exact; energy is right to a few per
- * cent of a hit, since what first touches within a substep does so at its end. sb_contact_stiffness and hands
- * (sb_haptic) need the system of an implicit step. Source: Wriggers, Computational Contact Mechanics (return mapping,
- * augmented Lagrangian). */
+ * some tenth of a tool's way. Readings are those of the last substep. Momentum is exact while the mesh stays: a cut
+ * through touched faces takes half a substep of their force, and contact there is softer by the smaller masses. Energy
+ * is right to a few per cent of a hit, since what first touches within a substep does so at its end.
+ * sb_contact_stiffness and hands (sb_haptic) need the system of an implicit step. Source: Wriggers, Computational
+ * Contact Mechanics (return mapping, augmented Lagrangian). */
 #ifndef SB_CONTACT_H
 #define SB_CONTACT_H
 
