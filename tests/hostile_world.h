@@ -400,6 +400,14 @@ static const sb_vec3 *world_blade(void)
     return corners;
 }
 
+/* One under way in the world's cut, of the blade's first two corners. */
+static int world_stroke(world *w)
+{
+    int stroke = 0;
+    CHECK_OK(sb_cut_begin(world_cut(w), world_blade(), 2, &stroke, NULL));
+    return stroke;
+}
+
 /* Clear of the mesh. */
 static sb_pose *world_pose(world *w)
 {
