@@ -6584,6 +6584,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
  * SSOR, IC(0); others are to be made anew. 0: it would have to have the memory for what sbi_matrix_reserve has planned,
  * and has not. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* 1: it is of such a kind. */
+SBI_API int sbi_precond_follows(const sb_preconditioner *preconditioner);
 /* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
  * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
@@ -37346,6 +37348,8 @@ SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *mat
             matrix->live->longest <= p->longest_room);
 }
 
+SBI_API int sbi_precond_follows(const sb_preconditioner *p) { return sbi_precond_kind_follows(p->kind); }
+
 SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
 {
     p->ready = p->turned = 0;
@@ -52961,7 +52965,8 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
-    (void)sbi_body_settle_preconditioner(work.body, NULL); /* without memory for it the next step tries again */
+    if (!sbi_precond_follows(work.body->precond)) /* steps allocate nothing; without memory now the next one tries again */
+        (void)sbi_body_settle_preconditioner(work.body, NULL);
     return 1;
 }
 
