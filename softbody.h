@@ -613,6 +613,7 @@
 #define sb_body_von_mises sb_body_von_mises_f32
 #define sb_body_nodal_von_mises sb_body_nodal_von_mises_f32
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
+#define sb_body_parts sb_body_parts_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
 #define sb_default_change_cell sb_default_change_cell_f32
@@ -4734,6 +4735,22 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
  * deformation gradient, weighted by volume; identity where there is no material. rotations[node_count], as
  * sb_preconditioner_warp takes them. Uses the body's scratch: between steps only. */
 SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations);
+
+/* A part of a body: what hangs together by elements that share a node. Couplings by constraints, springs and mappings
+ * do not count, nor do empty pieces of a cut. */
+typedef struct sb_part {
+    int node;       /* its lowest node with material, which stays with its material however the body is cut */
+    int node_count; /* its nodes with material */
+    sb_real volume; /* at rest (m^3) */
+    sb_real mass;   /* kg */
+    sb_vec3 centre; /* of mass, where the part is now (m) */
+} sb_part;
+/* Lists the parts by ascending `node`.
+ * parts     [capacity] the first `capacity` of them; NULL when capacity is 0
+ * *count    how many there are
+ * numbers   [sb_body_node_count] number of the part of each node, -1: it has no material; or NULL
+ * Allocates nothing; uses the body's scratch: between steps only. SB_ERROR_ARGUMENT. */
+SB_API sb_result sb_body_parts(sb_body *body, sb_part *parts, int capacity, int *count, int *numbers);
 
 /* ---- set-up check ---- */
 /* What looks wrong, as bits of sb_check_report.warnings. */
@@ -47808,6 +47825,8 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
 }
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_point; }
+/* Of the material at rest (m^3); 0 of a free cell. */
+SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element);
 
 #endif /* SB_BODY_PRIVATE_H */
 
@@ -49947,7 +49966,7 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     return SB_OK;
 }
 
-static sb_real sbi_body_element_volume(const sb_body *body, int element)
+SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element)
 {
     sb_real sum = 0;
     int q = body->domain.points_per_cell;
@@ -52086,7 +52105,7 @@ SBI_API void sbi_body_release(sb_body *body)
 }
 
 /* ==== src/softbody/body/body_parts.c ==== */
-/* body_parts: the connected parts of a body and their boxes. */
+/* body_parts: the connected parts of a body, their boxes, and what they weigh. */
 
 #include <string.h>
 
@@ -52163,6 +52182,80 @@ SBI_API void sbi_body_label_nodes(sb_body *body)
         if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
     sbi_body_make_boxes(body);
+}
+
+/* ---- readings ---- */
+
+/* Sums over a part, in its row of support_grams. */
+enum { SBI_PART_NUMBER = 0, SBI_PART_NODES = 1, SBI_PART_VOLUME = 2, SBI_PART_MASS = 3, SBI_PART_FIRST = 4 };
+
+/* Numbers the parts by their lowest nodes, which go into the list; returns how many there are. */
+static int sbi_body_number_parts(sb_body *body, sb_part *parts, int capacity)
+{
+    int count = 0;
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++) {
+        double *sum = body->node_component[i] < 0 ? NULL : body->support_grams[body->node_component[i]];
+        if (!sum)
+            continue;
+        if (sum[SBI_PART_NODES] == 0) {
+            if (count < capacity)
+                parts[count].node = i;
+            sum[SBI_PART_NUMBER] = count++;
+        }
+        sum[SBI_PART_NODES] += 1;
+    }
+    return count;
+}
+
+/* Masses from int rho N dV, so that the first moment is that of the material wherever the nodes are: places within an
+ * element are sums of N x. */
+static void sbi_body_sum_parts(sb_body *body)
+{
+    const sb_domain *domain = &body->domain;
+    for (int i = 0; i < domain->node_count; i++)
+        if (body->node_component[i] >= 0) {
+            double *sum = body->support_grams[body->node_component[i]], m = (double)body->load_mass[i];
+            sum[SBI_PART_MASS] += m;
+            sum[SBI_PART_FIRST] += m * (double)body->position[i].x;
+            sum[SBI_PART_FIRST + 1] += m * (double)body->position[i].y;
+            sum[SBI_PART_FIRST + 2] += m * (double)body->position[i].z;
+        }
+    for (int e = 0; e < domain->cell_count; e++) {
+        int part = body->node_component[domain->cells[(size_t)e * (size_t)domain->nodes_per_cell]];
+        if (part >= 0 && sbi_live_has_cell(body, e))
+            body->support_grams[part][SBI_PART_VOLUME] += (double)sbi_body_element_volume(body, e);
+    }
+}
+
+static void sbi_body_fill_part(const sb_body *body, const double *sum, sb_part *part)
+{
+    double m = sum[SBI_PART_MASS];
+    part->node_count = (int)sum[SBI_PART_NODES];
+    part->volume = (sb_real)sum[SBI_PART_VOLUME];
+    part->mass = (sb_real)m;
+    part->centre = body->position[part->node];
+    if (m > 0) /* and not too little for sb_real */
+        part->centre = sb_v3((sb_real)(sum[SBI_PART_FIRST] / m), (sb_real)(sum[SBI_PART_FIRST + 1] / m),
+                             (sb_real)(sum[SBI_PART_FIRST + 2] / m));
+}
+
+SB_API sb_result sb_body_parts(sb_body *body, sb_part *parts, int capacity, int *count, int *numbers)
+{
+    if (!body || !count || capacity < 0 || (capacity > 0 && !parts))
+        return SB_ERROR_ARGUMENT;
+    *count = sbi_body_number_parts(body, parts, capacity);
+    if (capacity > 0)
+        sbi_body_sum_parts(body);
+    for (int c = 0; c < body->component_count; c++) {
+        const double *sum = body->support_grams[c];
+        if (sum[SBI_PART_NODES] > 0 && (int)sum[SBI_PART_NUMBER] < capacity)
+            sbi_body_fill_part(body, sum, parts + (int)sum[SBI_PART_NUMBER]);
+    }
+    for (int i = 0; numbers && i < body->domain.node_count; i++)
+        numbers[i] =
+            body->node_component[i] < 0 ? -1 : (int)body->support_grams[body->node_component[i]][SBI_PART_NUMBER];
+    return SB_OK;
 }
 
 /* ==== src/softbody/body/body.c ==== */
