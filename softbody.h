@@ -6601,6 +6601,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
  * SSOR, IC(0); others are to be made anew. 0: it would have to have the memory for what sbi_matrix_reserve has planned,
  * and has not. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* 1: it is of such a kind. */
+SBI_API int sbi_precond_follows(const sb_preconditioner *preconditioner);
 /* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
  * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
@@ -37363,6 +37365,8 @@ SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *mat
             matrix->live->longest <= p->longest_room);
 }
 
+SBI_API int sbi_precond_follows(const sb_preconditioner *p) { return sbi_precond_kind_follows(p->kind); }
+
 SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
 {
     p->ready = p->turned = 0;
@@ -53054,7 +53058,8 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
-    (void)sbi_body_settle_preconditioner(work.body, NULL); /* without memory for it the next step tries again */
+    if (!sbi_precond_follows(work.body->precond)) /* steps allocate nothing; without memory now the next one tries again */
+        (void)sbi_body_settle_preconditioner(work.body, NULL);
     return 1;
 }
 
@@ -76324,6 +76329,11 @@ SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked,
  * thin: half as many, so many times. */
 SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin);
 
+/* ---- contact_within.c ---- */
+/* 1 when a point is within an organ. Nodes are at x + way (way NULL: at x), and the faces' boxes hold them there.
+ * Writes contact->scratch. */
+SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way);
+
 /* ---- contact_apart.c ---- */
 /* How deep (m) a point may lie behind a face at the end of a step. */
 SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face);
@@ -77307,6 +77317,59 @@ SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_within.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_within: whether a point is within an organ: how often a line from it along x leaves the organ, less how often
+ * it comes in. Faces that share an edge see the same numbers there, so that no line slips through between two. */
+
+/* What an edge adds to how often the triangle goes around the line, whose place is 0: half open, so that a corner on
+ * the line counts for one of its edges. Source: Sunday 2001, winding number of a polygon. */
+static int sbi_within_edge(sb_vec3 a, sb_vec3 b)
+{
+    sb_real left = a.y * b.z - b.y * a.z;
+    if (a.z <= 0)
+        return b.z > 0 && left > 0;
+    return b.z <= 0 && left < 0 ? -1 : 0;
+}
+
+/* 1: the line from 0 along x goes out through the triangle; -1: in; 0: it does not meet it. */
+static int sbi_within_crossing(sb_vec3 a, sb_vec3 b, sb_vec3 c)
+{
+    int turns = sbi_within_edge(a, b) + sbi_within_edge(b, c) + sbi_within_edge(c, a);
+    sb_vec3 n;
+    if (turns == 0)
+        return 0;
+    n = sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(c, a));
+    return sb_v3_dot(n, a) * (sb_real)turns > 0 ? turns : 0;
+}
+
+static int sbi_within_face(const sb_contact *contact, int face, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[face]];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    int sum = 0;
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 corners[3];
+        for (int k = 0; k < 3; k++) {
+            int node = nodes[sbi_closest_part_node(kind, part, k)];
+            corners[k] = sb_v3_sub(way ? sb_v3_add(x[node], way[node]) : x[node], at);
+        }
+        sum += sbi_within_crossing(corners[0], corners[1], corners[2]);
+    }
+    return sum;
+}
+
+SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way)
+{
+    sb_vec3 end = {SB_REAL_MAX, at.y, at.z};
+    int sum = 0, count = sbi_contact_faces_query(contact->faces, at, end, contact->scratch, contact->faces->face_room);
+    for (int i = 0; i < count; i++)
+        if (contact->pairs.organs[contact->scratch[i]] == organ)
+            sum += sbi_within_face(contact, contact->scratch[i], at, x, way);
+    return sum > 0;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_apart.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_apart: whether organs have passed into or through each other in a step, and a last resort against it.
@@ -77691,6 +77754,7 @@ typedef struct sbi_pair_search {
     sb_real measure;
     int nearest; /* face whose point is nearest, whether or not it may be paired with; -1: none */
     sb_real nearest_away, nearest_height;
+    int within_organ, within; /* whether the sample lies in this organ; -1: none was asked for */
     sbi_closest closest;
 } sbi_pair_search;
 
@@ -77723,6 +77787,19 @@ static sb_real sbi_pair_farthest(const sbi_pairs *pairs, int other, sb_real leng
     return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * length;
 }
 
+/* 1 when the sample lies in the organ of this face where the step begins. What an organ overlaps itself by is not seen
+ * so. */
+static int sbi_pair_is_within(sbi_pair_search *search, int other)
+{
+    int organ = search->contact->pairs.organs[other];
+    if (organ == search->contact->pairs.organs[search->face])
+        return 1;
+    if (organ != search->within_organ)
+        search->within = sbi_pairs_is_within(search->contact, organ, search->at, search->contact->x, NULL);
+    search->within_organ = organ;
+    return search->within;
+}
+
 /* A face near the sample where the step begins. */
 static void sbi_pair_try_near(sbi_pair_search *search, int other)
 {
@@ -77749,7 +77826,8 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
         (-height > SBI_PAIR_DEEP * length &&
-         !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL)))
+         (!sbi_pair_is_within(search, other) ||
+          !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL))))
         return;
     search->best = other;
     search->measure = away;
@@ -77820,7 +77898,8 @@ static void sbi_pair_try_around(sbi_pair_search *search)
         }
     if (best < 0 ||
         !(sb_v3_dot(sum, sb_v3_sub(at, search->closest.point)) < -SBI_PAIR_TURNED * sb_v3_norm(sum) * least) ||
-        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best))
+        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best) ||
+        !sbi_pair_is_within(search, best))
         return;
     search->best = best;
 }
@@ -77828,7 +77907,7 @@ static void sbi_pair_try_around(sbi_pair_search *search)
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    search->best = search->nearest = -1;
+    search->best = search->nearest = search->within_organ = -1;
     for (int i = 0; i < search->others; i++)
         sbi_pair_try_near(search, pairs->found[i]);
     if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
