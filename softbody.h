@@ -5753,8 +5753,8 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * With `skin` tools touch a surface that the body carries along, in place of the boundary of its mesh: one that was
  * embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: organs do not touch each
  * other (pairs); faces are the skin's triangles; sb_contact_pressures has a number for each of its points; and overlap
- * that the mesh is too coarse to give way to stays. What a needle does (needle.h) and cuts lay open is the mesh's. Where
- * triangles lie across cells, systems take more iterations.
+ * that the mesh is too coarse to give way to stays. What a needle does (needle.h) and cuts lay open is the mesh's.
+ * Where triangles lie across cells, systems take more iterations.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -5878,8 +5878,8 @@ typedef struct sb_contact_point {
 } sb_contact_point;
 /* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
 SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);
-/* [node_count], with a skin [its points]: mean pressure (Pa at rest) that tools exert on the surface there: for drawing.
- * 0 elsewhere. */
+/* [node_count], with a skin [its points]: mean pressure (Pa at rest) that tools exert on the surface there: for
+ * drawing. 0 elsewhere. */
 SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
 
 typedef struct sb_contact_info {
@@ -74971,9 +74971,9 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
 #if !defined(SB_NO_GEOMETRY)
 /* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
  *
- * They are the boundary faces of the mesh, and their nodes its nodes; or the triangles of a skin (contact_skin.h), whose
- * nodes are its points. Then `nodes`, node_room and node_areas are of points, and there is one face of each triangle,
- * with that number.
+ * They are the boundary faces of the mesh, and their nodes its nodes; or the triangles of a skin (contact_skin.h),
+ * whose nodes are its points. Then `nodes`, node_room and node_areas are of points, and there is one face of each
+ * triangle, with that number.
  *
  * Faces are numbered in the order of their cells and of the cells' sides, whatever happened before, so that sums over
  * faces have the bits of a body made with its mesh. Where the mesh changes, numbers do: see sbi_contact_faces_update.
@@ -75048,7 +75048,7 @@ typedef struct sbi_contact_live {
 
 typedef struct sbi_contact_faces {
     sb_allocator allocator;
-    const sb_vec3 *points;    /* of a skin: where its points are at rest (m), lent; NULL: nodes are the body's */
+    const sb_vec3 *points; /* of a skin: where its points are at rest (m), lent; NULL: nodes are the body's */
     int is_skin;
     int face_end;             /* faces are numbered below */
     int flat_count;           /* without area: they have no samples, and no query finds them */
@@ -76283,9 +76283,9 @@ SBI_API sb_real sbi_closest_height(const sb_vec3 *x, sb_vec3 p);
 /* contact_skin: contact on a skin that the body carries (body/skin.h) in place of its mesh's boundary. Internal.
  *
  * All of contact is then in terms of the skin's points: they are the nodes of its faces, where places, motions, forces
- * and stiffness are. A point's place is x = W x_body, a row W of weights over the nodes of its cell; so forces go to the
- * body by W^T, and stiffness K by W^T K W. Torque balances as it does for the points, since these are where the forces
- * act. The body knows nothing of it: nodes that it is asked about are those of the rows.
+ * and stiffness are. A point's place is x = W x_body, a row W of weights over the nodes of its cell; so forces go to
+ * the body by W^T, and stiffness K by W^T K W. Torque balances as it does for the points, since these are where the
+ * forces act. The body knows nothing of it: nodes that it is asked about are those of the rows.
  *
  * A face of which all nodes lie in one cell has its blocks in the matrix. Points in different cells have none for their
  * nodes' pairs. Of the stiffness K of such a face each point's own row has
@@ -76353,8 +76353,8 @@ SBI_API int sbi_contact_point_count(const struct sb_contact *contact);
 SBI_API void sbi_contact_skin_place(struct sb_contact *contact, int point);
 SBI_API void sbi_contact_skin_forget(struct sb_contact *contact);
 /* du of the points in touch from that of nodes, both by place; force of nodes from that of points. */
-SBI_API void sbi_contact_skin_take(const struct sb_contact *contact, const unsigned char *masked, const sb_vec3 *of_nodes,
-                                   sb_vec3 *of_points);
+SBI_API void sbi_contact_skin_take(const struct sb_contact *contact, const unsigned char *masked,
+                                   const sb_vec3 *of_nodes, sb_vec3 *of_points);
 SBI_API void sbi_contact_skin_give(const struct sb_contact *contact, const unsigned char *masked,
                                    const sb_vec3 *of_points, sb_vec3 *of_nodes);
 
@@ -76536,7 +76536,7 @@ struct sb_contact {
     int entry_count;
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [corner_room max_contacts] of a tool together */
-    int pressure_count, corner_room; /* corners that may remember of a contact */
+    int pressure_count, corner_room;                   /* corners that may remember of a contact */
     sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
@@ -76778,8 +76778,7 @@ SB_INLINE void sbi_contact_add_block(sb_real *values, const sb_real *block, unsi
 SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int parts, int sample, sb_real factor,
                                      sb_vec3 force, sb_vec3 *out);
 /* Where a sample of a face goes when the body's nodes go by x [rows]. */
-SBI_API sb_vec3 sbi_contact_sample_motion(const sb_contact *contact, int face, int parts, int sample,
-                                          const sb_vec3 *x);
+SBI_API sb_vec3 sbi_contact_sample_motion(const sb_contact *contact, int face, int parts, int sample, const sb_vec3 *x);
 
 /* Place of a sample with these weights. */
 SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
@@ -76885,9 +76884,9 @@ SBI_API void sbi_contact_skin_take(const sb_contact *contact, const unsigned cha
         const sbi_contact_row row = sbi_contact_skin_row(skin, contact->nodes[k]);
         sb_vec3 sum = {0, 0, 0};
         for (int i = 0; i < row.count; i++)
-            sum = sb_v3_madd(sum, row.weights[i],
-                             sbi_contact_unmasked(masked ? masked[row.nodes[i]] : 0u,
-                                                  of_nodes[skin->place[row.nodes[i]]]));
+            sum = sb_v3_madd(
+                sum, row.weights[i],
+                sbi_contact_unmasked(masked ? masked[row.nodes[i]] : 0u, of_nodes[skin->place[row.nodes[i]]]));
         of_points[k] = sum;
     }
 }
@@ -77114,8 +77113,8 @@ SBI_API sb_result sbi_contact_skin_update(sb_contact *contact, sb_error *error)
     }
     sbi_contact_faces_destroy(old);
     sbi_skin_fill_points(contact);
-    return sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles,
-                                       skin->source->face_count, skin->cells, skin->rest, error);
+    return sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles, skin->source->face_count,
+                                       skin->cells, skin->rest, error);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -77288,9 +77287,8 @@ SBI_API double sbi_contact_skin_multiply_links(const sb_contact *contact, const 
             for (int q = 0; q < 3; q++)
                 f = sb_v3_add(f, sbi_skin_times(cross->blocks[3 * p + q], at[q]));
             for (int a = 0; a < row.count; a++)
-                out[row.nodes[a]] =
-                    sb_v3_madd(out[row.nodes[a]], row.weights[a],
-                               sbi_contact_unmasked(masked ? masked[row.nodes[a]] : 0u, f));
+                out[row.nodes[a]] = sb_v3_madd(out[row.nodes[a]], row.weights[a],
+                                               sbi_contact_unmasked(masked ? masked[row.nodes[a]] : 0u, f));
             sum += (double)sb_v3_dot(at[p], f);
         }
     }
@@ -80158,8 +80156,8 @@ static void sbi_contact_add_to_corners(sb_contact *contact, const sbi_contact_pa
         sum->rise += skin->shares[c] * at->rise;
         sum->kept += skin->shares[c] * at->kept;
         if (skin->node_areas[node] > 0)
-            sum->doubt = sb_max(sum->doubt,
-                                sbi_contact_doubt(contact, patch, skin->loads[own] / skin->node_areas[node]));
+            sum->doubt =
+                sb_max(sum->doubt, sbi_contact_doubt(contact, patch, skin->loads[own] / skin->node_areas[node]));
     }
 }
 
@@ -80871,8 +80869,8 @@ static sb_real sbi_contact_row_size(const sb_contact *contact, int place)
     return sum;
 }
 
-/* stiffness_by_node, or of a skin its loads, += what a patch loads nodes with (N/m), which no pattern of motion exceeds:
- *     x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
+/* stiffness_by_node, or of a skin its loads, += what a patch loads nodes with (N/m), which no pattern of motion
+ * exceeds: x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
 static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *patch)
 {
     int count = contact->faces->sizes[patch->face];
@@ -82529,7 +82527,7 @@ SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact)
 
 
 #define SBI_CONTACT_COOKIE 0xc0117ac7u
-enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+enum { SBI_CONTACT_LEAST_SAMPLES = 3 };                             /* of any face */
 enum { SBI_CONTACT_SKIN_POINTS = 3, SBI_CONTACT_SKIN_BLOCKS = 64 }; /* of a face; most of a face on the average */
 /* Squares of the highest frequency of a mesh over those of its nodes held alone, tr K_aa / 3 m_a: some 2 to 4. */
 #define SBI_CONTACT_SHARE ((sb_real)3)
@@ -82628,8 +82626,8 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
     c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
     c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
-    c->saved = (sbi_contact_saved *)sbi_arena_take(arena, skin->source ? (size_t)skin->most_saved : pairs,
-                                                   sizeof *c->saved);
+    c->saved =
+        (sbi_contact_saved *)sbi_arena_take(arena, skin->source ? (size_t)skin->most_saved : pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
     c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
