@@ -613,6 +613,7 @@
 #define sb_body_von_mises sb_body_von_mises_f32
 #define sb_body_nodal_von_mises sb_body_nodal_von_mises_f32
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
+#define sb_body_parts sb_body_parts_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
 #define sb_default_change_cell sb_default_change_cell_f32
@@ -4737,6 +4738,22 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
  * sb_preconditioner_warp takes them. Uses the body's scratch: between steps only. */
 SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations);
 
+/* A part of a body: what hangs together by elements that share a node. Couplings by constraints, springs and mappings
+ * do not count, nor do empty pieces of a cut. */
+typedef struct sb_part {
+    int node;       /* its lowest node with material, which stays with its material however the body is cut */
+    int node_count; /* its nodes with material */
+    sb_real volume; /* at rest (m^3) */
+    sb_real mass;   /* kg */
+    sb_vec3 centre; /* of mass, where the part is now (m) */
+} sb_part;
+/* Lists the parts by ascending `node`.
+ * parts     [capacity] the first `capacity` of them; NULL when capacity is 0
+ * *count    how many there are
+ * numbers   [sb_body_node_count] number of the part of each node, -1: it has no material; or NULL
+ * Allocates nothing; uses the body's scratch: between steps only. SB_ERROR_ARGUMENT. */
+SB_API sb_result sb_body_parts(sb_body *body, sb_part *parts, int capacity, int *count, int *numbers);
+
 /* ---- set-up check ---- */
 /* What looks wrong, as bits of sb_check_report.warnings. */
 enum {
@@ -6627,6 +6644,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
  * SSOR, IC(0); others are to be made anew. 0: it would have to have the memory for what sbi_matrix_reserve has planned,
  * and has not. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* 1: it is of such a kind. */
+SBI_API int sbi_precond_follows(const sb_preconditioner *preconditioner);
 /* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
  * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
@@ -37389,6 +37408,8 @@ SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *mat
             matrix->live->longest <= p->longest_room);
 }
 
+SBI_API int sbi_precond_follows(const sb_preconditioner *p) { return sbi_precond_kind_follows(p->kind); }
+
 SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
 {
     p->ready = p->turned = 0;
@@ -47851,6 +47872,8 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
 }
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_point; }
+/* Of the material at rest (m^3); 0 of a free cell. */
+SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element);
 
 #endif /* SB_BODY_PRIVATE_H */
 
@@ -49990,7 +50013,7 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     return SB_OK;
 }
 
-static sb_real sbi_body_element_volume(const sb_body *body, int element)
+SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element)
 {
     sb_real sum = 0;
     int q = body->domain.points_per_cell;
@@ -52129,7 +52152,7 @@ SBI_API void sbi_body_release(sb_body *body)
 }
 
 /* ==== src/softbody/body/body_parts.c ==== */
-/* body_parts: the connected parts of a body and their boxes. */
+/* body_parts: the connected parts of a body, their boxes, and what they weigh. */
 
 #include <string.h>
 
@@ -52206,6 +52229,80 @@ SBI_API void sbi_body_label_nodes(sb_body *body)
         if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
     sbi_body_make_boxes(body);
+}
+
+/* ---- readings ---- */
+
+/* Sums over a part, in its row of support_grams. */
+enum { SBI_PART_NUMBER = 0, SBI_PART_NODES = 1, SBI_PART_VOLUME = 2, SBI_PART_MASS = 3, SBI_PART_FIRST = 4 };
+
+/* Numbers the parts by their lowest nodes, which go into the list; returns how many there are. */
+static int sbi_body_number_parts(sb_body *body, sb_part *parts, int capacity)
+{
+    int count = 0;
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++) {
+        double *sum = body->node_component[i] < 0 ? NULL : body->support_grams[body->node_component[i]];
+        if (!sum)
+            continue;
+        if (sum[SBI_PART_NODES] == 0) {
+            if (count < capacity)
+                parts[count].node = i;
+            sum[SBI_PART_NUMBER] = count++;
+        }
+        sum[SBI_PART_NODES] += 1;
+    }
+    return count;
+}
+
+/* Masses from int rho N dV, so that the first moment is that of the material wherever the nodes are: places within an
+ * element are sums of N x. */
+static void sbi_body_sum_parts(sb_body *body)
+{
+    const sb_domain *domain = &body->domain;
+    for (int i = 0; i < domain->node_count; i++)
+        if (body->node_component[i] >= 0) {
+            double *sum = body->support_grams[body->node_component[i]], m = (double)body->load_mass[i];
+            sum[SBI_PART_MASS] += m;
+            sum[SBI_PART_FIRST] += m * (double)body->position[i].x;
+            sum[SBI_PART_FIRST + 1] += m * (double)body->position[i].y;
+            sum[SBI_PART_FIRST + 2] += m * (double)body->position[i].z;
+        }
+    for (int e = 0; e < domain->cell_count; e++) {
+        int part = body->node_component[domain->cells[(size_t)e * (size_t)domain->nodes_per_cell]];
+        if (part >= 0 && sbi_live_has_cell(body, e))
+            body->support_grams[part][SBI_PART_VOLUME] += (double)sbi_body_element_volume(body, e);
+    }
+}
+
+static void sbi_body_fill_part(const sb_body *body, const double *sum, sb_part *part)
+{
+    double m = sum[SBI_PART_MASS];
+    part->node_count = (int)sum[SBI_PART_NODES];
+    part->volume = (sb_real)sum[SBI_PART_VOLUME];
+    part->mass = (sb_real)m;
+    part->centre = body->position[part->node];
+    if (m > 0) /* and not too little for sb_real */
+        part->centre = sb_v3((sb_real)(sum[SBI_PART_FIRST] / m), (sb_real)(sum[SBI_PART_FIRST + 1] / m),
+                             (sb_real)(sum[SBI_PART_FIRST + 2] / m));
+}
+
+SB_API sb_result sb_body_parts(sb_body *body, sb_part *parts, int capacity, int *count, int *numbers)
+{
+    if (!body || !count || capacity < 0 || (capacity > 0 && !parts))
+        return SB_ERROR_ARGUMENT;
+    *count = sbi_body_number_parts(body, parts, capacity);
+    if (capacity > 0)
+        sbi_body_sum_parts(body);
+    for (int c = 0; c < body->component_count; c++) {
+        const double *sum = body->support_grams[c];
+        if (sum[SBI_PART_NODES] > 0 && (int)sum[SBI_PART_NUMBER] < capacity)
+            sbi_body_fill_part(body, sum, parts + (int)sum[SBI_PART_NUMBER]);
+    }
+    for (int i = 0; numbers && i < body->domain.node_count; i++)
+        numbers[i] =
+            body->node_component[i] < 0 ? -1 : (int)body->support_grams[body->node_component[i]][SBI_PART_NUMBER];
+    return SB_OK;
 }
 
 /* ==== src/softbody/body/body.c ==== */
@@ -53004,7 +53101,9 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
-    (void)sbi_body_settle_preconditioner(work.body, NULL); /* without memory for it the next step tries again */
+    if (!sbi_precond_follows(
+            work.body->precond)) /* steps allocate nothing; without memory now the next one tries again */
+        (void)sbi_body_settle_preconditioner(work.body, NULL);
     return 1;
 }
 
@@ -76625,6 +76724,11 @@ SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked,
  * thin: half as many, so many times. */
 SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin);
 
+/* ---- contact_within.c ---- */
+/* 1 when a point is within an organ. Nodes are at x + way (way NULL: at x), and the faces' boxes hold them there.
+ * Writes contact->scratch. */
+SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way);
+
 /* ---- contact_apart.c ---- */
 /* How deep (m) a point may lie behind a face at the end of a step. */
 SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face);
@@ -78154,6 +78258,59 @@ SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_within.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_within: whether a point is within an organ: how often a line from it along x leaves the organ, less how often
+ * it comes in. Faces that share an edge see the same numbers there, so that no line slips through between two. */
+
+/* What an edge adds to how often the triangle goes around the line, whose place is 0: half open, so that a corner on
+ * the line counts for one of its edges. Source: Sunday 2001, winding number of a polygon. */
+static int sbi_within_edge(sb_vec3 a, sb_vec3 b)
+{
+    sb_real left = a.y * b.z - b.y * a.z;
+    if (a.z <= 0)
+        return b.z > 0 && left > 0;
+    return b.z <= 0 && left < 0 ? -1 : 0;
+}
+
+/* 1: the line from 0 along x goes out through the triangle; -1: in; 0: it does not meet it. */
+static int sbi_within_crossing(sb_vec3 a, sb_vec3 b, sb_vec3 c)
+{
+    int turns = sbi_within_edge(a, b) + sbi_within_edge(b, c) + sbi_within_edge(c, a);
+    sb_vec3 n;
+    if (turns == 0)
+        return 0;
+    n = sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(c, a));
+    return sb_v3_dot(n, a) * (sb_real)turns > 0 ? turns : 0;
+}
+
+static int sbi_within_face(const sb_contact *contact, int face, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way)
+{
+    const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[face]];
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    int sum = 0;
+    for (int part = 0; part < sbi_closest_part_count(kind); part++) {
+        sb_vec3 corners[3];
+        for (int k = 0; k < 3; k++) {
+            int node = nodes[sbi_closest_part_node(kind, part, k)];
+            corners[k] = sb_v3_sub(way ? sb_v3_add(x[node], way[node]) : x[node], at);
+        }
+        sum += sbi_within_crossing(corners[0], corners[1], corners[2]);
+    }
+    return sum;
+}
+
+SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way)
+{
+    sb_vec3 end = {SB_REAL_MAX, at.y, at.z};
+    int sum = 0, count = sbi_contact_faces_query(contact->faces, at, end, contact->scratch, contact->faces->face_room);
+    for (int i = 0; i < count; i++)
+        if (contact->pairs.organs[contact->scratch[i]] == organ)
+            sum += sbi_within_face(contact, contact->scratch[i], at, x, way);
+    return sum > 0;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_apart.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_apart: whether organs have passed into or through each other in a step, and a last resort against it.
@@ -78538,6 +78695,7 @@ typedef struct sbi_pair_search {
     sb_real measure;
     int nearest; /* face whose point is nearest, whether or not it may be paired with; -1: none */
     sb_real nearest_away, nearest_height;
+    int within_organ, within; /* whether the sample lies in this organ; -1: none was asked for */
     sbi_closest closest;
 } sbi_pair_search;
 
@@ -78570,6 +78728,19 @@ static sb_real sbi_pair_farthest(const sbi_pairs *pairs, int other, sb_real leng
     return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * length;
 }
 
+/* 1 when the sample lies in the organ of this face where the step begins. What an organ overlaps itself by is not seen
+ * so. */
+static int sbi_pair_is_within(sbi_pair_search *search, int other)
+{
+    int organ = search->contact->pairs.organs[other];
+    if (organ == search->contact->pairs.organs[search->face])
+        return 1;
+    if (organ != search->within_organ)
+        search->within = sbi_pairs_is_within(search->contact, organ, search->at, search->contact->x, NULL);
+    search->within_organ = organ;
+    return search->within;
+}
+
 /* A face near the sample where the step begins. */
 static void sbi_pair_try_near(sbi_pair_search *search, int other)
 {
@@ -78596,7 +78767,8 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
         (-height > SBI_PAIR_DEEP * length &&
-         !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL)))
+         (!sbi_pair_is_within(search, other) ||
+          !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL))))
         return;
     search->best = other;
     search->measure = away;
@@ -78667,7 +78839,8 @@ static void sbi_pair_try_around(sbi_pair_search *search)
         }
     if (best < 0 ||
         !(sb_v3_dot(sum, sb_v3_sub(at, search->closest.point)) < -SBI_PAIR_TURNED * sb_v3_norm(sum) * least) ||
-        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best))
+        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best) ||
+        !sbi_pair_is_within(search, best))
         return;
     search->best = best;
 }
@@ -78675,7 +78848,7 @@ static void sbi_pair_try_around(sbi_pair_search *search)
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    search->best = search->nearest = -1;
+    search->best = search->nearest = search->within_organ = -1;
     for (int i = 0; i < search->others; i++)
         sbi_pair_try_near(search, pairs->found[i]);
     if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&

@@ -221,6 +221,7 @@
 #define sb_body_von_mises sb_body_von_mises_f32
 #define sb_body_nodal_von_mises sb_body_nodal_von_mises_f32
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
+#define sb_body_parts sb_body_parts_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
 #define sb_default_change_cell sb_default_change_cell_f32

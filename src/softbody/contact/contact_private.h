@@ -247,6 +247,11 @@ SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked,
  * thin: half as many, so many times. */
 SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin);
 
+/* ---- contact_within.c ---- */
+/* 1 when a point is within an organ. Nodes are at x + way (way NULL: at x), and the faces' boxes hold them there.
+ * Writes contact->scratch. */
+SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way);
+
 /* ---- contact_apart.c ---- */
 /* How deep (m) a point may lie behind a face at the end of a step. */
 SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face);
