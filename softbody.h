@@ -76687,6 +76687,9 @@ SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
 /* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
 SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 
+/* Puts an entry where the order of entries wants it. */
+SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry);
+
 /* ---- contact_near.c: of contacts with pairs, as all below up to contact_step.c ---- */
 /* What is known of the organs at rest; a refit of the faces has to follow. Does nothing without pairs. */
 SBI_API void sbi_pairs_measure(sb_contact *contact);
@@ -76857,8 +76860,6 @@ SBI_API int sbi_contact_get_int(sbi_contact_in *in);
 SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count);
 /* The face of a cell's side, or -1: keys ascend. */
 SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side);
-/* Puts an entry where the order of entries wants it. */
-SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry);
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
 SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_leave_state(const sb_contact *contact);
@@ -80395,6 +80396,24 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
     contact->pressures = fresh;
     contact->pressure_count = count;
 }
+
+/* ---- entries ---- */
+
+static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
+{
+    if (a->tool != b->tool)
+        return a->tool < b->tool;
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry)
+{
+    int at = contact->entry_count++;
+    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
+        contact->entries[at] = contact->entries[at - 1];
+    contact->entries[at] = *entry;
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/contact_hung.c ==== */
@@ -82203,22 +82222,6 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     if (in.bad || count < 0 || in.left != 0)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
     return SB_OK;
-}
-
-static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
-{
-    if (a->tool != b->tool)
-        return a->tool < b->tool;
-    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
-}
-
-/* Entries go where their order wants them: faces may have other numbers here. */
-SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry)
-{
-    int at = contact->entry_count++;
-    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
-        contact->entries[at] = contact->entries[at - 1];
-    contact->entries[at] = *entry;
 }
 
 static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)

@@ -210,6 +210,9 @@ SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
 /* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
 SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 
+/* Puts an entry where the order of entries wants it. */
+SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry);
+
 /* ---- contact_near.c: of contacts with pairs, as all below up to contact_step.c ---- */
 /* What is known of the organs at rest; a refit of the faces has to follow. Does nothing without pairs. */
 SBI_API void sbi_pairs_measure(sb_contact *contact);
@@ -380,8 +383,6 @@ SBI_API int sbi_contact_get_int(sbi_contact_in *in);
 SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count);
 /* The face of a cell's side, or -1: keys ascend. */
 SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side);
-/* Puts an entry where the order of entries wants it. */
-SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry);
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */
 SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_leave_state(const sb_contact *contact);

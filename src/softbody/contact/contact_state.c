@@ -265,22 +265,6 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     return SB_OK;
 }
 
-static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
-{
-    if (a->tool != b->tool)
-        return a->tool < b->tool;
-    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
-}
-
-/* Entries go where their order wants them: faces may have other numbers here. */
-SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry)
-{
-    int at = contact->entry_count++;
-    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
-        contact->entries[at] = contact->entries[at - 1];
-    contact->entries[at] = *entry;
-}
-
 static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
 {
     sb_contact *contact = (sb_contact *)user;
