@@ -426,6 +426,8 @@ static sb_tool_def *world_tool_def(world *w)
 }
 
 static sb_contact_point world_touches[4];
+static sb_part world_parts[4];
+static int world_part_numbers[WORLD_NODES];
 static const sb_vec3 *world_chain(void)
 {
     static const sb_vec3 chain[2] = {{0, 0, 0}, {0, 0, REAL(0.1)}};

@@ -221,6 +221,7 @@
 #define sb_body_von_mises sb_body_von_mises_f32
 #define sb_body_nodal_von_mises sb_body_nodal_von_mises_f32
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
+#define sb_body_parts sb_body_parts_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
 #define sb_default_change_cell sb_default_change_cell_f32
@@ -272,6 +273,8 @@
 #define sb_embedding_rows_free sb_embedding_rows_free_f32
 #define sb_embedding_follow sb_embedding_follow_f32
 #define sb_embedding_unfollow sb_embedding_unfollow_f32
+#define sb_skin_create sb_skin_create_f32
+#define sb_skin_destroy sb_skin_destroy_f32
 #define sb_body_add_constraint sb_body_add_constraint_f32
 #define sb_body_add_constraints sb_body_add_constraints_f32
 #define sb_body_set_constraint_value sb_body_set_constraint_value_f32

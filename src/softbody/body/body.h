@@ -213,6 +213,22 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values);
  * sb_preconditioner_warp takes them. Uses the body's scratch: between steps only. */
 SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations);
 
+/* A part of a body: what hangs together by elements that share a node. Couplings by constraints, springs and mappings
+ * do not count, nor do empty pieces of a cut. */
+typedef struct sb_part {
+    int node;       /* its lowest node with material, which stays with its material however the body is cut */
+    int node_count; /* its nodes with material */
+    sb_real volume; /* at rest (m^3) */
+    sb_real mass;   /* kg */
+    sb_vec3 centre; /* of mass, where the part is now (m) */
+} sb_part;
+/* Lists the parts by ascending `node`.
+ * parts     [capacity] the first `capacity` of them; NULL when capacity is 0
+ * *count    how many there are
+ * numbers   [sb_body_node_count] number of the part of each node, -1: it has no material; or NULL
+ * Allocates nothing; uses the body's scratch: between steps only. SB_ERROR_ARGUMENT. */
+SB_API sb_result sb_body_parts(sb_body *body, sb_part *parts, int capacity, int *count, int *numbers);
+
 /* ---- set-up check ---- */
 /* What looks wrong, as bits of sb_check_report.warnings. */
 enum {

@@ -1,4 +1,4 @@
-/* body_parts: the connected parts of a body and their boxes. */
+/* body_parts: the connected parts of a body, their boxes, and what they weigh. */
 #include "body_private.h"
 #include "live_private.h"
 
@@ -77,4 +77,78 @@ SBI_API void sbi_body_label_nodes(sb_body *body)
         if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
     sbi_body_make_boxes(body);
+}
+
+/* ---- readings ---- */
+
+/* Sums over a part, in its row of support_grams. */
+enum { SBI_PART_NUMBER = 0, SBI_PART_NODES = 1, SBI_PART_VOLUME = 2, SBI_PART_MASS = 3, SBI_PART_FIRST = 4 };
+
+/* Numbers the parts by their lowest nodes, which go into the list; returns how many there are. */
+static int sbi_body_number_parts(sb_body *body, sb_part *parts, int capacity)
+{
+    int count = 0;
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++) {
+        double *sum = body->node_component[i] < 0 ? NULL : body->support_grams[body->node_component[i]];
+        if (!sum)
+            continue;
+        if (sum[SBI_PART_NODES] == 0) {
+            if (count < capacity)
+                parts[count].node = i;
+            sum[SBI_PART_NUMBER] = count++;
+        }
+        sum[SBI_PART_NODES] += 1;
+    }
+    return count;
+}
+
+/* Masses from int rho N dV, so that the first moment is that of the material wherever the nodes are: places within an
+ * element are sums of N x. */
+static void sbi_body_sum_parts(sb_body *body)
+{
+    const sb_domain *domain = &body->domain;
+    for (int i = 0; i < domain->node_count; i++)
+        if (body->node_component[i] >= 0) {
+            double *sum = body->support_grams[body->node_component[i]], m = (double)body->load_mass[i];
+            sum[SBI_PART_MASS] += m;
+            sum[SBI_PART_FIRST] += m * (double)body->position[i].x;
+            sum[SBI_PART_FIRST + 1] += m * (double)body->position[i].y;
+            sum[SBI_PART_FIRST + 2] += m * (double)body->position[i].z;
+        }
+    for (int e = 0; e < domain->cell_count; e++) {
+        int part = body->node_component[domain->cells[(size_t)e * (size_t)domain->nodes_per_cell]];
+        if (part >= 0 && sbi_live_has_cell(body, e))
+            body->support_grams[part][SBI_PART_VOLUME] += (double)sbi_body_element_volume(body, e);
+    }
+}
+
+static void sbi_body_fill_part(const sb_body *body, const double *sum, sb_part *part)
+{
+    double m = sum[SBI_PART_MASS];
+    part->node_count = (int)sum[SBI_PART_NODES];
+    part->volume = (sb_real)sum[SBI_PART_VOLUME];
+    part->mass = (sb_real)m;
+    part->centre = body->position[part->node];
+    if (m > 0) /* and not too little for sb_real */
+        part->centre = sb_v3((sb_real)(sum[SBI_PART_FIRST] / m), (sb_real)(sum[SBI_PART_FIRST + 1] / m),
+                             (sb_real)(sum[SBI_PART_FIRST + 2] / m));
+}
+
+SB_API sb_result sb_body_parts(sb_body *body, sb_part *parts, int capacity, int *count, int *numbers)
+{
+    if (!body || !count || capacity < 0 || (capacity > 0 && !parts))
+        return SB_ERROR_ARGUMENT;
+    *count = sbi_body_number_parts(body, parts, capacity);
+    if (capacity > 0)
+        sbi_body_sum_parts(body);
+    for (int c = 0; c < body->component_count; c++) {
+        const double *sum = body->support_grams[c];
+        if (sum[SBI_PART_NODES] > 0 && (int)sum[SBI_PART_NUMBER] < capacity)
+            sbi_body_fill_part(body, sum, parts + (int)sum[SBI_PART_NUMBER]);
+    }
+    for (int i = 0; numbers && i < body->domain.node_count; i++)
+        numbers[i] =
+            body->node_component[i] < 0 ? -1 : (int)body->support_grams[body->node_component[i]][SBI_PART_NUMBER];
+    return SB_OK;
 }

@@ -410,5 +410,7 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
 }
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_point; }
+/* Of the material at rest (m^3); 0 of a free cell. */
+SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element);
 
 #endif /* SB_BODY_PRIVATE_H */

@@ -294,7 +294,7 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     return SB_OK;
 }
 
-static sb_real sbi_body_element_volume(const sb_body *body, int element)
+SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element)
 {
     sb_real sum = 0;
     int q = body->domain.points_per_cell;

@@ -41,6 +41,7 @@ typedef struct sbi_pair_search {
     sb_real measure;
     int nearest; /* face whose point is nearest, whether or not it may be paired with; -1: none */
     sb_real nearest_away, nearest_height;
+    int within_organ, within; /* whether the sample lies in this organ; -1: none was asked for */
     sbi_closest closest;
 } sbi_pair_search;
 
@@ -73,6 +74,19 @@ static sb_real sbi_pair_farthest(const sbi_pairs *pairs, int other, sb_real leng
     return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * length;
 }
 
+/* 1 when the sample lies in the organ of this face where the step begins. What an organ overlaps itself by is not seen
+ * so. */
+static int sbi_pair_is_within(sbi_pair_search *search, int other)
+{
+    int organ = search->contact->pairs.organs[other];
+    if (organ == search->contact->pairs.organs[search->face])
+        return 1;
+    if (organ != search->within_organ)
+        search->within = sbi_pairs_is_within(search->contact, organ, search->at, search->contact->x, NULL);
+    search->within_organ = organ;
+    return search->within;
+}
+
 /* A face near the sample where the step begins. */
 static void sbi_pair_try_near(sbi_pair_search *search, int other)
 {
@@ -99,7 +113,8 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
         (-height > SBI_PAIR_DEEP * length &&
-         !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL)))
+         (!sbi_pair_is_within(search, other) ||
+          !sbi_pairs_is_inside(contact, search->face, other, search->at, -SBI_PAIR_SIDE * height, contact->x, NULL))))
         return;
     search->best = other;
     search->measure = away;
@@ -170,7 +185,8 @@ static void sbi_pair_try_around(sbi_pair_search *search)
         }
     if (best < 0 ||
         !(sb_v3_dot(sum, sb_v3_sub(at, search->closest.point)) < -SBI_PAIR_TURNED * sb_v3_norm(sum) * least) ||
-        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best))
+        !(sb_v3_dot(sum, own) < SBI_PAIR_TURNED * sb_v3_norm(sum)) || least > sbi_pair_deepest(pairs, best) ||
+        !sbi_pair_is_within(search, best))
         return;
     search->best = best;
 }
@@ -178,7 +194,7 @@ static void sbi_pair_try_around(sbi_pair_search *search)
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    search->best = search->nearest = -1;
+    search->best = search->nearest = search->within_organ = -1;
     for (int i = 0; i < search->others; i++)
         sbi_pair_try_near(search, pairs->found[i]);
     if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
@@ -305,8 +321,8 @@ SBI_API void sbi_pairs_forget(sb_contact *contact)
 /* Takes back nodes from `count` on. */
 static void sbi_pair_return_nodes(sb_contact *contact, int count)
 {
-    while (contact->touch.node_count > count)
-        contact->node_place[contact->nodes[--contact->touch.node_count]] = -1;
+    while (contact->node_count > count)
+        contact->node_place[contact->nodes[--contact->node_count]] = -1;
 }
 
 /* A step in which organs go so far that pairs of its start mean nothing is left for shorter ones. */
@@ -323,7 +339,7 @@ static sb_result sbi_pair_check_way(sb_contact *contact, const sbi_touch_step *s
 SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
 {
     sbi_pairs *pairs = &contact->pairs;
-    int nodes = contact->touch.node_count;
+    int nodes = contact->node_count;
     contact->touch.links = 0;
     pairs->link_count = pairs->saved_count = 0;
     if (!pairs->kinds)
