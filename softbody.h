@@ -6077,8 +6077,9 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   the edge of a body may leave crumbs there of a lattice point or two.
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
- * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut.
+ * - All pieces of an element have the shape of the whole one. Contact on the mesh's boundary touches that shape, up to
+ * an element beyond the cut; on the cut's surface (sb_cut_surface_skin) it touches skin and lips where they are. Lips
+ * do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
@@ -82267,8 +82268,8 @@ SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, i
     return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
-/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that is
- * not there yet, its number. */
+/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that
+ * is not there yet, its number. */
 typedef enum sbi_contact_finding { SBI_CONTACT_CHECKS, SBI_CONTACT_FINDS, SBI_CONTACT_WAITS } sbi_contact_finding;
 
 static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, sbi_contact_finding finding,

@@ -157,7 +157,7 @@ static void test_beyond(void)
         take_step(&s, dt);
         after = part_momentum(&s, left);
         worst = fmax(worst, (double)sb_v3_norm(sb_v3_add(sb_v3_sub(after, before),
-                                                          sb_v3_scale(REAL(dt), press_wrench(&s.p, tool).force))));
+                                                         sb_v3_scale(REAL(dt), press_wrench(&s.p, tool).force))));
         largest = fmax(largest, dt * (double)sb_v3_norm(press_wrench(&s.p, tool).force));
     }
     printf("beside a cut: the one side has its momentum to %.1e, the other has %.1e of it\n", worst / largest,
@@ -222,15 +222,15 @@ static void test_flap(void)
         up += points[i].normal.z > 0;
     }
     printf("%d touch, %d of lips, %d look up\n", touching, lips, up);
-    CHECK(lips > touching / 2 && up == touching); /* beside the lip's edges also the flanks do */
+    CHECK(lips > touching / 2 && up == touching);          /* beside the lip's edges also the flanks do */
     CHECK(press_wrench(&s.p, tool).force.z < REAL(-1e-3)); /* it bears it */
     for (int i = 1; i <= 30; i++) {
         press_move(&s.p, tool, sb_v3(REAL(0.052), REAL(0.02), REAL(0.046 + 0.0003 * i)), sb_quat_make(1, 0, 0, 0));
         take_step(&s, 0.02);
     }
     lifted = highest_tip(&s);
-    printf("a flap is opened to %.1f mm, rests on a bar at %.1f mm with %.4f N, and is lifted to %.1f mm\n", 1e3 * opened,
-           1e3 * rests, -(double)press_wrench(&s.p, tool).force.z, 1e3 * lifted);
+    printf("a flap is opened to %.1f mm, rests on a bar at %.1f mm with %.4f N, and is lifted to %.1f mm\n",
+           1e3 * opened, 1e3 * rests, -(double)press_wrench(&s.p, tool).force.z, 1e3 * lifted);
     CHECK(rests < opened && rests > 0.051);
     CHECK(lifted > rests + 0.005);
     scene_free(&s);
@@ -243,7 +243,8 @@ static void play(scene *s, int tool, int from, int to)
 {
     for (int i = from; i < to; i++) {
         press_move(&s->p, tool,
-                   sb_v3(REAL(0.012 + 0.0004 * (i > 10 ? i - 10 : 0)), REAL(0.019), REAL(0.05 + 0.006 - 0.0003 * (i < 10 ? i : 10))),
+                   sb_v3(REAL(0.012 + 0.0004 * (i > 10 ? i - 10 : 0)), REAL(0.019),
+                         REAL(0.05 + 0.006 - 0.0003 * (i < 10 ? i : 10))),
                    sb_quat_make(1, 0, 0, 0));
         take_step(s, 0.01);
         if (i == 14)
@@ -324,7 +325,7 @@ static void test_state(void)
     sb_recording_stop(recording);
     end = sb_body_state_hash(s.b.body);
     play(&other, tool, 0, 26);
-    CHECK(sb_body_state_hash(other.b.body) == end); /* whatever the threads */
+    CHECK(sb_body_state_hash(other.b.body) == end);                /* whatever the threads */
     CHECK_OK(sb_body_state_load(other.b.body, image, size, NULL)); /* takes a cut back */
     CHECK(sb_body_state_hash(other.b.body) == kept);
     CHECK_OK(sb_contact_set_friction(other.p.contact, tool, REAL(0.4)));

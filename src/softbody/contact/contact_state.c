@@ -192,8 +192,8 @@ SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, i
     return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
-/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that is
- * not there yet, its number. */
+/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that
+ * is not there yet, its number. */
 typedef enum sbi_contact_finding { SBI_CONTACT_CHECKS, SBI_CONTACT_FINDS, SBI_CONTACT_WAITS } sbi_contact_finding;
 
 static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, sbi_contact_finding finding,
