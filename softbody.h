@@ -76039,6 +76039,9 @@ typedef struct sbi_pairs {
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
     sb_vec3 *middles; /* m, there: no point of the face is farther from it than: */
     sb_real *radii;   /* m */
+    sb_vec3 *normals; /* unit, or 0 where a face has no area */
+    sb_vec3 *ways;    /* m, over the step: no point of the face goes otherwise by more than: */
+    sb_real *spreads; /* m */
     uint64_t *near;   /* a bit for each face that is near one that it looks at */
     int *found;
     int *slot_of; /* -1 between steps */
@@ -76292,6 +76295,10 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 SBI_API void sbi_pairs_measure(sb_contact *contact);
 /* Where faces look, with nodes at x [rows]. */
 SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x);
+/* Ways of faces whose nodes go by dt v; v NULL: they stay. */
+SBI_API void sbi_pairs_follow(sb_contact *contact, const sb_vec3 *v, sb_real dt);
+/* How far two faces' points may come nearer to each other over the step (m). */
+SBI_API sb_real sbi_pairs_closing(const sb_contact *contact, int face, int other);
 /* 1: the two faces may touch, as far as organs and distances at rest go; and they look at each other, too. */
 SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other);
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other);
@@ -76778,9 +76785,10 @@ static void sbi_closest_clamp(const sbi_contact_kind *kind, sb_real xi[3])
     }
 }
 
-/* One step of Gauss and Newton on the curved face. */
-static void sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sb_real xi[3])
+/* One step of Gauss and Newton on the curved face. 0: the parameters are as good as they get. */
+static int sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sb_real xi[3])
 {
+    const sb_real before[2] = {xi[0], xi[1]};
     sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], rr, rs, ss, r1, s1, det;
     sb_vec3 r = {0, 0, 0}, s = {0, 0, 0}, away;
     sb_element_shape(kind->type, xi, shape, gradient);
@@ -76793,10 +76801,12 @@ static void sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, 
     r1 = sb_v3_dot(r, away), s1 = sb_v3_dot(s, away);
     det = rr * ss - rs * rs;
     if (!(det > SB_EPSILON * rr * ss))
-        return;
+        return 0;
     xi[0] += (ss * r1 - rs * s1) / det;
     xi[1] += (rr * s1 - rs * r1) / det;
     sbi_closest_clamp(kind, xi);
+    /* the next step would change them by about the square of this */
+    return (xi[0] - before[0]) * (xi[0] - before[0]) + (xi[1] - before[1]) * (xi[1] - before[1]) > SB_EPSILON;
 }
 
 enum { SBI_CLOSEST_STEPS = 3 };
@@ -76815,8 +76825,8 @@ SBI_API void sbi_closest_on_face(const sbi_contact_kind *kind, const sb_vec3 *x,
             xi[0] += b[k] * at[0];
             xi[1] += b[k] * at[1];
         }
-        for (int i = 0; i < SBI_CLOSEST_STEPS; i++)
-            sbi_closest_improve(kind, x, p, xi);
+        for (int i = 0; i < SBI_CLOSEST_STEPS && sbi_closest_improve(kind, x, p, xi); i++)
+            continue;
         sb_element_shape(kind->type, xi, closest->shares, NULL);
     }
     closest->point = sbi_closest_mean(closest->shares, x, kind->nodes);
@@ -77047,8 +77057,7 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
 
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
 {
-    sb_vec3 a = contact->pairs.vectors[face], b = contact->pairs.vectors[other];
-    return sb_v3_dot(a, b) < SBI_NEAR_FACING * sb_v3_norm(a) * sb_v3_norm(b) &&
+    return sb_v3_dot(contact->pairs.normals[face], contact->pairs.normals[other]) < SBI_NEAR_FACING &&
            sbi_pairs_are_apart(contact, face, other);
 }
 
@@ -77069,7 +77078,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
 
 SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face)
 {
-    return sbi_near_unit(contact->pairs.vectors[face]);
+    return contact->pairs.normals[face];
 }
 
 /* Normal at a corner of a face: of the faces around it that go on smoothly. */
@@ -77144,6 +77153,7 @@ SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
     sbi_pair_cone *cones = contact->pairs.cones;
     for (int f = 0; f < contact->faces->face_end; f++) {
         contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
+        contact->pairs.normals[f] = sbi_near_unit(contact->pairs.vectors[f]);
         sbi_near_fit_ball(contact, f, x);
     }
     for (int leaf = 0; leaf < tree->leaf_count; leaf++)
@@ -77153,6 +77163,42 @@ SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
             const sbi_pair_cone *a = cones + tree->level_start[level - 1] + 2 * i;
             sbi_near_join(cones + tree->level_start[level] + i, a, 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a);
         }
+}
+
+/* Points of curved faces have weights of nodes that sum up to more than 1 in size. */
+SBI_API void sbi_pairs_follow(sb_contact *contact, const sb_vec3 *v, sb_real dt)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    for (int f = 0; f < faces->face_end; f++) {
+        const int *nodes = sbi_contact_face_nodes(faces, f);
+        int count = faces->sizes[f];
+        const sbi_contact_kind *kind = &faces->kinds[count];
+        sb_vec3 mean = {0, 0, 0};
+        sb_real square = 0;
+        for (int a = 0; v && a < count; a++)
+            mean = sb_v3_madd(mean, dt / (sb_real)count, v[nodes[a]]);
+        for (int a = 0; v && a < count; a++) {
+            sb_vec3 way = sb_v3_sub(sb_v3_scale(dt, v[nodes[a]]), mean);
+            square = sb_max(square, sb_v3_dot(way, way));
+        }
+        contact->pairs.ways[f] = mean;
+        contact->pairs.spreads[f] = kind->rules[kind->most].spread * sb_sqrt(square);
+    }
+}
+
+SBI_API sb_real sbi_pairs_closing(const sb_contact *contact, int face, int other)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    return sb_v3_norm(sb_v3_sub(pairs->ways[face], pairs->ways[other])) + pairs->spreads[face] + pairs->spreads[other];
+}
+
+/* 1 when the faces' balls stay farther than `grow` (m) from each other. */
+static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_real grow)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
+    sb_real reach = grow + pairs->radii[face] + pairs->radii[other] + sbi_pairs_closing(contact, face, other);
+    return sb_v3_dot(way, way) > reach * reach;
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
@@ -77281,6 +77327,7 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     const int *nodes = sbi_contact_face_nodes(faces, face);
     sbi_pairs *pairs = &contact->pairs;
     sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
+    const sb_real reach = grow;
     int count, kept = 0;
     /* a curved face stays within half of its length of its corners' box */
     if (faces->kinds[faces->sizes[face]].corners < faces->sizes[face])
@@ -77295,7 +77342,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
                                     sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
     for (int i = 0; i < count; i++)
-        if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]))
+        if (pairs->found[i] != face && !sbi_near_is_far(contact, face, pairs->found[i], reach) &&
+            sbi_pairs_may_touch(contact, face, pairs->found[i]))
             pairs->found[kept++] = pairs->found[i];
     return kept;
 }
@@ -77434,6 +77482,15 @@ typedef struct sbi_apart_sample {
     sb_vec3 at, way;
 } sbi_apart_sample;
 
+/* 1 when it cannot come to a face. */
+static int sbi_apart_stays_off(const sb_contact *contact, int other, const sbi_apart_sample *s)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 off = sb_v3_sub(s->at, pairs->middles[other]);
+    sb_real reach = sb_v3_norm(sb_v3_sub(s->way, pairs->ways[other])) + pairs->spreads[other] + pairs->radii[other];
+    return sb_v3_dot(off, off) > reach * reach;
+}
+
 /* When it comes through a face from its front (out: from its back), < 0: it does not; *depth behind it at the end. */
 static sb_real sbi_apart_meets(const sb_contact *contact, int other, const sbi_apart_sample *s, int out, sb_real *depth)
 {
@@ -77565,7 +77622,8 @@ static int sbi_apart_look_at(sbi_apart_look *look, int face)
         s.at = sbi_contact_mean(weights, nodes, count, x);
         s.way = sbi_contact_mean(weights, nodes, count, contact->moved);
         for (int k = 0; k < others; k++)
-            if (sbi_apart_strays(contact, contact->pairs.found[k], &s) &&
+            if (!sbi_apart_stays_off(contact, contact->pairs.found[k], &s) &&
+                sbi_apart_strays(contact, contact->pairs.found[k], &s) &&
                 !sbi_apart_find(look, face, contact->pairs.found[k]))
                 return 0;
     }
@@ -77604,6 +77662,7 @@ static void sbi_apart_set_ways(sb_contact *contact, const sb_vec3 *u)
     for (int i = 0; i < sb_body_node_count(contact->body); i++)
         contact->moved[i] = sbi_apart_way(contact, u, i);
     sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
+    sbi_pairs_follow(contact, contact->moved, 1);
 }
 
 SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
@@ -77615,6 +77674,8 @@ SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
     look.contact = contact;
     if (contact->level < 1) /* what balances within the step goes on to its end */
         sbi_apart_set_ways(contact, u);
+    else
+        sbi_pairs_follow(contact, contact->moved, 1);
     return sbi_apart_look_around(&look);
 }
 
@@ -77668,6 +77729,7 @@ static void sbi_apart_move(const sbi_apart_look *look)
             }
         }
     sbi_contact_faces_refit(contact->faces, sb_body_positions(body), contact->moved, 1);
+    sbi_pairs_follow(contact, contact->moved, 1);
 }
 
 static void sbi_apart_forget_zones(const sb_contact *contact)
@@ -77835,15 +77897,13 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     const sb_contact *contact = search->contact;
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    const sb_vec3 against = sb_v3_sub(search->way, contact->pairs.ways[other]);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
-    sb_real most = 0;
-    for (int a = 0; a < kind->nodes; a++) {
-        v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
-        most = sb_max(most, sb_v3_norm(v[a]));
-    }
-    if (sbi_pair_is_far(search, other, sb_v3_norm(search->way) + 2 * most))
+    if (sbi_pair_is_far(search, other, sb_v3_norm(against) + contact->pairs.spreads[other]))
         return;
     sbi_pair_gather(contact, other, x);
+    for (int a = 0; a < kind->nodes; a++)
+        v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
     for (int part = 0; part < sbi_closest_part_count(kind); part++) {
         sb_vec3 at[3], ways[3];
         sb_real share, depth;
@@ -77899,12 +77959,31 @@ static void sbi_pair_try_around(sbi_pair_search *search)
     search->best = best;
 }
 
+/* The place in `found` of the face whose middle is nearest: most others are then known to be farther. -1: none is. */
+static int sbi_pair_guess(const sbi_pair_search *search)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_real least = SB_REAL_MAX;
+    int best = -1;
+    for (int i = 0; i < search->others; i++) {
+        sb_vec3 way = sb_v3_sub(search->at, pairs->middles[pairs->found[i]]);
+        sb_real square = sb_v3_dot(way, way);
+        if (square < least)
+            least = square, best = i;
+    }
+    return best;
+}
+
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
+    int first = sbi_pair_guess(search);
     search->best = search->nearest = search->within_organ = -1;
+    if (first >= 0)
+        sbi_pair_try_near(search, pairs->found[first]);
     for (int i = 0; i < search->others; i++)
-        sbi_pair_try_near(search, pairs->found[i]);
+        if (i != first)
+            sbi_pair_try_near(search, pairs->found[i]);
     if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
         search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away) /* else it is beside that face */
         sbi_pair_try_around(search);
@@ -78054,6 +78133,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
         return SB_OK;
     pairs->reach = sb_max(pairs->longest, pairs->distance);
     sbi_pairs_look(contact, contact->x);
+    sbi_pairs_follow(contact, step->velocity, step->dt);
     sbi_pairs_find_near(contact, pairs->reach);
     for (int thin = 0;; thin++) {
         int face = sbi_pairs_next_near(contact, 0);
@@ -78656,6 +78736,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->spreads = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     c->touch.product = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
 }
