@@ -665,6 +665,8 @@
 #define sb_embedding_rows_free sb_embedding_rows_free_f32
 #define sb_embedding_follow sb_embedding_follow_f32
 #define sb_embedding_unfollow sb_embedding_unfollow_f32
+#define sb_skin_create sb_skin_create_f32
+#define sb_skin_destroy sb_skin_destroy_f32
 #define sb_body_add_constraint sb_body_add_constraint_f32
 #define sb_body_add_constraints sb_body_add_constraints_f32
 #define sb_body_set_constraint_value sb_body_set_constraint_value_f32
@@ -5233,6 +5235,37 @@ SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);
 #endif /* SB_BODY_EMBED_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/body/skin.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* skin: a triangle surface that a body carries along, for others to act on: contact (sb_contact_def.skin). Floor 3.
+ *
+ *     sb_embedding_create(&def, &embedding, &error);      of the surface's nodes, in the body's mesh
+ *     sb_embedding_follow(embedding, body, &error);       where its mesh may change
+ *     sb_skin_create(embedding, &surface, NULL, &skin, &error);
+ *     contact_def.skin = skin;
+ *
+ * Each corner of a triangle lies in one cell of the body: its place is x = sum w_a x_a over the cell's nodes, and a
+ * force on it goes to them by the same weights. Those of points outside of the mesh are of their cell's map, continued:
+ * rows of sb_embedding_mapping. The surface of a cut is a skin, too (sb_cut_surface_skin). */
+#ifndef SB_SKIN_H
+#define SB_SKIN_H
+
+
+typedef struct sb_skin sb_skin;
+
+/* A skin of triangles between the points of an embedding.
+ * embedding  borrowed: destroy the skin first. Follows the body (sb_embedding_follow) where its mesh may change
+ * surface    tri3, whose nodes are the embedding's points; triangles counter-clockwise seen from outside. Copied
+ * allocator  NULL: malloc
+ * SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (other faces than tri3), SB_ERROR_INDEX (error->element: a triangle with a
+ * corner that is no point), SB_ERROR_MEMORY; *skin is then untouched. */
+SB_API sb_result sb_skin_create(sb_embedding *embedding, const sb_mesh *surface, const sb_allocator *allocator,
+                                sb_skin **skin, sb_error *error);
+SB_API void sb_skin_destroy(sb_skin *skin); /* NULL is fine, and nothing happens to a cut's */
+
+#endif /* SB_SKIN_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/body/constraint.h ==== */
 /* constraint: linear equations among displacements, and faces of two meshes tied together. Floor 3.
  *
@@ -5734,6 +5767,12 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * with rho v^2 up to 2 E points came deeper than half a cell into an organ in 7, from 0.8 E on, and 2 ended entangled.
  * `deepest` stays large then.
  *
+ * With `skin` tools touch a surface that the body carries along, in place of the boundary of its mesh: one that was
+ * embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: organs do not touch each
+ * other (pairs); faces are the skin's triangles; sb_contact_pressures has a number for each of its points; and overlap
+ * that the mesh is too coarse to give way to stays. What a needle does (needle.h) and cuts lay open is the mesh's.
+ * Where triangles lie across cells, systems take more iterations.
+ *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
  * that Newmark and generalised alpha find before a body's first step are without it.
@@ -5771,7 +5810,9 @@ typedef struct sb_contact_def {
                          * taken at creation. Where there are more, faces get fewer samples for that step
                          * (info.thinned) */
     int max_tools;      /* in [1, 64]; default 8 */
-    int pairs;          /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
+    sb_skin *skin; /* what tools touch, see below; borrowed: destroy the contact first. NULL (default): the boundary of
+                    * the body's mesh */
+    int pairs;     /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
     sb_real pair_friction;         /* Coulomb's mu between organs, >= 0; default 0 */
     sb_real pair_distance;         /* m that they keep from each other, >= 0; default 0 */
     const sb_allocator *allocator; /* NULL (default): the body's */
@@ -5780,7 +5821,8 @@ typedef struct sb_contact_def {
 SB_API sb_contact_def sb_default_contact_def(void);
 
 /* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
- * are explicit, and def.pairs is not 0; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.
+ * are explicit or def.skin is given, and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's
+ * mesh, or does not follow its changes; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.
  * Nothing allocates afterwards but sb_contact_add_tool. */
 SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
 SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
@@ -5841,8 +5883,8 @@ SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, 
 
 typedef struct sb_contact_point {
     int tool;                      /* -1: two organs */
-    int element;                   /* cell behind the face */
-    int face;                      /* of that cell, in the order of sb_element's faces */
+    int element;                   /* cell behind the face; of a skin that of the triangle's first corner */
+    int face;                      /* of that cell, in the order of sb_element's faces; of a skin the triangle */
     int other_element, other_face; /* likewise what it touches when that is an organ, else -1 */
     int sticks;                    /* 1: friction holds it; 0: it slips, or there is no friction */
     sb_real gap;                   /* m, negative: overlap */
@@ -5853,7 +5895,8 @@ typedef struct sb_contact_point {
 } sb_contact_point;
 /* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
 SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);
-/* [node_count] mean pressure (Pa at rest) that tools exert on the surface at each node: for drawing. 0 elsewhere. */
+/* [node_count], with a skin [its points]: mean pressure (Pa at rest) that tools exert on the surface there: for
+ * drawing. 0 elsewhere. */
 SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
 
 typedef struct sb_contact_info {
@@ -6601,6 +6644,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
  * SSOR, IC(0); others are to be made anew. 0: it would have to have the memory for what sbi_matrix_reserve has planned,
  * and has not. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* 1: it is of such a kind. */
+SBI_API int sbi_precond_follows(const sb_preconditioner *preconditioner);
 /* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
  * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
@@ -37363,6 +37408,8 @@ SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *mat
             matrix->live->longest <= p->longest_room);
 }
 
+SBI_API int sbi_precond_follows(const sb_preconditioner *p) { return sbi_precond_kind_follows(p->kind); }
+
 SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
 {
     p->ready = p->turned = 0;
@@ -53054,7 +53101,9 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
-    (void)sbi_body_settle_preconditioner(work.body, NULL); /* without memory for it the next step tries again */
+    if (!sbi_precond_follows(
+            work.body->precond)) /* steps allocate nothing; without memory now the next one tries again */
+        (void)sbi_body_settle_preconditioner(work.body, NULL);
     return 1;
 }
 
@@ -60401,6 +60450,175 @@ SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding)
         return SB_ERROR_STATE;
     sbi_body_embed_leave(embedding);
     return SB_OK;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/body/skin_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* skin_private: what a skin is to those who act on it. Internal. */
+#ifndef SBI_SKIN_PRIVATE_H
+#define SBI_SKIN_PRIVATE_H
+
+
+/* Where a point is in the body: sum (N_a(xi) + dN_a/dxi . step) x_a over the nodes of a cell. */
+typedef struct sbi_skin_point {
+    int cell; /* -1: no triangle has it */
+    sb_real xi[3], step[3];
+} sbi_skin_point;
+
+struct sb_skin {
+    void *user;
+    /* 1: after a change of the mesh it is known only when the call that made the change has returned, and may then take
+     * memory for more points and triangles; 0: their numbers stay, and it has followed before who listens later. */
+    int is_late;
+    /* Brings it up to the body's mesh; what follows holds until the next time. SB_ERROR_STATE: it is none of this body,
+     * or does not follow its changes. SB_ERROR_MEMORY. */
+    sb_result (*update)(sb_skin *skin, const sb_body *body, sb_error *error);
+    int point_count, face_count;
+    const int (*triangles)[3]; /* [face_count] points; three times the same: none */
+    void (*get_point)(const sb_skin *skin, int point, sbi_skin_point *at);
+};
+
+#endif /* SBI_SKIN_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/body/skin.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* skin: triangles between embedded points. */
+
+#include <string.h>
+
+
+/* The skin, and what it is of. */
+typedef struct sbi_skin_embedded {
+    sb_skin skin; /* the first: a pointer to one is one to the other */
+    sb_allocator allocator;
+    sb_embedding *embedding;
+    int (*triangles)[3];
+    int is_live;            /* 1: the body's mesh may change, and the embedding follows it */
+    int *cells, cell_count; /* [cell_count] of the body: the embedding's elements up to the last that holds a point */
+} sbi_skin_embedded;
+
+/* Finds the embedding's elements among the body's cells, which are the same in the same order, but may be there several
+ * times, as those of a grid are (sb_grid.body_mesh). 0: they are others. */
+static int sbi_skin_find_cells(const sbi_skin_embedded *made, const sb_body *body)
+{
+    size_t width = (size_t)body->domain.nodes_per_cell;
+    int cell = 0;
+    for (int e = 0; e < made->cell_count; e++) {
+        const int *nodes = made->embedding->elements + (size_t)e * width;
+        while (cell < body->domain.cell_count &&
+               memcmp(body->domain.cells + (size_t)cell * width, nodes, width * sizeof *nodes) != 0)
+            cell++;
+        if (cell == body->domain.cell_count)
+            return 0;
+        made->cells[e] = cell;
+    }
+    return 1;
+}
+
+static sb_result sbi_skin_update(sb_skin *skin, const sb_body *body, sb_error *error)
+{
+    sbi_skin_embedded *made = (sbi_skin_embedded *)skin->user;
+    sb_embedding *embedding = made->embedding;
+    int follows = embedding->follower && embedding->follower->owner.body == body;
+    if (embedding->type != body->domain.element_type)
+        return sbi_fail(error, SB_ERROR_STATE, "the skin is embedded in %s, the body is of %s",
+                        sb_element_name(embedding->type), sb_element_name(body->domain.element_type));
+    if (body->live && !follows)
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the skin's embedding does not follow the body, whose mesh may change: sb_embedding_follow");
+    if (sbi_embed_is_stale(embedding))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a skin to follow the body's mesh");
+    if (!body->live && !sbi_skin_find_cells(made, body))
+        return sbi_fail(error, SB_ERROR_STATE, "the skin is embedded in another mesh than the body's");
+    made->is_live = body->live != NULL;
+    return SB_OK;
+}
+
+static void sbi_skin_get_point(const sb_skin *skin, int point, sbi_skin_point *at)
+{
+    const sbi_skin_embedded *made = (const sbi_skin_embedded *)skin->user;
+    const sb_embedded_point *held = made->embedding->points + point;
+    at->cell = made->is_live ? held->element : made->cells[held->element];
+    memcpy(at->xi, held->xi, sizeof at->xi);
+    memcpy(at->step, held->step, sizeof at->step);
+}
+
+static sb_result sbi_skin_check(const sb_embedding *embedding, const sb_mesh *surface, sb_error *error)
+{
+    int points;
+    sb_result result;
+    if (!embedding || !surface)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a skin needs an embedding and triangles");
+    result = sbi_mesh_check_arrays(surface, error);
+    if (result != SB_OK)
+        return result;
+    if (surface->element_count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a skin needs triangles");
+    if (surface->element_type != SB_TRI3)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a skin is of tri3, not of %s",
+                        sb_element_name(surface->element_type));
+    points = embedding->report.point_count;
+    for (int i = 0; i < surface->element_count; i++)
+        for (int k = 0; k < 3; k++) {
+            int point = surface->elements[3 * (size_t)i + (size_t)k];
+            if (point < 0 || point >= points)
+                return sbi_fail_element(error, SB_ERROR_INDEX, i, "triangle %d has corner %d, there are %d points", i,
+                                        point, points);
+        }
+    return SB_OK;
+}
+
+SB_API sb_result sb_skin_create(sb_embedding *embedding, const sb_mesh *surface, const sb_allocator *allocator,
+                                sb_skin **skin, sb_error *error)
+{
+    sbi_skin_embedded *made;
+    sb_result result = sbi_skin_check(embedding, surface, error);
+    if (result == SB_OK && !skin)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "there is no place for the skin");
+    if (result != SB_OK)
+        return result;
+    made = (sbi_skin_embedded *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    if (made)
+        made->triangles = (int(*)[3])sbi_alloc(allocator, (size_t)surface->element_count, sizeof *made->triangles);
+    for (int i = 0; made && i < embedding->report.point_count; i++)
+        made->cell_count = sbi_max_int(made->cell_count, embedding->points[i].element + 1);
+    if (made)
+        made->cells = (int *)sbi_alloc(allocator, (size_t)made->cell_count, sizeof(int));
+    if (!made || !made->triangles || !made->cells) {
+        if (made) {
+            sbi_free(allocator, made->cells);
+            sbi_free(allocator, made->triangles);
+        }
+        sbi_free(allocator, made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a skin of %d triangles", surface->element_count);
+    }
+    if (allocator)
+        made->allocator = *allocator;
+    memcpy(made->triangles, surface->elements, (size_t)surface->element_count * sizeof *made->triangles);
+    made->embedding = embedding;
+    made->skin.user = made;
+    made->skin.update = sbi_skin_update;
+    made->skin.get_point = sbi_skin_get_point;
+    made->skin.point_count = embedding->report.point_count;
+    made->skin.face_count = surface->element_count;
+    made->skin.triangles = (const int(*)[3])made->triangles;
+    *skin = &made->skin;
+    return SB_OK;
+}
+
+SB_API void sb_skin_destroy(sb_skin *skin)
+{
+    sbi_skin_embedded *made;
+    sb_allocator allocator;
+    if (!skin || skin->update != sbi_skin_update)
+        return;
+    made = (sbi_skin_embedded *)skin->user;
+    allocator = made->allocator;
+    sbi_free(&allocator, made->triangles);
+    sbi_free(&allocator, made->cells);
+    sbi_free(&allocator, made);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -74852,6 +75070,10 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
 #if !defined(SB_NO_GEOMETRY)
 /* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
  *
+ * They are the boundary faces of the mesh, and their nodes its nodes; or the triangles of a skin (contact_skin.h),
+ * whose nodes are its points. Then `nodes`, node_room and node_areas are of points, and there is one face of each
+ * triangle, with that number.
+ *
  * Faces are numbered in the order of their cells and of the cells' sides, whatever happened before, so that sums over
  * faces have the bits of a body made with its mesh. Where the mesh changes, numbers do: see sbi_contact_faces_update.
  * Samples are not stored: a face cut into n parts a side has those of its type's rule for n, which is made once.
@@ -74925,6 +75147,8 @@ typedef struct sbi_contact_live {
 
 typedef struct sbi_contact_faces {
     sb_allocator allocator;
+    const sb_vec3 *points; /* of a skin: where its points are at rest (m), lent; NULL: nodes are the body's */
+    int is_skin;
     int face_end;             /* faces are numbered below */
     int flat_count;           /* without area: they have no samples, and no query finds them */
     int face_room, node_room; /* that arrays by face and by node have */
@@ -74957,6 +75181,14 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
                                            sbi_contact_faces **faces, sb_error *error);
 SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces); /* NULL is fine */
 
+/* Faces of a skin, yet to be filled: room for so many faces and points. */
+SBI_API sb_result sbi_contact_faces_create_skin(const sb_body *body, const sb_allocator *allocator, int face_room,
+                                                int point_room, sbi_contact_faces **faces, sb_error *error);
+/* Fills them, and their tree; a refit has to follow. triangles [count], there is room; cells [points] that points lie
+ * in, -1: none; points as the field, which is set to it. SB_ERROR_MESH: none has an area. */
+SBI_API sb_result sbi_contact_faces_fill_skin(sbi_contact_faces *faces, const sb_body *body, const int (*triangles)[3],
+                                              int count, const int *cells, const sb_vec3 *points, sb_error *error);
+
 /* ---- following a mesh that changes (def.slack > 0): to be called by a listener of the body (sb_body_listen) ---- */
 /* Takes the memory that following needs: a change that fails for it leaves the faces as they are. */
 SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change,
@@ -74985,7 +75217,8 @@ SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *
 SBI_API sb_real sbi_contact_sample_area(const sbi_contact_faces *faces, const sb_body *body, int face, int parts,
                                         int sample);
 /* [nodes][nodes] positions of the face's blocks in the body's matrix as it is now, valid until the next change of its
- * pattern. Found when they are first asked for: one thread at a time. */
+ * pattern. Found when they are first asked for: one thread at a time. Not of a skin, which keeps something else there
+ * (contact_skin_blocks.c). */
 SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_body *body, int face);
 
 SB_INLINE const int *sbi_contact_face_nodes(const sbi_contact_faces *faces, int face)
@@ -75245,8 +75478,9 @@ static sb_real sbi_contact_stretch(const sb_real *slopes, const sb_vec3 *x, int 
 
 static void sbi_contact_gather(const sbi_contact_faces *faces, const sb_body *body, int face, sb_vec3 *x)
 {
+    const sb_vec3 *rest = faces->is_skin ? faces->points : body->reference;
     for (int a = 0; a < faces->sizes[face]; a++)
-        x[a] = body->reference[sbi_contact_face_nodes(faces, face)[a]];
+        x[a] = rest[sbi_contact_face_nodes(faces, face)[a]];
 }
 
 /* Edges through their middle nodes; of quads also the diagonals of a square with such edges. */
@@ -75355,9 +75589,11 @@ static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
     faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
     faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
-    if (!live->cell_room)
+    if (!live->cell_room && !faces->is_skin)
         return;
     sbi_contact_layout_order(faces->face_room, &live->order, arena);
+    if (faces->is_skin)
+        return;
     live->seen = (int *)sbi_arena_take(arena, room, sizeof(int));
     live->moved = (int *)sbi_arena_take(arena, room, sizeof(int));
     live->outer = (unsigned char *)sbi_arena_take(arena, (size_t)live->cell_room, (size_t)faces->side_count);
@@ -75402,6 +75638,7 @@ SBI_API void sbi_contact_put_faces(sbi_contact_faces *faces, const sb_body *body
 
 SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order)
 {
+    const sb_vec3 *rest = faces->is_skin ? faces->points : body->reference;
     sbi_face_tree_source source;
     int count = 0;
     for (int f = 0; f < faces->face_end; f++) {
@@ -75411,7 +75648,7 @@ SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *bod
         if (!(faces->areas[f] > 0))
             continue;
         for (int a = 0; a < corners; a++)
-            sum = sb_v3_add(sum, body->reference[nodes[a]]);
+            sum = sb_v3_add(sum, rest[nodes[a]]);
         order->centres[count] = sb_v3_scale((sb_real)1 / (sb_real)corners, sum);
         order->faces[count++] = f;
     }
@@ -75571,6 +75808,56 @@ SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces)
     sbi_contact_release_arrays(faces);
     sbi_free(&allocator, faces->rule_memory);
     sbi_free(&allocator, faces);
+}
+
+/* ---- of a skin ---- */
+
+SBI_API sb_result sbi_contact_faces_create_skin(const sb_body *body, const sb_allocator *allocator, int face_room,
+                                                int point_room, sbi_contact_faces **faces, sb_error *error)
+{
+    sbi_contact_faces *made = (sbi_contact_faces *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    int ok;
+    if (!made)
+        return sbi_contact_no_memory(body, error);
+    if (allocator)
+        made->allocator = *allocator;
+    made->is_skin = 1;
+    made->region_count = body->material_count;
+    made->face_room = face_room;
+    made->node_room = point_room;
+    ok = sbi_contact_make_rules(made, sbi_element_make(SB_TET4, NULL)); /* its faces are triangles, too */
+    made->side_count = 1;
+    ok = ok && sbi_contact_take_arrays(made) && sbi_contact_take_tree(made, sbi_contact_most_nodes(made));
+    if (!ok) {
+        sbi_contact_faces_destroy(made);
+        return sbi_contact_no_memory(body, error);
+    }
+    *faces = made;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_contact_faces_fill_skin(sbi_contact_faces *faces, const sb_body *body, const int (*triangles)[3],
+                                              int count, const int *cells, const sb_vec3 *points, sb_error *error)
+{
+    faces->points = points;
+    memset(faces->node_areas, 0, (size_t)faces->node_room * sizeof(sb_real));
+    faces->face_end = count;
+    faces->flat_count = 0;
+    for (int f = 0; f < count; f++) {
+        int cell = sbi_max_int(cells[triangles[f][0]], 0); /* of what is no triangle: any */
+        memcpy(faces->nodes + (size_t)f * (size_t)faces->width, triangles[f], sizeof triangles[f]);
+        faces->sizes[f] = 3;
+        faces->sides[f] = 0;
+        faces->keys[f] = f;
+        faces->elements[f] = cell;
+        faces->regions[f] = body->cell_material[cell];
+        faces->versions[f] = -1;
+        sbi_contact_measure(faces, body, f);
+    }
+    if (faces->flat_count == count)
+        return sbi_fail(error, SB_ERROR_MESH, "no triangle of the skin has an area: contact has none to act on");
+    sbi_contact_build_tree(faces, body, &faces->live.order);
+    return SB_OK;
 }
 
 /* ---- boxes ---- */
@@ -76093,6 +76380,110 @@ SBI_API sb_real sbi_closest_height(const sb_vec3 *x, sb_vec3 p);
 #endif /* SB_CONTACT_PAIRS_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_skin.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_skin: contact on a skin that the body carries (body/skin.h) in place of its mesh's boundary. Internal.
+ *
+ * All of contact is then in terms of the skin's points: they are the nodes of its faces, where places, motions, forces
+ * and stiffness are. A point's place is x = W x_body, a row W of weights over the nodes of its cell; so forces go to
+ * the body by W^T, and stiffness K by W^T K W. Torque balances as it does for the points, since these are where the
+ * forces act. The body knows nothing of it: nodes that it is asked about are those of the rows.
+ *
+ * A face of which all nodes lie in one cell has its blocks in the matrix. Points in different cells have none for their
+ * nodes' pairs. Of the stiffness K of such a face each point's own row has
+ *     B = diag(sum_b K_ab),    x.K x = sum dA k |sum N_a x_a|^2 <= sum dA k sum N_a |x_a|^2 = x.B x,
+ * in the matrix, since weights N of samples are positive and sum to 1; and K - B is multiplied beside it, as links are
+ * (step_touch.h). So what the preconditioner is made of is positive definite and no softer than what is solved.
+ *
+ * What contact remembers of pressures (contact_memory.c) belongs to the corners of the cells, not to points: a skin may
+ * have many in a cell, and one number for each would be more than the cell can follow. */
+#ifndef SB_CONTACT_SKIN_H
+#define SB_CONTACT_SKIN_H
+
+
+/* What of a face between points of different cells is beside the matrix: K - B. */
+typedef struct sbi_contact_cross {
+    int face;
+    sb_real blocks[9][9];
+} sbi_contact_cross;
+
+typedef struct sbi_contact_skin {
+    sb_skin *source;                /* NULL: faces are the mesh's boundary, and all else is zeros */
+    int point_room, width, corners; /* points; nodes and corners of a cell */
+    int *cells;                     /* [point_room] -1: unused */
+    unsigned char *counts;          /* [point_room] nodes of a row */
+    int *nodes;                     /* [point_room][width] that have a weight */
+    sb_real *weights;
+    int *corner_nodes; /* [point_room][corners] */
+    sb_real *shares;   /* likewise: linear weights of the corners, >= 0, at the point's place in its cell */
+    sb_vec3 *rest;     /* [point_room] m */
+    sb_vec3 *at, *velocity, *moved; /* [point_room] places and motions of points while they are looked at */
+    sb_vec3 *du, *force;            /* [point_room] by place, in a step */
+    void *memory;
+
+    /* of the body; arrays in sb_contact.room_memory */
+    int node_room;
+    sb_real *node_areas;   /* [node_room] m^2: what of the skin is a node's, sum W_pa A_p */
+    int *place;            /* [node_room] of a node in `list`, -1 outside of steps */
+    int *list, list_count; /* [node_room] nodes in touch: sbi_touch.nodes */
+    sb_real *loads;        /* [node_room] by place: tr A_aa / 3 (N/m), or in explicit substeps what loads the node */
+
+    int *found, *next; /* [max_contacts] scratch for entries that follow their faces */
+    int cross_count;
+    sbi_contact_cross *cross; /* [patch_room] of the system that is solved */
+    int most_saved;           /* blocks of the matrix that there is room to save */
+} sbi_contact_skin;
+
+/* ---- contact_skin.c ---- */
+/* Brings skin and faces up to the body's mesh, entries too; takes memory where there are more points or triangles than
+ * there was room for: always when `faces` are made. SB_ERROR_MEMORY, SB_ERROR_STATE, SB_ERROR_MESH: nothing of it is to
+ * be used before it succeeds. */
+struct sb_contact;
+SBI_API sb_result sbi_contact_skin_update(struct sb_contact *contact, sb_error *error);
+SBI_API void sbi_contact_skin_free(struct sb_contact *contact);
+/* Areas of the body's nodes, from those of points. */
+SBI_API void sbi_contact_skin_measure(struct sb_contact *contact);
+/* A field over the body's nodes [rows] at the points of the faces: in `room`, [points], or the field itself where nodes
+ * are the points. */
+SBI_API const sb_vec3 *sbi_contact_at_points(const struct sb_contact *contact, const sb_vec3 *field, sb_vec3 *room);
+/* Places of points where the body is, and at rest. */
+SBI_API const sb_vec3 *sbi_contact_points_now(const struct sb_contact *contact);
+SBI_API const sb_vec3 *sbi_contact_points_at_rest(const struct sb_contact *contact);
+SBI_API int sbi_contact_point_count(const struct sb_contact *contact);
+
+/* Lists the nodes of a point that has been placed. */
+SBI_API void sbi_contact_skin_place(struct sb_contact *contact, int point);
+SBI_API void sbi_contact_skin_forget(struct sb_contact *contact);
+/* du of the points in touch from that of nodes, both by place; force of nodes from that of points. */
+SBI_API void sbi_contact_skin_take(const struct sb_contact *contact, const unsigned char *masked,
+                                   const sb_vec3 *of_nodes, sb_vec3 *of_points);
+SBI_API void sbi_contact_skin_give(const struct sb_contact *contact, const unsigned char *masked,
+                                   const sb_vec3 *of_points, sb_vec3 *of_nodes);
+
+/* ---- contact_skin_blocks.c ---- */
+SBI_API void sbi_contact_skin_add_blocks(struct sb_contact *contact, const unsigned char *masked, sb_matrix *matrix);
+/* out [rows] += C x, as sbi_touch.multiply_links. */
+SBI_API double sbi_contact_skin_multiply_links(const struct sb_contact *contact, const unsigned char *masked,
+                                               const sb_vec3 *x, sb_vec3 *out);
+
+/* A row of a point: its nodes and their weights. */
+typedef struct sbi_contact_row {
+    int count;
+    const int *nodes;
+    const sb_real *weights;
+} sbi_contact_row;
+SB_INLINE sbi_contact_row sbi_contact_skin_row(const sbi_contact_skin *skin, int point)
+{
+    sbi_contact_row row;
+    row.count = skin->counts[point];
+    row.nodes = skin->nodes + (size_t)point * (size_t)skin->width;
+    row.weights = skin->weights + (size_t)point * (size_t)skin->width;
+    return row;
+}
+
+#endif /* SB_CONTACT_SKIN_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_private.h ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_private: what is inside an sb_contact. Internal: the files contact*.c share it.
@@ -76227,6 +76618,7 @@ struct sb_contact {
     sbi_contact_sample *samples; /* [max_contacts] */
     int sample_count;
     int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
+    int node_count;      /* in touch: of faces, and so points of a skin */
     int *nodes;          /* [node_room] */
     sb_vec3 *moved;      /* [node_room] how far nodes go in the step (m), for a look at its end */
     sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
@@ -76236,17 +76628,17 @@ struct sb_contact {
     sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
     sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
     int blocks_current;
-    sbi_contact_sum *sums;    /* [node_room] by place */
+    sbi_contact_sum *sums;    /* [node_room] by place; with a skin [skin.node_room] of the body's nodes */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
-    sb_vec3 *hung_in, *hung_out; /* [node_room] for products */
+    sb_vec3 *hung_in, *hung_out; /* [node_room], and of the body's nodes, for products */
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
-    sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
-    int pressure_count;
+    sbi_contact_pressure *pressures, *spare_pressures; /* [corner_room max_contacts] of a tool together */
+    int pressure_count, corner_room;                   /* corners that may remember of a contact */
     sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
@@ -76258,14 +76650,22 @@ struct sb_contact {
     void *memory;
 
     sbi_pairs pairs;
+    sbi_contact_skin skin;
 
     /* of a body whose mesh may change, see contact_live.c */
     int listener;               /* -1: none */
     int faces_old;              /* 1: the mesh has changed since the faces were brought up to date */
     int room_faces, room_nodes; /* what there are arrays for */
+    int room_body;              /* nodes of the body, of a skin */
     void *room_memory;          /* behind the arrays by face and node */
     void *next_room;            /* for the change that is under way, or NULL */
 };
+
+/* Room of arrays by node of the body. */
+SB_INLINE int sbi_contact_body_room(const sb_contact *contact)
+{
+    return contact->skin.source ? contact->skin.node_room : contact->faces->node_room;
+}
 
 /* ---- contact_tool.c ---- */
 /* Gives a tool back; a free place is fine. */
@@ -76276,8 +76676,8 @@ SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
  * in one increment of a static solve than what could not pass through. */
 SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error);
 /* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
- * a face. u [rows]: displacements at the end. */
-SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
+ * a face. of_nodes [rows]: displacements at the end. */
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *of_nodes);
 /* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
                                   int *element);
@@ -76289,6 +76689,9 @@ SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_
 SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
 /* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
 SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
+
+/* Puts an entry where the order of entries wants it. */
+SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry);
 
 /* ---- contact_near.c: of contacts with pairs, as all below up to contact_step.c ---- */
 /* What is known of the organs at rest; a refit of the faces has to follow. Does nothing without pairs. */
@@ -76370,7 +76773,7 @@ SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_join(sb_contact *contact);
 
 /* ---- contact_sample.c ---- */
-/* Place of a node in the list of those in touch. */
+/* Place of a node in the list of those in touch; of a skin, where its nodes in the body are listed, too. */
 SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
 enum { SBI_CONTACT_CHUNK = 16 }; /* patches that one thread takes at a time */
 
@@ -76483,6 +76886,12 @@ SB_INLINE void sbi_contact_add_block(sb_real *values, const sb_real *block, unsi
                 values[3 * i + j] += block[3 * i + j];
 }
 
+/* out [rows] += factor times what a force on a sample of a face is on the nodes of the body. */
+SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int parts, int sample, sb_real factor,
+                                     sb_vec3 force, sb_vec3 *out);
+/* Where a sample of a face goes when the body's nodes go by x [rows]. */
+SBI_API sb_vec3 sbi_contact_sample_motion(const sb_contact *contact, int face, int parts, int sample, const sb_vec3 *x);
+
 /* Place of a sample with these weights. */
 SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)
 {
@@ -76495,6 +76904,510 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 #endif /* SB_CONTACT_PRIVATE_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/contact/contact_skin.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_skin: rows of a skin's points, places and motions of these, and how they follow the body's mesh. */
+#include <string.h>
+
+
+enum { SBI_CONTACT_POINT_CHUNK = 512 }; /* points that one thread takes at a time */
+
+/* ---- fields ---- */
+
+typedef struct sbi_skin_field {
+    const sbi_contact_skin *skin;
+    const sb_vec3 *field;
+    sb_vec3 *out;
+} sbi_skin_field;
+
+static void sbi_skin_map_chunk(void *user, int chunk)
+{
+    const sbi_skin_field *map = (const sbi_skin_field *)user;
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_POINT_CHUNK, map->skin->source->point_count);
+    for (int p = chunk * SBI_CONTACT_POINT_CHUNK; p < last; p++) {
+        const sbi_contact_row row = sbi_contact_skin_row(map->skin, p);
+        map->out[p] = sbi_contact_mean(row.weights, row.nodes, row.count, map->field);
+    }
+}
+
+SBI_API const sb_vec3 *sbi_contact_at_points(const sb_contact *contact, const sb_vec3 *field, sb_vec3 *room)
+{
+    int count = sbi_contact_point_count(contact);
+    sbi_skin_field map;
+    if (!contact->skin.source)
+        return field;
+    map.skin = &contact->skin;
+    map.field = field;
+    map.out = room;
+    sbi_run(sbi_body_jobs(contact->body), sbi_skin_map_chunk, &map,
+            count / SBI_CONTACT_POINT_CHUNK + (count % SBI_CONTACT_POINT_CHUNK != 0));
+    return room;
+}
+
+SBI_API const sb_vec3 *sbi_contact_points_now(const sb_contact *contact)
+{
+    return sbi_contact_at_points(contact, sb_body_positions(contact->body), contact->skin.at);
+}
+
+SBI_API const sb_vec3 *sbi_contact_points_at_rest(const sb_contact *contact)
+{
+    return contact->skin.source ? contact->skin.rest : sb_body_rest_positions(contact->body);
+}
+
+SBI_API int sbi_contact_point_count(const sb_contact *contact)
+{
+    return contact->skin.source ? contact->skin.source->point_count : sb_body_node_count(contact->body);
+}
+
+/* ---- nodes in touch ---- */
+
+static void sbi_skin_list_node(sbi_contact_skin *skin, int node)
+{
+    if (skin->place[node] >= 0)
+        return;
+    skin->place[node] = skin->list_count;
+    skin->list[skin->list_count++] = node;
+}
+
+SBI_API void sbi_contact_skin_place(sb_contact *contact, int point)
+{
+    sbi_contact_skin *skin = &contact->skin;
+    const sbi_contact_row row = sbi_contact_skin_row(skin, point);
+    for (int i = 0; i < row.count; i++)
+        sbi_skin_list_node(skin, row.nodes[i]);
+    for (int c = point * skin->corners; c < (point + 1) * skin->corners; c++)
+        if (skin->shares[c] > 0)
+            sbi_skin_list_node(skin, skin->corner_nodes[c]);
+}
+
+SBI_API void sbi_contact_skin_forget(sb_contact *contact)
+{
+    sbi_contact_skin *skin = &contact->skin;
+    for (int k = 0; k < skin->list_count; k++)
+        skin->place[skin->list[k]] = -1;
+    skin->list_count = 0;
+}
+
+SBI_API void sbi_contact_skin_take(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *of_nodes,
+                                   sb_vec3 *of_points)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    for (int k = 0; k < contact->node_count; k++) {
+        const sbi_contact_row row = sbi_contact_skin_row(skin, contact->nodes[k]);
+        sb_vec3 sum = {0, 0, 0};
+        for (int i = 0; i < row.count; i++)
+            sum = sb_v3_madd(
+                sum, row.weights[i],
+                sbi_contact_unmasked(masked ? masked[row.nodes[i]] : 0u, of_nodes[skin->place[row.nodes[i]]]));
+        of_points[k] = sum;
+    }
+}
+
+SBI_API void sbi_contact_skin_give(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *of_points,
+                                   sb_vec3 *of_nodes)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    memset(of_nodes, 0, (size_t)skin->list_count * sizeof *of_nodes);
+    for (int k = 0; k < contact->node_count; k++) {
+        const sbi_contact_row row = sbi_contact_skin_row(skin, contact->nodes[k]);
+        for (int i = 0; i < row.count; i++) {
+            sb_vec3 *sum = of_nodes + skin->place[row.nodes[i]];
+            *sum = sb_v3_madd(*sum, row.weights[i], of_points[k]);
+        }
+    }
+    for (int k = 0; masked && k < skin->list_count; k++)
+        of_nodes[k] = sbi_contact_unmasked(masked[skin->list[k]], of_nodes[k]);
+}
+
+/* ---- rows ---- */
+
+/* Nodes and weights of a point. A weight that is rounding is none: a point on a face of the mesh has that face's nodes
+ * only, whose pairs lie in both of its cells. */
+static void sbi_skin_fill_row(sbi_contact_skin *skin, const sb_body *body, int point, const sbi_skin_point *at)
+{
+    const int *nodes = sbi_contact_cell_nodes(body, at->cell);
+    size_t first = (size_t)point * (size_t)skin->width;
+    sb_element_type type = body->domain.element_type;
+    sb_real shape[SB_MAX_ELEMENT_NODES], slope[SB_MAX_ELEMENT_NODES][3], kept = 0, all = 0;
+    int count = 0;
+    sb_element_shape(type, at->xi, shape, slope);
+    for (int a = 0; a < skin->width; a++) {
+        shape[a] += slope[a][0] * at->step[0] + slope[a][1] * at->step[1] + slope[a][2] * at->step[2];
+        all += shape[a];
+    }
+    for (int a = 0; a < skin->width; a++) {
+        if (sb_abs(shape[a]) <= 64 * SB_EPSILON)
+            continue;
+        skin->nodes[first + (size_t)count] = nodes[a];
+        skin->weights[first + (size_t)count++] = shape[a];
+        kept += shape[a];
+    }
+    for (int i = 0; i < count; i++)
+        skin->weights[first + (size_t)i] *= all / kept;
+    skin->counts[point] = (unsigned char)count;
+}
+
+/* Linear weights of the corners of the cell, of its place in it: what lies outside has those of its foot. */
+static void sbi_skin_fill_shares(sbi_contact_skin *skin, const sb_body *body, int point, const sbi_skin_point *at)
+{
+    static const sb_element_type linear[2] = {SB_TET4, SB_HEX8};
+    const int *nodes = sbi_contact_cell_nodes(body, at->cell);
+    sb_real shape[SB_MAX_ELEMENT_NODES], slope[SB_MAX_ELEMENT_NODES][3], sum = 0;
+    sb_element_shape(linear[skin->corners == 8], at->xi, shape, slope);
+    for (int c = 0; c < skin->corners; c++) {
+        shape[c] = shape[c] > 64 * SB_EPSILON ? shape[c] : 0;
+        sum += shape[c];
+    }
+    for (int c = 0; c < skin->corners; c++) {
+        size_t place = (size_t)point * (size_t)skin->corners + (size_t)c;
+        skin->corner_nodes[place] = nodes[c];
+        skin->shares[place] = shape[c] / sum;
+    }
+}
+
+static void sbi_skin_fill_points(sb_contact *contact)
+{
+    sbi_contact_skin *skin = &contact->skin;
+    const sb_body *body = contact->body;
+    const sb_vec3 none = {0, 0, 0};
+    for (int p = 0; p < skin->source->point_count; p++) {
+        sbi_skin_point at;
+        sbi_contact_row row;
+        skin->source->get_point(skin->source, p, &at);
+        skin->cells[p] = at.cell;
+        skin->rest[p] = none;
+        skin->counts[p] = 0;
+        if (at.cell < 0)
+            continue;
+        sbi_skin_fill_row(skin, body, p, &at);
+        sbi_skin_fill_shares(skin, body, p, &at);
+        row = sbi_contact_skin_row(skin, p);
+        skin->rest[p] = sbi_contact_mean(row.weights, row.nodes, row.count, sb_body_rest_positions(body));
+    }
+}
+
+SBI_API void sbi_contact_skin_measure(sb_contact *contact)
+{
+    sbi_contact_skin *skin = &contact->skin;
+    memset(skin->node_areas, 0, (size_t)skin->node_room * sizeof *skin->node_areas);
+    for (int p = 0; p < skin->source->point_count; p++) {
+        const sbi_contact_row row = sbi_contact_skin_row(skin, p);
+        for (int i = 0; i < row.count; i++)
+            skin->node_areas[row.nodes[i]] += sb_abs(row.weights[i]) * sbi_contact_node_area(contact->faces, p);
+    }
+}
+
+/* ---- memory ---- */
+
+static void sbi_skin_layout(sbi_contact_skin *skin, sbi_arena *arena)
+{
+    size_t points = (size_t)skin->point_room, width = (size_t)skin->width, corners = (size_t)skin->corners;
+    sb_vec3 **vectors[] = {&skin->rest, &skin->at, &skin->velocity, &skin->moved, &skin->du, &skin->force};
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, points, sizeof(sb_vec3));
+    skin->weights = (sb_real *)sbi_arena_take(arena, points, width * sizeof(sb_real));
+    skin->shares = (sb_real *)sbi_arena_take(arena, points, corners * sizeof(sb_real));
+    skin->nodes = (int *)sbi_arena_take(arena, points, width * sizeof(int));
+    skin->corner_nodes = (int *)sbi_arena_take(arena, points, corners * sizeof(int));
+    skin->cells = (int *)sbi_arena_take(arena, points, sizeof(int));
+    skin->counts = (unsigned char *)sbi_arena_take(arena, points, 1);
+}
+
+/* 0: no memory. */
+static int sbi_skin_take_arrays(const sb_contact *contact, sbi_contact_skin *skin)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_skin_layout(skin, &arena);
+    skin->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&contact->allocator, arena.used, 1);
+    if (!skin->memory)
+        return 0;
+    arena.base = (unsigned char *)skin->memory;
+    arena.used = 0;
+    sbi_skin_layout(skin, &arena);
+    return 1;
+}
+
+SBI_API void sbi_contact_skin_free(sb_contact *contact)
+{
+    sbi_free(&contact->allocator, contact->skin.memory);
+    contact->skin.memory = NULL;
+}
+
+/* So many, and half of it in reserve where they grow. */
+static int sbi_skin_room(int room, int needed, int grows)
+{
+    if (needed <= room)
+        return room;
+    return grows && needed < INT32_MAX / 2 ? needed + needed / 2 : needed;
+}
+
+/* Larger arrays and faces; what was in the faces stays, and points are to be filled. */
+static sb_result sbi_skin_grow(sb_contact *contact, sbi_contact_faces **old, sb_error *error)
+{
+    sbi_contact_skin *skin = &contact->skin, next = *skin;
+    const sb_skin *source = skin->source;
+    int faces = contact->faces ? contact->faces->face_room : 0;
+    sb_result result;
+    next.point_room = sbi_skin_room(skin->point_room, source->point_count, source->is_late);
+    faces = sbi_skin_room(faces, source->face_count, source->is_late);
+    *old = NULL;
+    if (contact->faces && next.point_room == skin->point_room && faces == contact->faces->face_room)
+        return SB_OK;
+    if (!sbi_skin_take_arrays(contact, &next))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on a skin of %d points", source->point_count);
+    *old = contact->faces;
+    result = sbi_contact_faces_create_skin(contact->body, &contact->allocator, faces, next.point_room, &contact->faces,
+                                           error);
+    if (result != SB_OK) {
+        sbi_free(&contact->allocator, next.memory);
+        *old = NULL;
+        return result;
+    }
+    sbi_contact_skin_free(contact);
+    *skin = next;
+    return SB_OK;
+}
+
+/* ---- following the mesh ---- */
+
+static int sbi_skin_has_corners(const int *one, const int *two)
+{
+    return one[0] == two[0] && one[1] == two[1] && one[2] == two[2];
+}
+
+/* Entries become those of the triangles that there are now: of one between the same points, or none. first [points] is
+ * -1, and is so again. */
+static void sbi_skin_match_entries(sb_contact *contact, const sbi_contact_faces *old, int *first)
+{
+    const sb_skin *source = contact->skin.source;
+    int *next = contact->skin.next, room = old->node_room;
+    for (int e = 0; e < contact->entry_count; e++) {
+        int corner = sbi_contact_face_nodes(old, contact->entries[e].face)[0];
+        next[e] = first[corner];
+        first[corner] = e;
+        contact->skin.found[e] = -1;
+    }
+    for (int f = 0; f < source->face_count; f++) {
+        const int *corners = source->triangles[f];
+        for (int e = corners[0] < room ? first[corners[0]] : -1; e >= 0; e = next[e])
+            if (sbi_skin_has_corners(corners, sbi_contact_face_nodes(old, contact->entries[e].face)))
+                contact->skin.found[e] = f;
+    }
+    for (int e = 0; e < contact->entry_count; e++)
+        first[sbi_contact_face_nodes(old, contact->entries[e].face)[0]] = -1;
+}
+
+/* Drops entries of triangles that are no more; the others go where their order wants them. */
+static void sbi_skin_keep_entries(sb_contact *contact)
+{
+    int all = contact->entry_count;
+    contact->entry_count = 0;
+    for (int e = 0; e < all; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        entry.face = contact->skin.found[e];
+        if (entry.face >= 0)
+            sbi_contact_insert_entry(contact, &entry);
+    }
+}
+
+SBI_API sb_result sbi_contact_skin_update(sb_contact *contact, sb_error *error)
+{
+    sbi_contact_skin *skin = &contact->skin;
+    sbi_contact_faces *old = NULL;
+    sb_result result = skin->source->update(skin->source, contact->body, error);
+    if (result == SB_OK)
+        result = sbi_skin_grow(contact, &old, error);
+    if (result != SB_OK)
+        return result;
+    if (contact->entry_count > 0) {
+        sbi_skin_match_entries(contact, old ? old : contact->faces, contact->node_place);
+        sbi_skin_keep_entries(contact);
+    }
+    sbi_contact_faces_destroy(old);
+    sbi_skin_fill_points(contact);
+    return sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles, skin->source->face_count,
+                                       skin->cells, skin->rest, error);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/contact/contact_skin_blocks.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* contact_skin_blocks: the stiffness of faces of a skin in the body's matrix, and beside it. */
+#include <string.h>
+
+
+/* Distinct nodes of a face's points, with the weights of each point. */
+typedef struct sbi_skin_union {
+    int count; /* 0: more than a cell has */
+    int nodes[SB_MAX_ELEMENT_NODES];
+    sb_real weights[3][SB_MAX_ELEMENT_NODES];
+} sbi_skin_union;
+
+static void sbi_skin_unite(const sb_contact *contact, int face, sbi_skin_union *all)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    const int *points = sbi_contact_face_nodes(contact->faces, face);
+    memset(all, 0, sizeof *all);
+    for (int p = 0; p < 3; p++) {
+        const sbi_contact_row row = sbi_contact_skin_row(skin, points[p]);
+        for (int i = 0; i < row.count; i++) {
+            int at = 0;
+            while (at < all->count && all->nodes[at] != row.nodes[i])
+                at++;
+            if (at == skin->width) {
+                all->count = 0;
+                return;
+            }
+            all->count += at == all->count;
+            all->nodes[at] = row.nodes[i];
+            all->weights[p][at] = row.weights[i];
+        }
+    }
+}
+
+/* 1 when all pairs of nodes have blocks. */
+static int sbi_skin_is_whole(const sb_contact *contact, const sbi_skin_union *all)
+{
+    const sb_matrix *matrix = &contact->body->matrix;
+    for (int a = 0; a < all->count; a++)
+        for (int b = 0; b < a; b++)
+            if (sb_matrix_find(matrix, all->nodes[a], all->nodes[b]) < 0)
+                return 0;
+    return all->count > 0;
+}
+
+/* The same, kept by face: in the first of its numbers of blocks. */
+static int sbi_skin_face_is_whole(sb_contact *contact, int face, const sbi_skin_union *all)
+{
+    sbi_contact_faces *faces = contact->faces;
+    int *kept = faces->blocks + (size_t)face * (size_t)(faces->width * faces->width);
+    if (faces->versions[face] != contact->body->pattern_version)
+        *kept = sbi_skin_is_whole(contact, all);
+    faces->versions[face] = contact->body->pattern_version;
+    return *kept;
+}
+
+/* matrix += a block between two nodes, which is kept as it was. */
+static void sbi_skin_add_block(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix, int row, int column,
+                               const sb_real *block)
+{
+    int place = sb_matrix_find(matrix, row, column);
+    sbi_contact_saved *saved = contact->saved + contact->saved_count++;
+    saved->block = place;
+    memcpy(saved->values, matrix->blocks[place], sizeof saved->values);
+    sbi_contact_add_block(matrix->blocks[place], block, masked ? masked[row] : 0u, masked ? masked[column] : 0u);
+}
+
+/* W^T K W of a face in one cell. */
+static void sbi_skin_add_whole(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix,
+                               const sbi_skin_union *all, const sb_real (*k)[9])
+{
+    for (int i = 0; i < all->count; i++)
+        for (int j = 0; j < all->count; j++) {
+            sb_real block[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+            for (int ab = 0; ab < 9; ab++) {
+                sb_real w = all->weights[ab / 3][i] * all->weights[ab % 3][j];
+                for (int c = 0; c < 9 && w != 0; c++)
+                    block[c] += w * k[ab][c];
+            }
+            sbi_skin_add_block(contact, masked, matrix, all->nodes[i], all->nodes[j], block);
+        }
+}
+
+/* W^T B W of a face between cells, and B taken off K. */
+static void sbi_skin_add_lumped(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix, int face,
+                                sb_real (*k)[9])
+{
+    const int *points = sbi_contact_face_nodes(contact->faces, face);
+    for (int p = 0; p < 3; p++) {
+        const sbi_contact_row row = sbi_contact_skin_row(&contact->skin, points[p]);
+        sb_real b[9], block[9];
+        for (int c = 0; c < 9; c++)
+            b[c] = k[3 * p][c] + k[3 * p + 1][c] + k[3 * p + 2][c];
+        for (int i = 0; i < row.count * row.count; i++) {
+            for (int c = 0; c < 9; c++)
+                block[c] = row.weights[i / row.count] * row.weights[i % row.count] * b[c];
+            sbi_skin_add_block(contact, masked, matrix, row.nodes[i / row.count], row.nodes[i % row.count], block);
+        }
+        for (int c = 0; c < 9; c++)
+            k[4 * p][c] -= b[c];
+    }
+}
+
+/* 1 when all blocks of a face between cells can still be saved. */
+static int sbi_skin_has_room(const sb_contact *contact, int face)
+{
+    const int *points = sbi_contact_face_nodes(contact->faces, face);
+    int needed = 0;
+    for (int p = 0; p < 3; p++)
+        needed += contact->skin.counts[points[p]] * contact->skin.counts[points[p]];
+    return needed <= contact->skin.most_saved - contact->saved_count;
+}
+
+SBI_API void sbi_contact_skin_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix)
+{
+    sbi_contact_skin *skin = &contact->skin;
+    size_t width = (size_t)contact->faces->width;
+    skin->cross_count = 0;
+    for (int p = 0; p < contact->patch_count; p++) {
+        const sbi_contact_patch *patch = contact->patches + p;
+        sb_real(*k)[9] = contact->blocks + (size_t)p * width * width;
+        sbi_contact_cross *cross = skin->cross + skin->cross_count;
+        sbi_skin_union all;
+        if (!patch->touching)
+            continue;
+        sbi_skin_unite(contact, patch->face, &all);
+        if (sbi_skin_face_is_whole(contact, patch->face, &all) &&
+            all.count * all.count <= skin->most_saved - contact->saved_count) {
+            sbi_skin_add_whole(contact, masked, matrix, &all, (const sb_real(*)[9])k);
+            continue;
+        }
+        skin->cross_count++;
+        cross->face = patch->face;
+        memcpy(cross->blocks, k, sizeof cross->blocks);
+        if (sbi_skin_has_room(contact, patch->face)) /* else all of it is beside the matrix: more iterations */
+            sbi_skin_add_lumped(contact, masked, matrix, patch->face, cross->blocks);
+    }
+    contact->touch.links = skin->cross_count > 0;
+}
+
+static sb_vec3 sbi_skin_times(const sb_real *m, sb_vec3 v)
+{
+    return sb_v3(m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
+                 m[6] * v.x + m[7] * v.y + m[8] * v.z);
+}
+
+SBI_API double sbi_contact_skin_multiply_links(const sb_contact *contact, const unsigned char *masked, const sb_vec3 *x,
+                                               sb_vec3 *out)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    double sum = 0;
+    for (int i = 0; i < skin->cross_count; i++) {
+        const sbi_contact_cross *cross = skin->cross + i;
+        const int *points = sbi_contact_face_nodes(contact->faces, cross->face);
+        sb_vec3 at[3];
+        for (int p = 0; p < 3; p++) {
+            const sbi_contact_row row = sbi_contact_skin_row(skin, points[p]);
+            at[p] = sb_v3(0, 0, 0);
+            for (int a = 0; a < row.count; a++)
+                at[p] = sb_v3_madd(at[p], row.weights[a],
+                                   sbi_contact_unmasked(masked ? masked[row.nodes[a]] : 0u, x[row.nodes[a]]));
+        }
+        for (int p = 0; p < 3; p++) {
+            const sbi_contact_row row = sbi_contact_skin_row(skin, points[p]);
+            sb_vec3 f = sb_v3(0, 0, 0);
+            for (int q = 0; q < 3; q++)
+                f = sb_v3_add(f, sbi_skin_times(cross->blocks[3 * p + q], at[q]));
+            for (int a = 0; a < row.count; a++)
+                out[row.nodes[a]] = sb_v3_madd(out[row.nodes[a]], row.weights[a],
+                                               sbi_contact_unmasked(masked ? masked[row.nodes[a]] : 0u, f));
+            sum += (double)sb_v3_dot(at[p], f);
+        }
+    }
+    return sum;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
 /* ==== src/softbody/contact/contact_sample.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_sample: nodes of the samples of a step, and samples evaluated at a trial displacement. */
@@ -76504,11 +77417,45 @@ SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int
 SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
 {
     if (contact->node_place[node] < 0) {
-        contact->node_place[node] = contact->touch.node_count;
-        contact->positions[contact->touch.node_count] = contact->x[node];
-        contact->nodes[contact->touch.node_count++] = node;
+        contact->node_place[node] = contact->node_count;
+        contact->positions[contact->node_count] = contact->x[node];
+        contact->nodes[contact->node_count++] = node;
+        if (contact->skin.source)
+            sbi_contact_skin_place(contact, node);
     }
     return contact->node_place[node];
+}
+
+/* ---- the body's nodes at a sample ---- */
+
+SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int parts, int sample, sb_real factor,
+                                     sb_vec3 force, sb_vec3 *out)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    const sb_real *weights = sbi_contact_sample_weights(contact->faces, face, parts, sample);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        if (contact->skin.source) {
+            const sbi_contact_row row = sbi_contact_skin_row(&contact->skin, nodes[a]);
+            for (int i = 0; i < row.count; i++)
+                out[row.nodes[i]] = sb_v3_madd(out[row.nodes[i]], factor * weights[a] * row.weights[i], force);
+        } else {
+            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], force);
+        }
+    }
+}
+
+SBI_API sb_vec3 sbi_contact_sample_motion(const sb_contact *contact, int face, int parts, int sample, const sb_vec3 *x)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    const sb_real *weights = sbi_contact_sample_weights(contact->faces, face, parts, sample);
+    sb_vec3 sum = {0, 0, 0};
+    if (!contact->skin.source)
+        return sbi_contact_mean(weights, nodes, contact->faces->sizes[face], x);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        const sbi_contact_row row = sbi_contact_skin_row(&contact->skin, nodes[a]);
+        sum = sb_v3_madd(sum, weights[a], sbi_contact_mean(row.weights, row.nodes, row.count, x));
+    }
+    return sum;
 }
 
 /* ---- how near a face is ---- */
@@ -77076,10 +78023,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
     return sb_v3_dot(apart, apart) > least * least;
 }
 
-SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face)
-{
-    return contact->pairs.normals[face];
-}
+SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face) { return contact->pairs.normals[face]; }
 
 /* Normal at a corner of a face: of the faces around it that go on smoothly. */
 static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int node)
@@ -78108,8 +79052,8 @@ SBI_API void sbi_pairs_forget(sb_contact *contact)
 /* Takes back nodes from `count` on. */
 static void sbi_pair_return_nodes(sb_contact *contact, int count)
 {
-    while (contact->touch.node_count > count)
-        contact->node_place[contact->nodes[--contact->touch.node_count]] = -1;
+    while (contact->node_count > count)
+        contact->node_place[contact->nodes[--contact->node_count]] = -1;
 }
 
 /* A step in which organs go so far that pairs of its start mean nothing is left for shorter ones. */
@@ -78126,7 +79070,7 @@ static sb_result sbi_pair_check_way(sb_contact *contact, const sbi_touch_step *s
 SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
 {
     sbi_pairs *pairs = &contact->pairs;
-    int nodes = contact->touch.node_count;
+    int nodes = contact->node_count;
     contact->touch.links = 0;
     pairs->link_count = pairs->saved_count = 0;
     if (!pairs->kinds)
@@ -78441,7 +79385,7 @@ SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked,
 static void sbi_pair_spread(sb_contact *contact)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    memset(contact->sums, 0, (size_t)contact->touch.node_count * sizeof *contact->sums);
+    memset(contact->sums, 0, (size_t)contact->node_count * sizeof *contact->sums);
     for (int i = 0; i < pairs->pressure_count; i++) {
         int place = contact->node_place[pairs->pressures[i].node];
         if (place >= 0)
@@ -78532,7 +79476,7 @@ SBI_API void sbi_pairs_keep_pressures(sb_contact *contact, int fades)
     sbi_pair_spread(contact);
     for (int i = 0; i < pairs->sample_count; i++)
         sbi_pair_add_sums(contact, pairs->samples + i);
-    for (int k = 0; pairs->sample_count > 0 && k < contact->touch.node_count; k++) {
+    for (int k = 0; pairs->sample_count > 0 && k < contact->node_count; k++) {
         const sbi_contact_sum *sum = contact->sums + k;
         if (!(sum->force > 0))
             continue;
@@ -78739,14 +79683,13 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->spreads = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
-    c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    c->touch.product = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
 }
 
 /* Arrays by face and by node: all hold what a step needs only while it lasts. */
 static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    size_t body = (size_t)sbi_contact_body_room(c), most = nodes > body ? nodes : body;
     sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
                            &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
                            &c->moved,       &c->hung_in,    &c->hung_out};
@@ -78754,12 +79697,22 @@ static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
+    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, body, sizeof *c->sums);
     c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, most, sizeof(sb_vec3));
     if (c->pairs.kinds)
         sbi_contact_lay_out_pairs(c, arena);
+    if (c->pairs.kinds || c->skin.source) { /* what there may be links of */
+        c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, body, sizeof(sb_vec3));
+        c->touch.product = (sb_vec3 *)sbi_arena_take(arena, body, sizeof(sb_vec3));
+    }
+    if (!c->skin.source)
+        return;
+    c->skin.node_areas = (sb_real *)sbi_arena_take(arena, body, sizeof(sb_real));
+    c->skin.loads = (sb_real *)sbi_arena_take(arena, body, sizeof(sb_real));
+    c->skin.place = (int *)sbi_arena_take(arena, body, sizeof(int));
+    c->skin.list = (int *)sbi_arena_take(arena, body, sizeof(int));
 }
 
 static size_t sbi_contact_room_bytes(sb_contact *contact)
@@ -78783,7 +79736,12 @@ static void sbi_contact_set_room(sb_contact *contact, void *memory)
         contact->tools[t].face_count = 0;
     for (int f = 0; contact->pairs.kinds && f < contact->faces->face_room; f++)
         contact->pairs.slot_of[f] = -1;
+    for (int i = 0; contact->skin.source && i < contact->skin.node_room; i++)
+        contact->skin.place[i] = -1;
+    if (contact->skin.source)
+        sbi_contact_skin_measure(contact);
     contact->room_faces = contact->faces->face_room;
+    contact->room_body = sbi_contact_body_room(contact);
     contact->room_nodes = contact->faces->node_room;
 }
 
@@ -78803,7 +79761,8 @@ SBI_API int sbi_contact_take_room(sb_contact *contact)
 /* Arrays are as large as the faces, which keep what room they were given for a change that was refused. */
 static int sbi_contact_has_room(const sb_contact *contact)
 {
-    return contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes;
+    return contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes &&
+           sbi_contact_body_room(contact) == contact->room_body;
 }
 
 /* The arrays that were made for a change take the place of those there were, if there are any. */
@@ -78821,8 +79780,12 @@ static void sbi_contact_give_up(void *user) { sbi_contact_take_next_room((sb_con
 static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
-    sb_result result = sbi_contact_faces_reserve(contact->faces, body, change, error);
+    sb_result result = SB_OK;
     size_t bytes;
+    if (contact->skin.source) /* it has had its turn, or will have one */
+        contact->skin.node_room = sbi_max_int(contact->skin.node_room, change->node_end);
+    else
+        result = sbi_contact_faces_reserve(contact->faces, body, change, error);
     if (result != SB_OK)
         return result;
     if (sbi_contact_has_room(contact))
@@ -78834,17 +79797,29 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     return SB_OK;
 }
 
+/* places of what remembers the pressures on a face become `mark`. */
+static void sbi_contact_mark_corners(sb_contact *contact, int face, int mark)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        if (!skin->source)
+            contact->node_place[nodes[a]] = mark;
+        for (int c = nodes[a] * skin->corners; c < (nodes[a] + 1) * skin->corners; c++)
+            skin->place[skin->corner_nodes[c]] = mark;
+    }
+}
+
 /* Corners remember as long as a face with an entry has them. */
 static void sbi_contact_drop_pressures(sb_contact *contact)
 {
-    const sbi_contact_faces *faces = contact->faces;
+    const int *place = contact->skin.source ? contact->skin.place : contact->node_place;
     int count = 0;
     for (int set = 1; set >= 0; set--) {
         for (int e = 0; e < contact->entry_count; e++)
-            for (int a = 0; a < faces->sizes[contact->entries[e].face]; a++)
-                contact->node_place[sbi_contact_face_nodes(faces, contact->entries[e].face)[a]] = set ? 0 : -1;
+            sbi_contact_mark_corners(contact, contact->entries[e].face, set ? 0 : -1);
         for (int i = 0; set && i < contact->pressure_count; i++)
-            if (contact->node_place[contact->pressures[i].node] >= 0)
+            if (place[contact->pressures[i].node] >= 0)
                 contact->pressures[count++] = contact->pressures[i];
     }
     contact->pressure_count = count;
@@ -78856,14 +79831,21 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
     sb_result result = SB_OK;
     if (!contact->faces_old && sbi_contact_has_room(contact))
         return SB_OK;
-    if (contact->faces_old)
+    if (contact->faces_old && contact->skin.source) {
+        contact->skin.node_room = sbi_max_int(contact->skin.node_room, contact->body->node_capacity);
+        result = sbi_contact_skin_update(contact, error);
+        changed = 1;
+    } else if (contact->faces_old) {
         result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
+    }
     if (result == SB_OK && !sbi_contact_has_room(contact) && !sbi_contact_take_room(contact))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
     if (result != SB_OK)
         return result;
     contact->faces_old = 0;
-    for (int e = 0; changed && e < contact->entry_count; e++) {
+    if (contact->skin.source)
+        sbi_contact_skin_measure(contact);
+    for (int e = 0; changed && !contact->skin.source && e < contact->entry_count; e++) {
         sbi_contact_entry entry = contact->entries[e];
         entry.face = contact->faces->live.moved[entry.face];
         if (entry.face >= 0)
@@ -78871,8 +79853,9 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
     }
     for (int t = 0; changed && t < contact->max_tools; t++)
         contact->tools[t].nearest.known = 0;
-    if (changed) {
+    if (changed && !contact->skin.source)
         contact->entry_count = count;
+    if (changed) {
         sbi_contact_drop_pressures(contact);
         sbi_pairs_follow_faces(contact);
     }
@@ -78884,9 +79867,11 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_take_next_room(contact);
     contact->is_solved = 0; /* its system is of the mesh before */
-    sbi_contact_faces_follow(contact->faces, body, change);
+    if (!contact->skin.source)
+        sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
-    (void)sbi_contact_update_faces(contact, NULL);        /* where it fails the next step says so */
+    if (!contact->skin.source || !contact->skin.source->is_late)
+        (void)sbi_contact_update_faces(contact, NULL);    /* where it fails the next step says so */
     (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }
 
@@ -79142,14 +80127,15 @@ static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step
 /* Places at the start of the step. */
 static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *step)
 {
-    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
-    contact->x = sb_body_positions(contact->body);
+    const sb_vec3 *rest = sbi_contact_points_at_rest(contact), *start;
+    contact->x = sbi_contact_points_now(contact);
     contact->is_static = !(step->dt > 0);
     contact->level = step->level;
     if (!contact->is_static)
         return;
-    for (int i = 0; i < sb_body_node_count(contact->body); i++)
-        contact->places[i] = sb_v3_add(rest[i], step->start[i]);
+    start = sbi_contact_at_points(contact, step->start, contact->places);
+    for (int i = 0; i < sbi_contact_point_count(contact); i++)
+        contact->places[i] = sb_v3_add(rest[i], start[i]);
     contact->x = contact->places;
 }
 
@@ -79246,7 +80232,7 @@ static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_t
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *x = contact->x, *rest = sbi_contact_points_at_rest(contact);
     const sbi_contact_tool *tool = contact->tools + number;
     const int *near = sbi_sweep_near(contact, number);
     if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
@@ -79269,10 +80255,11 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
     return 1;
 }
 
-SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *of_nodes)
 {
-    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
-    for (int i = 0; i < sb_body_node_count(contact->body); i++)
+    const sb_vec3 *x = sbi_contact_points_now(contact), *rest = sbi_contact_points_at_rest(contact), *u;
+    u = sbi_contact_at_points(contact, of_nodes, contact->skin.moved);
+    for (int i = 0; i < sbi_contact_point_count(contact); i++)
         contact->moved[i] = sb_v3_sub(sb_v3_add(rest[i], u[i]), x[i]);
     sbi_contact_faces_refit(contact->faces, x, contact->moved, 1);
     for (int i = 0; i < contact->max_tools; i++) {
@@ -79292,7 +80279,7 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
     sb_vec3 low, high;
     int *near = contact->scratch, count, face = -1;
     sb_real gap;
-    contact->x = sb_body_positions(contact->body);
+    contact->x = sbi_contact_points_now(contact);
     sbi_contact_faces_refit(contact->faces, contact->x, NULL, 0);
     sbi_tool_bounds(shape, chain, pose, &low, &high);
     count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);
@@ -79332,16 +80319,48 @@ SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_
 
 /* ---- from the list to samples ---- */
 
+/* What remembers: the nodes in touch, or with a skin the nodes of its cells. */
+typedef struct sbi_contact_keepers {
+    int count;
+    const int *nodes, *place; /* by place; places by node */
+} sbi_contact_keepers;
+
+static sbi_contact_keepers sbi_contact_get_keepers(const sb_contact *contact)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    sbi_contact_keepers keepers;
+    keepers.count = skin->source ? skin->list_count : contact->node_count;
+    keepers.nodes = skin->source ? skin->list : contact->nodes;
+    keepers.place = skin->source ? skin->place : contact->node_place;
+    return keepers;
+}
+
 /* sums[place].old = what the nodes of a tool's patches remember. */
 static void sbi_contact_spread(sb_contact *contact, int tool)
 {
-    memset(contact->sums, 0, (size_t)contact->touch.node_count * sizeof *contact->sums);
+    const sbi_contact_keepers keepers = sbi_contact_get_keepers(contact);
+    memset(contact->sums, 0, (size_t)keepers.count * sizeof *contact->sums);
     for (int i = 0; i < contact->pressure_count; i++) {
         const sbi_contact_pressure *pressure = contact->pressures + i;
-        int place = contact->node_place[pressure->node];
+        int place = keepers.place[pressure->node];
         if (pressure->tool == tool && place >= 0)
             contact->sums[place].old = pressure->value;
     }
+}
+
+/* What is remembered at a node of a face. */
+static sb_real sbi_contact_remembered(const sb_contact *contact, int place)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    sb_real sum = 0;
+    int point;
+    if (!skin->source)
+        return contact->sums[place].old;
+    point = contact->nodes[place];
+    for (int c = point * skin->corners; c < (point + 1) * skin->corners; c++)
+        if (skin->shares[c] > 0)
+            sum += skin->shares[c] * contact->sums[skin->place[skin->corner_nodes[c]]].old;
+    return sum;
 }
 
 SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
@@ -79349,38 +80368,63 @@ SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
     for (int p = 0, tool = -1; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+        sb_real at[SBI_CONTACT_MOST_CORNERS];
         if (patch->tool != tool)
             sbi_contact_spread(contact, patch->tool);
         tool = patch->tool;
+        for (int a = 0; a < kind->corners; a++)
+            at[a] = sbi_contact_remembered(contact, patch->nodes[a]);
         for (int i = patch->first; i < patch->first + patch->count; i++) {
             sbi_contact_sample *s = contact->samples + i;
             s->memory = 0;
             for (int a = 0; a < kind->corners; a++)
-                s->memory += sbi_contact_corner_share(kind, s->weights, a) * contact->sums[patch->nodes[a]].old;
+                s->memory += sbi_contact_corner_share(kind, s->weights, a) * at[a];
         }
     }
 }
 
 /* ---- from samples to the list ---- */
 
-/* Share of its pressure that a node of a patch must not remember. */
-static sb_real sbi_contact_doubt(const sb_contact *contact, const sbi_contact_patch *patch, int place)
+/* Share of its pressure that a node of a patch must not remember; own: its stiffness over its area. */
+static sb_real sbi_contact_doubt(const sb_contact *contact, const sbi_contact_patch *patch, sb_real own)
 {
     const sb_real most = SBI_CONTACT_REMEMBERS, least = SBI_CONTACT_FORGETS;
-    sb_real k = contact->samples[patch->first].k, own = contact->stiffness_by_node[place];
+    sb_real k = contact->samples[patch->first].k;
     if (k >= most * own)
         return 0;
     return k > least * own ? (most - k / own) / (most - least) : 1;
 }
 
+/* The sums of a node of a face, at the corners of its cell. */
+static void sbi_contact_add_to_corners(sb_contact *contact, const sbi_contact_patch *patch, int place,
+                                       const sbi_contact_sum *at)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    int point = contact->nodes[place];
+    for (int c = point * skin->corners; c < (point + 1) * skin->corners; c++) {
+        int node = skin->corner_nodes[c], own = skin->place[node];
+        sbi_contact_sum *sum = contact->sums + own;
+        if (!(skin->shares[c] > 0))
+            continue;
+        sum->force += skin->shares[c] * at->force;
+        sum->rise += skin->shares[c] * at->rise;
+        sum->kept += skin->shares[c] * at->kept;
+        if (skin->node_areas[node] > 0)
+            sum->doubt =
+                sb_max(sum->doubt, sbi_contact_doubt(contact, patch, skin->loads[own] / skin->node_areas[node]));
+    }
+}
+
 static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *patch)
 {
+    sbi_contact_sum points[SBI_CONTACT_MOST_CORNERS];
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+    memset(points, 0, sizeof points);
     for (int i = patch->first; i < patch->first + patch->count; i++) {
         const sbi_contact_sample *s = contact->samples + i;
         sb_real fade = sb_max((sb_real)0, 1 - s->slip / sb_sqrt(s->area));
         for (int a = 0; a < kind->corners && s->answer.pressure > 0; a++) {
-            sbi_contact_sum *sum = contact->sums + patch->nodes[a];
+            sbi_contact_sum *sum = contact->skin.source ? points + a : contact->sums + patch->nodes[a];
             sb_real force = sbi_contact_corner_share(kind, s->weights, a) * s->area * s->answer.pressure;
             sum->force += force;
             sum->rise += force * (s->answer.pressure - s->memory);
@@ -79388,21 +80432,28 @@ static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *p
         }
     }
     for (int a = 0; a < kind->corners; a++) {
-        sbi_contact_sum *sum = contact->sums + patch->nodes[a];
-        sum->doubt = sb_max(sum->doubt, sbi_contact_doubt(contact, patch, patch->nodes[a]));
+        int place = patch->nodes[a];
+        sbi_contact_sum *sum;
+        if (contact->skin.source) {
+            sbi_contact_add_to_corners(contact, patch, place, points + a);
+            continue;
+        }
+        sum = contact->sums + place;
+        sum->doubt = sb_max(sum->doubt, sbi_contact_doubt(contact, patch, contact->stiffness_by_node[place]));
     }
 }
 
 /* Appends what a tool's corners remember now, in the order of places, which is that of its faces. */
 static int sbi_contact_append_pressures(sb_contact *contact, int tool, int fades, int count)
 {
-    for (int k = 0; k < contact->touch.node_count; k++) {
+    const sbi_contact_keepers keepers = sbi_contact_get_keepers(contact);
+    for (int k = 0; k < keepers.count; k++) {
         const sbi_contact_sum *sum = contact->sums + k;
         sbi_contact_pressure *fresh = contact->spare_pressures + count;
         if (!(sum->force > 0))
             continue;
         fresh->tool = tool;
-        fresh->node = contact->nodes[k];
+        fresh->node = keepers.nodes[k];
         fresh->value = (sum->old + sum->rise / sum->force) * (1 - sum->doubt);
         fresh->value *= fades ? sum->kept / sum->force : 1;
         count += fresh->value > 0;
@@ -79424,6 +80475,24 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
     contact->spare_pressures = contact->pressures;
     contact->pressures = fresh;
     contact->pressure_count = count;
+}
+
+/* ---- entries ---- */
+
+static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
+{
+    if (a->tool != b->tool)
+        return a->tool < b->tool;
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry)
+{
+    int at = contact->entry_count++;
+    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
+        contact->entries[at] = contact->entries[at - 1];
+    contact->entries[at] = *entry;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -79703,12 +80772,19 @@ SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 
 static void sbi_hung_multiply(void *user, const double *x, double *y)
 {
     const sb_contact *contact = (const sb_contact *)user;
+    const sbi_contact_skin *skin = &contact->skin;
     int count = contact->touch.node_count;
-    for (int k = 0; k < count; k++) {
+    for (int k = 0; k < count; k++)
         contact->hung_in[k] = sb_v3((sb_real)x[3 * k], (sb_real)x[3 * k + 1], (sb_real)x[3 * k + 2]);
-        contact->hung_out[k] = sb_v3(0, 0, 0);
+    if (skin->source) {
+        sbi_contact_skin_take(contact, NULL, contact->hung_in, skin->du);
+        memset(skin->force, 0, (size_t)contact->node_count * sizeof *skin->force);
+        sbi_contact_subtract_hung(contact, skin->du, skin->force);
+        sbi_contact_skin_give(contact, NULL, skin->force, contact->hung_out);
+    } else {
+        memset(contact->hung_out, 0, (size_t)count * sizeof *contact->hung_out);
+        sbi_contact_subtract_hung(contact, contact->hung_in, contact->hung_out);
     }
-    sbi_contact_subtract_hung(contact, contact->hung_in, contact->hung_out);
     for (int k = 0; k < count; k++) {
         y[3 * k] = (double)contact->hung_out[k].x;
         y[3 * k + 1] = (double)contact->hung_out[k].y;
@@ -79731,7 +80807,7 @@ SBI_API void sbi_contact_begin_hung(sb_contact *contact)
     coupling->user = contact;
     coupling->is_tangent = 1;
     coupling->multiply = sbi_hung_multiply;
-    coupling->nodes = contact->nodes;
+    coupling->nodes = contact->touch.nodes;
     coupling->node_count = any ? contact->touch.node_count : 0;
 }
 
@@ -79797,9 +80873,10 @@ enum { SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
 
 static void sbi_contact_forget_nodes(sb_contact *contact)
 {
-    for (int k = 0; k < contact->touch.node_count; k++)
+    for (int k = 0; k < contact->node_count; k++)
         contact->node_place[contact->nodes[k]] = -1;
-    contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+    contact->node_count = contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+    sbi_contact_skin_forget(contact);
     sbi_pairs_forget(contact);
 }
 
@@ -79943,13 +81020,40 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
 
 /* ---- stiffness ---- */
 
+/* tr A_aa / 3 (N/m) */
+static sb_real sbi_contact_trace(const sb_matrix *matrix, int node)
+{
+    const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
+    return (a[0] + a[4] + a[8]) / 3;
+}
+
+/* The same of a skin's points: what a unit pressure everywhere would move them by, each node held alone, inverted. */
+static void sbi_contact_measure_points(sb_contact *contact, const sb_matrix *matrix)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    for (int k = 0; k < skin->list_count; k++)
+        skin->loads[k] = sbi_contact_trace(matrix, skin->list[k]);
+    for (int k = 0; k < contact->node_count; k++) {
+        const sbi_contact_row row = sbi_contact_skin_row(skin, contact->nodes[k]);
+        sb_real way = 0;
+        for (int i = 0; i < row.count; i++) {
+            sb_real load = skin->loads[skin->place[row.nodes[i]]];
+            way += load > 0 ? sb_abs(row.weights[i]) * skin->node_areas[row.nodes[i]] / load : 0;
+        }
+        contact->stiffness_by_node[k] = way > 0 ? 1 / way : 0;
+    }
+}
+
 /* tr A_aa / 3 over the node's area, by place; 0 where it has no area or no stiffness. */
 static void sbi_contact_measure_nodes(sb_contact *contact, const sb_matrix *matrix)
 {
-    for (int k = 0; k < contact->touch.node_count; k++) {
+    if (contact->skin.source) {
+        sbi_contact_measure_points(contact, matrix);
+        return;
+    }
+    for (int k = 0; k < contact->node_count; k++) {
         int node = contact->nodes[k];
-        const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
-        sb_real trace = (a[0] + a[4] + a[8]) / 3, area = sbi_contact_node_area(contact->faces, node);
+        sb_real trace = sbi_contact_trace(matrix, node), area = sbi_contact_node_area(contact->faces, node);
         contact->stiffness_by_node[k] = trace > 0 && area > 0 ? trace / area : 0;
     }
 }
@@ -79986,6 +81090,16 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
     }
 }
 
+/* rate m / S of a skin's point, as sbi_contact_measure_points. */
+static sb_real sbi_contact_light_point(const sbi_contact_skin *skin, int point, const sbi_touch_step *step)
+{
+    const sbi_contact_row row = sbi_contact_skin_row(skin, point);
+    sb_real way = 0;
+    for (int i = 0; i < row.count; i++)
+        way += sb_abs(row.weights[i]) * skin->node_areas[row.nodes[i]] / (step->rate * step->masses[row.nodes[i]]);
+    return way > 0 ? 1 / way : 0;
+}
+
 /* Least of rate m_a / S_a of a patch's nodes, by which no node would have more than its share alone. */
 static sb_real sbi_contact_light(const sb_contact *contact, const sbi_contact_patch *patch, const sbi_touch_step *step)
 {
@@ -79993,13 +81107,42 @@ static sb_real sbi_contact_light(const sb_contact *contact, const sbi_contact_pa
     for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
         int node = contact->nodes[patch->nodes[a]];
         sb_real area = sbi_contact_node_area(contact->faces, node);
-        least = sb_min(least, area > 0 ? step->rate * step->masses[node] / area : 0);
+        if (contact->skin.source)
+            least = sb_min(least, sbi_contact_light_point(&contact->skin, node, step));
+        else
+            least = sb_min(least, area > 0 ? step->rate * step->masses[node] / area : 0);
     }
     return least;
 }
 
-/* stiffness_by_node += what a patch loads its nodes with (N/m), which no pattern of motion exceeds:
- *     x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
+/* What a force on a node of a face loads the body's nodes with. */
+static void sbi_contact_add_node_load(sb_contact *contact, int place, sb_real load)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    if (skin->source) {
+        const sbi_contact_row row = sbi_contact_skin_row(skin, contact->nodes[place]);
+        for (int i = 0; i < row.count; i++)
+            skin->loads[skin->place[row.nodes[i]]] += sb_abs(row.weights[i]) * load;
+    } else {
+        contact->stiffness_by_node[place] += load;
+    }
+}
+
+/* Sum of a row without signs: 1 of a node. */
+static sb_real sbi_contact_row_size(const sb_contact *contact, int place)
+{
+    sb_real sum = 0;
+    sbi_contact_row row;
+    if (!contact->skin.source)
+        return 1;
+    row = sbi_contact_skin_row(&contact->skin, contact->nodes[place]);
+    for (int i = 0; i < row.count; i++)
+        sum += sb_abs(row.weights[i]);
+    return sum;
+}
+
+/* stiffness_by_node, or of a skin its loads, += what a patch loads nodes with (N/m), which no pattern of motion
+ * exceeds: x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
 static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *patch)
 {
     int count = contact->faces->sizes[patch->face];
@@ -80007,16 +81150,36 @@ static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *p
         const sbi_contact_sample *s = contact->samples + i;
         sb_real sum = 0;
         for (int a = 0; a < count; a++)
-            sum += sb_abs(s->weights[a]);
+            sum += sb_abs(s->weights[a]) * sbi_contact_row_size(contact, patch->nodes[a]);
         for (int a = 0; a < count; a++)
-            contact->stiffness_by_node[patch->nodes[a]] += s->area * s->k * sum * sb_abs(s->weights[a]);
+            sbi_contact_add_node_load(contact, patch->nodes[a], s->area * s->k * sum * sb_abs(s->weights[a]));
     }
+}
+
+/* Share of its stiffness that a node of a face bears, with all that it is loaded with. */
+static sb_real sbi_contact_bearable(const sb_contact *contact, int place, const sbi_touch_step *step)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    const int node = contact->nodes[place];
+    const sb_real one = 1;
+    sbi_contact_row row = {1, &node, &one};
+    sb_real share = 1;
+    if (skin->source)
+        row = sbi_contact_skin_row(skin, node);
+    for (int i = 0; i < row.count; i++) {
+        sb_real load = skin->source ? skin->loads[skin->place[row.nodes[i]]] : contact->stiffness_by_node[place];
+        sb_real most = step->rate * step->masses[row.nodes[i]];
+        share = load > most ? sb_min(share, most / load) : share;
+    }
+    return share;
 }
 
 /* Of an explicit substep: as stiff as the nodes' masses admit, of all tools together. */
 static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_step *step)
 {
-    memset(contact->stiffness_by_node, 0, (size_t)contact->touch.node_count * sizeof *contact->stiffness_by_node);
+    memset(contact->stiffness_by_node, 0, (size_t)contact->node_count * sizeof *contact->stiffness_by_node);
+    for (int k = 0; k < contact->skin.list_count; k++)
+        contact->skin.loads[k] = 0;
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         sb_real k = sbi_contact_light(contact, patch, step);
@@ -80027,11 +81190,8 @@ static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_st
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         sb_real share = 1;
-        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
-            sb_real load = contact->stiffness_by_node[patch->nodes[a]];
-            sb_real most = step->rate * step->masses[contact->nodes[patch->nodes[a]]];
-            share = load > most ? sb_min(share, most / load) : share;
-        }
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+            share = sb_min(share, sbi_contact_bearable(contact, patch->nodes[a], step));
         for (int i = patch->first; i < patch->first + patch->count; i++)
             contact->samples[i].k *= share;
     }
@@ -80041,7 +81201,7 @@ static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_st
 static double sbi_contact_noise(const sb_contact *contact)
 {
     double sum = 0, place = 0;
-    for (int k = 0; k < contact->touch.node_count; k++)
+    for (int k = 0; k < contact->node_count; k++)
         place = fmax(place, (double)sb_v3_norm(contact->positions[k]));
     for (int i = 0; i < contact->sample_count; i++) {
         double force = (double)(contact->samples[i].area * contact->samples[i].k) * (double)SB_EPSILON * place;
@@ -80092,19 +81252,23 @@ static void sbi_contact_keep_before(sb_contact *contact)
 
 /* ---- begin ---- */
 
-static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
+static sb_result sbi_contact_begin(void *user, const sbi_touch_step *given, sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
+    sbi_touch_step own = *given; /* with velocities of the points that faces have */
+    const sbi_touch_step *step = &own;
     int thin = 0;
     sb_result result = sbi_contact_update_faces(contact, error);
+    if (result != SB_OK)
+        return result;
+    own.velocity = sbi_contact_at_points(contact, given->velocity, contact->skin.velocity);
     contact->is_solved = 0;
     contact->is_explicit = step->masses != NULL;
-    if (result == SB_OK && !(step->dt > 0) && !contact->kept) {
+    if (!(step->dt > 0) && !contact->kept) {
         sbi_contact_keep_before(contact);
         contact->kept = 1;
     }
-    if (result == SB_OK)
-        result = sbi_contact_sweep(contact, step, error);
+    result = sbi_contact_sweep(contact, step, error);
     if (result != SB_OK)
         return result;
     while (!sbi_contact_find_patches(contact, step, thin)) {
@@ -80120,6 +81284,8 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         sbi_contact_forget_nodes(contact);
         return result;
     }
+    contact->touch.nodes = contact->skin.source ? contact->skin.list : contact->nodes;
+    contact->touch.node_count = contact->skin.source ? contact->skin.list_count : contact->node_count;
     sbi_contact_begin_hung(contact);
     if (contact->is_explicit)
         sbi_contact_stiffen_explicit(contact, step);
@@ -80130,7 +81296,6 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         sbi_contact_remember_pressures(contact);
     sbi_pairs_stiffen(contact);
     sbi_pairs_remember(contact);
-    contact->touch.nodes = contact->nodes;
     contact->touch.noise = sbi_contact_noise(contact);
     contact->step_info.candidates = contact->sample_count + contact->pairs.sample_count;
     contact->step_info.retries = step->tries;
@@ -80144,8 +81309,8 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 /* Forces on the nodes, in the order of samples. */
 static void sbi_contact_sum_forces(sb_contact *contact)
 {
-    sb_vec3 *force = contact->touch.force;
-    memset(force, 0, (size_t)contact->touch.node_count * sizeof *force);
+    sb_vec3 *force = contact->skin.source ? contact->skin.force : contact->touch.force;
+    memset(force, 0, (size_t)contact->node_count * sizeof *force);
     contact->touch.touching = 0;
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
@@ -80159,12 +81324,18 @@ static void sbi_contact_sum_forces(sb_contact *contact)
         }
     }
     sbi_pairs_add_forces(contact, force);
+    if (contact->skin.source)
+        sbi_contact_skin_give(contact, NULL, force, contact->touch.force);
 }
 
 static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_work work;
+    if (contact->skin.source) {
+        sbi_contact_skin_take(contact, NULL, du, contact->skin.du);
+        du = contact->skin.du;
+    }
     work.contact = contact;
     work.du = du;
     work.renew = renew;
@@ -80223,12 +81394,12 @@ static sb_vec3 sbi_contact_times(const sb_real *m, sb_vec3 v)
                  m[6] * v.x + m[7] * v.y + m[8] * v.z);
 }
 
-static void sbi_contact_multiply(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+/* By places of nodes of faces. */
+static void sbi_contact_multiply_faces(sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
 {
-    sb_contact *contact = (sb_contact *)user;
     size_t width = (size_t)contact->faces->width;
     sbi_contact_make_blocks(contact);
-    memset(out, 0, (size_t)contact->touch.node_count * sizeof *out);
+    memset(out, 0, (size_t)contact->node_count * sizeof *out);
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
@@ -80243,8 +81414,20 @@ static void sbi_contact_multiply(void *user, const unsigned char *masked, const 
     sbi_pairs_multiply(contact, masked, x, out);
     if (contact->touch.couples)
         sbi_contact_subtract_hung(contact, x, out);
-    for (int k = 0; masked && k < contact->touch.node_count; k++)
+    for (int k = 0; masked && k < contact->node_count; k++)
         out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
+}
+
+static void sbi_contact_multiply(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_contact *contact = (sb_contact *)user;
+    if (!contact->skin.source) {
+        sbi_contact_multiply_faces(contact, masked, x, out);
+        return;
+    }
+    sbi_contact_skin_take(contact, masked, x, contact->skin.du);
+    sbi_contact_multiply_faces(contact, NULL, contact->skin.du, contact->skin.force);
+    sbi_contact_skin_give(contact, masked, contact->skin.force, out);
 }
 
 static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_matrix *matrix)
@@ -80253,6 +81436,10 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
     size_t width = (size_t)contact->faces->width;
     sbi_contact_make_blocks(contact);
     contact->saved_count = 0;
+    if (contact->skin.source) {
+        sbi_contact_skin_add_blocks(contact, masked, matrix);
+        return;
+    }
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
@@ -80269,6 +81456,13 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
         }
     }
     sbi_pairs_add_blocks(contact, masked, matrix);
+}
+
+static double sbi_contact_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_contact *contact = (sb_contact *)user;
+    return contact->skin.source ? sbi_contact_skin_multiply_links(contact, masked, x, out)
+                                : sbi_pairs_multiply_links(contact, masked, x, out);
 }
 
 /* Backwards, since faces share blocks. */
@@ -80393,7 +81587,7 @@ static void sbi_contact_arrive(sb_contact *contact)
 /* Overlap of what touches, and how far the surface was pushed there, along the normal (m). */
 static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed)
 {
-    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *rest = sbi_contact_points_at_rest(contact);
     *overlap = *pushed = 0;
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
@@ -80462,10 +81656,7 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
     const sb_contact *contact = (const sb_contact *)user;
     for (int e = 0; e < contact->entry_count; e++) {
         const sbi_contact_entry *entry = contact->entries + e;
-        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
-        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
-        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
-            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
+        sbi_contact_load_sample(contact, entry->face, entry->parts, entry->sample, factor, entry->force, out);
     }
     sbi_pairs_add_done(contact, factor, out);
 }
@@ -80556,7 +81747,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
-    touch->multiply_links = sbi_pairs_multiply_links;
+    touch->multiply_links = sbi_contact_multiply_links;
     touch->accept = sbi_contact_accept;
     touch->mend = sbi_contact_mend;
     touch->share = 1;
@@ -80679,7 +81870,7 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
     made->spring.most = def->max_force;
     made->spring.hand = made->reached;
     if (result == SB_OK && sbi_contact_is_hung(made))
-        result = sbi_body_reserve_coupling(contact->body, contact->faces->node_room, error);
+        result = sbi_body_reserve_coupling(contact->body, sbi_contact_body_room(contact), error);
     return result;
 }
 
@@ -80849,11 +82040,12 @@ SB_API sb_result sb_contact_reached(const sb_contact *contact, int tool, sb_pose
 /* ==== src/softbody/contact/contact_state.c ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
- * is loaded into a body whose contact has the same tools. Faces are named by cell and side. */
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side, those of a skin by their
+ * numbers. */
 #include <string.h>
 
 
-enum { SBI_CONTACT_VERSION = 3 }; /* 3: springs of tools */
+enum { SBI_CONTACT_VERSION = 4 }; /* 3: springs of tools; 4: skins */
 
 /* ---- words ---- */
 
@@ -80937,8 +82129,8 @@ static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_e
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_contact_put_int(out, entry->tool);
-    sbi_contact_put_int(out, contact->faces->elements[entry->face]);
-    sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    sbi_contact_put_int(out, contact->faces->keys[entry->face] / contact->faces->side_count);
+    sbi_contact_put_int(out, contact->faces->keys[entry->face] % contact->faces->side_count);
     sbi_contact_put_int(out, entry->parts);
     sbi_contact_put_int(out, entry->sample);
     sbi_contact_put_int(out, entry->sticks);
@@ -80949,10 +82141,18 @@ static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_e
     sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
 }
 
+/* Triangles of a skin; -1 of one whose number changes, 0: none. */
+static int sbi_contact_skin_size(const sb_contact *contact)
+{
+    const sb_skin *source = contact->skin.source;
+    return !source ? 0 : source->is_late ? -1 : source->face_count;
+}
+
 static void sbi_contact_save(const void *user, sbi_state_out *out)
 {
     const sb_contact *contact = (const sb_contact *)user;
     sbi_contact_put_int(out, contact->max_tools);
+    sbi_contact_put_int(out, sbi_contact_skin_size(contact));
     for (int t = 0; t < contact->max_tools; t++)
         sbi_contact_put_tool(contact->tools + t, out);
     sbi_contact_put_int(out, contact->entry_count);
@@ -81012,6 +82212,8 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
 SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
 {
     int low = 0, high = faces->face_end;
+    if (faces->is_skin)
+        return side == 0 && element < faces->face_end && faces->areas[element] > 0 ? element : -1;
     if (side >= faces->side_count || element > (faces->face_end > 0 ? faces->elements[faces->face_end - 1] : -1))
         return -1;
     while (low < high) {
@@ -81061,11 +82263,11 @@ static sbi_contact_pressure sbi_contact_get_pressure(const sb_contact *contact, 
     return pressure;
 }
 
-/* Pressures of at most four corners of each contact. */
-static int sbi_contact_get_pressure_count(sbi_contact_in *in, int contacts)
+/* Pressures of as many corners of each contact as there can be. */
+static int sbi_contact_get_pressure_count(const sb_contact *contact, sbi_contact_in *in, int contacts)
 {
     int count = sbi_contact_get_int(in);
-    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
+    in->bad |= count < 0 || count > (int64_t)contact->corner_room * contacts;
     return in->bad ? 0 : count;
 }
 
@@ -81080,6 +82282,8 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     if (sbi_contact_get_int(&in) != contact->max_tools)
         return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
                         contact->max_tools);
+    if (sbi_contact_get_int(&in) != sbi_contact_skin_size(contact))
+        return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another skin");
     for (int t = 0; t < contact->max_tools && result == SB_OK; t++)
         result = sbi_contact_get_tool(contact, t, &in, 0, error);
     if (result != SB_OK)
@@ -81092,7 +82296,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 0, &entry);
     }
-    pressures = sbi_contact_get_pressure_count(&in, count);
+    pressures = sbi_contact_get_pressure_count(contact, &in, count);
     for (int i = 0; i < pressures && !in.bad; i++)
         (void)sbi_contact_get_pressure(contact, &in);
     if (in.bad || count < 0 || in.left != 0)
@@ -81100,27 +82304,12 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     return SB_OK;
 }
 
-static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
-{
-    if (a->tool != b->tool)
-        return a->tool < b->tool;
-    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
-}
-
-/* Entries go where their order wants them: faces may have other numbers here. */
-static void sbi_contact_insert(sb_contact *contact, const sbi_contact_entry *entry)
-{
-    int at = contact->entry_count++;
-    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
-        contact->entries[at] = contact->entries[at - 1];
-    contact->entries[at] = *entry;
-}
-
 static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
     int count, pressures;
+    (void)sbi_contact_get_int(&in);
     (void)sbi_contact_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
         (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
@@ -81134,12 +82323,12 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 1, &entry);
         if (entry.face >= 0)
-            sbi_contact_insert(contact, &entry);
+            sbi_contact_insert_entry(contact, &entry);
     }
-    pressures = sbi_contact_get_pressure_count(&in, count);
+    pressures = sbi_contact_get_pressure_count(contact, &in, count);
     for (int i = 0; i < pressures; i++) {
         sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);
-        if (pressure.node < contact->faces->node_room)
+        if (pressure.node < sbi_contact_body_room(contact))
             contact->pressures[contact->pressure_count++] = pressure;
     }
 }
@@ -81397,7 +82586,7 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
         point->tool = entry->tool;
         point->other_element = point->other_face = -1;
         point->element = contact->faces->elements[entry->face];
-        point->face = contact->faces->sides[entry->face];
+        point->face = contact->faces->is_skin ? entry->face : contact->faces->sides[entry->face];
         point->sticks = entry->sticks;
         point->gap = entry->gap;
         point->area = entry->area;
@@ -81417,7 +82606,7 @@ SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressu
     if (!contact || !pressures)
         return SB_ERROR_ARGUMENT;
     faces = contact->faces;
-    nodes = sb_body_node_count(contact->body);
+    nodes = sbi_contact_point_count(contact);
     memset(pressures, 0, (size_t)nodes * sizeof *pressures);
     for (int e = 0; e < contact->entry_count; e++) {
         const sbi_contact_entry *entry = contact->entries + e;
@@ -81461,14 +82650,11 @@ static void sbi_contact_load_column(const sb_contact *contact, int tool, int j, 
     memset(rhs, 0, (size_t)sb_body_node_count(contact->body) * sizeof *rhs);
     for (int e = 0; e < contact->entry_count; e++) {
         const sbi_contact_entry *entry = contact->entries + e;
-        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
-        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
         sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), force;
         if (entry->tool != tool)
             continue;
         force = sbi_contact_way_force(entry, sbi_contact_unit_way(j, arm));
-        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
-            rhs[nodes[a]] = sb_v3_madd(rhs[nodes[a]], weights[a], force);
+        sbi_contact_load_sample(contact, entry->face, entry->parts, entry->sample, 1, force, rhs);
     }
 }
 
@@ -81480,9 +82666,7 @@ static void sbi_contact_read_column(const sb_contact *contact, int tool, int j, 
         sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), follows, force, torque;
         if (entry->tool != tool)
             continue;
-        follows = sbi_contact_mean(sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample),
-                                   sbi_contact_face_nodes(contact->faces, entry->face),
-                                   contact->faces->sizes[entry->face], x);
+        follows = sbi_contact_sample_motion(contact, entry->face, entry->parts, entry->sample, x);
         force = sbi_contact_way_force(entry, sb_v3_sub(sbi_contact_unit_way(j, arm), follows));
         torque = sb_v3_cross(arm, force);
         k[0][j] -= force.x, k[1][j] -= force.y, k[2][j] -= force.z;
@@ -81599,7 +82783,8 @@ SB_API sb_contact_info sb_contact_get_info(const sb_contact *contact)
 
 
 #define SBI_CONTACT_COOKIE 0xc0117ac7u
-enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+enum { SBI_CONTACT_LEAST_SAMPLES = 3 };                             /* of any face */
+enum { SBI_CONTACT_SKIN_POINTS = 3, SBI_CONTACT_SKIN_BLOCKS = 64 }; /* of a face; most of a face on the average */
 /* Squares of the highest frequency of a mesh over those of its nodes held alone, tr K_aa / 3 m_a: some 2 to 4. */
 #define SBI_CONTACT_SHARE ((sb_real)3)
 
@@ -81644,6 +82829,11 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
     if (!(def->pair_distance >= 0) || !sb_is_finite(def->pair_distance))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pair_distance is %g m, it must be at least 0",
                         (double)def->pair_distance);
+    if (def->skin && def->pairs)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "def.pairs is %d, but a skin (def.skin) is touched by tools only: it must be 0", def->pairs);
+    if (def->skin && def->body->domain.element_type == SB_CUSTOM)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "bodies of custom elements have no skins (def.skin)");
     if (sbi_body_get_touch(def->body))
         return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
     if (!sbi_body_is_implicit(def->body) && def->pairs)
@@ -81660,7 +82850,7 @@ static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
     size_t samples = (size_t)c->max_contacts, regions = (size_t)c->region_room, corners;
     size_t width = (size_t)c->faces->width, blocks = (size_t)c->pairs.slot_room * width * width;
     sbi_pairs *p = &c->pairs;
-    corners = SBI_CONTACT_MOST_CORNERS * samples;
+    corners = (size_t)c->corner_room * samples;
     p->patches = (sbi_pair_patch *)sbi_arena_take(arena, (size_t)c->patch_room, sizeof *p->patches);
     p->samples = (sbi_pair_sample *)sbi_arena_take(arena, samples, sizeof *p->samples);
     p->links = (sbi_pair_link *)sbi_arena_take(arena, samples, sizeof *p->links);
@@ -81682,7 +82872,8 @@ static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
 static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
     size_t tools = (size_t)c->max_tools, samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
-    size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
+    sbi_contact_skin *skin = &c->skin;
+    size_t corners = (size_t)c->corner_room * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->kept_tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->kept_tools);
@@ -81691,7 +82882,8 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
     c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
     c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
-    c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
+    c->saved =
+        (sbi_contact_saved *)sbi_arena_take(arena, skin->source ? (size_t)skin->most_saved : pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
     c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
@@ -81700,6 +82892,11 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->before_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
     if (c->pairs.kinds)
         sbi_contact_lay_out_lists(c, arena);
+    if (!skin->source)
+        return;
+    skin->found = (int *)sbi_arena_take(arena, samples, sizeof(int));
+    skin->next = (int *)sbi_arena_take(arena, samples, sizeof(int));
+    skin->cross = (sbi_contact_cross *)sbi_arena_take(arena, patches, sizeof *skin->cross);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -81717,12 +82914,33 @@ static int sbi_contact_take_memory(sb_contact *c)
     return 1;
 }
 
+/* Blocks of a face in one cell, or of its three points, for each patch; of large elements for some of them: what there
+ * is no room for is multiplied beside the matrix. */
+static int sbi_contact_most_saved(const sb_contact *c)
+{
+    int64_t each = sbi_min_int(SBI_CONTACT_SKIN_POINTS * c->skin.width * c->skin.width, SBI_CONTACT_SKIN_BLOCKS);
+    return (int)((int64_t)c->patch_room * each); /* below 2^19 times 2^6 */
+}
+
+/* Faces of a skin. */
+static sb_result sbi_contact_skin_create(sb_contact *c, const sb_contact_def *def, sb_error *error)
+{
+    c->skin.source = def->skin;
+    c->skin.width = c->body->domain.nodes_per_cell;
+    c->skin.corners = sb_element_corner_count(c->body->domain.element_type);
+    c->skin.node_room = c->body->node_capacity;
+    return sbi_contact_skin_update(c, error);
+}
+
 static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, sb_error *error)
 {
-    sb_result result = sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
+    sb_result result = def->skin ? sbi_contact_skin_create(c, def, error)
+                                 : sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
     if (result != SB_OK)
         return result;
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
+    c->corner_room = c->skin.source ? SBI_CONTACT_SKIN_POINTS * c->skin.corners : SBI_CONTACT_MOST_CORNERS;
+    c->skin.most_saved = sbi_contact_most_saved(c);
     c->region_room = c->faces->region_count;
     c->touch.max_iterations = def->max_iterations;
     c->touch.stiffening = def->stiffness / SBI_CONTACT_SHARE;
@@ -81732,6 +82950,8 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     c->pairs.slot_room = sbi_min_int(c->patch_room, c->faces->face_room);
     if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
+    if (c->skin.source)
+        sbi_contact_faces_refit(c->faces, sbi_contact_points_now(c), NULL, 0);
     sbi_pairs_measure(c);
     return SB_OK;
 }
@@ -81742,6 +82962,7 @@ static void sbi_contact_release(sb_contact *contact)
     for (int t = 0; contact->tools && t < contact->max_tools; t++)
         sbi_contact_free_tool(contact, t);
     sbi_contact_faces_destroy(contact->faces);
+    sbi_contact_skin_free(contact);
     sbi_free(&allocator, contact->room_memory);
     sbi_free(&allocator, contact->memory);
     sbi_free(&allocator, contact);
@@ -83175,19 +84396,13 @@ static void sbi_haptic_recognise(sb_haptic *haptic, const sbi_haptic_frame *fram
 /* rhs += a force on a sample of a face */
 static void sbi_column_load(sb_haptic *haptic, int face, int parts, int sample, sb_vec3 force)
 {
-    const sbi_contact_faces *faces = haptic->contact->faces;
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    const sb_real *weights = sbi_contact_sample_weights(faces, face, parts, sample);
-    for (int a = 0; a < faces->sizes[face]; a++)
-        haptic->contact->hung_in[nodes[a]] = sb_v3_madd(haptic->contact->hung_in[nodes[a]], weights[a], force);
+    sbi_contact_load_sample(haptic->contact, face, parts, sample, 1, force, haptic->contact->hung_in);
 }
 
 /* Where the tissue there goes by the column. */
 static sb_vec3 sbi_column_motion(const sb_haptic *haptic, int face, int parts, int sample)
 {
-    const sbi_contact_faces *faces = haptic->contact->faces;
-    return sbi_contact_mean(sbi_contact_sample_weights(faces, face, parts, sample), sbi_contact_face_nodes(faces, face),
-                            faces->sizes[face], haptic->contact->hung_out);
+    return sbi_contact_sample_motion(haptic->contact, face, parts, sample, haptic->contact->hung_out);
 }
 
 static void sbi_column_clear(sb_haptic *haptic)

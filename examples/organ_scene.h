@@ -119,18 +119,22 @@ static inline int organ_make_skin(organ *o)
     return o->places && o->numbers ? 0 : organ_complain_memory(o);
 }
 
+/* given_contact NULL: nothing touches it. */
 static inline int organ_make_body(organ *o, const sb_body_def *given, const sb_contact_def *given_contact)
 {
     sb_body_def def = *given;
-    sb_contact_def contact = *given_contact;
+    sb_contact_def contact;
     sb_check_report report;
     sb_error error;
     def.mesh = &o->mesh;
     if (sb_body_create(&def, &o->body, &error) != SB_OK)
         return organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
-    contact.body = o->body;
-    if (sb_contact_create(&contact, &o->contact, &error) != SB_OK)
-        return organ_complain_of(o, "contact", &error, ORGAN_USAGE);
+    if (given_contact) {
+        contact = *given_contact;
+        contact.body = o->body;
+        if (sb_contact_create(&contact, &o->contact, &error) != SB_OK)
+            return organ_complain_of(o, "contact", &error, ORGAN_USAGE);
+    }
     if (sb_body_check(o->body, &report) == SB_OK && report.warnings & SB_CHECK_SIZE)
         fprintf(stderr, "%s: warning: the organ measures %.3g m; is it in millimetres? then add --scale 0.001\n",
                 o->program, (double)report.size);

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, drop, one_body, register_liver and insilico as a user would, with good and bad arguments
-# and files:
+# programs, grasp, palpation, drop, cut_scalpel, cut_resect, one_body, register_liver and insilico as a user would,
+# with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -597,10 +597,85 @@ expect 2 'no-such.vtk' drop no-such.vtk
 expect_data 2 'is a surface' drop surfaces/liver_a.obj
 expect 2 'no-such-folder/x.csv: cannot be written' drop --count 1 --cells 2 --seconds 0.1 -o no-such-folder/x
 
+# ---- cut_scalpel ----
+expect 0 '^usage: cut_scalpel' cut_scalpel --help
+expect 0 '^parts=1 gape_mm=[0-9.]* links=[0-9]* cells=[0-9]* nodes=[0-9]* frames=[0-9]*$' cut_scalpel --write-stroke path.txt
+check "the cut opens under the organ's weight" holds "$(last gape_mm) > 15 && $(last gape_mm) < 50"
+check "cut_scalpel.png is a picture" is_png cut_scalpel.png
+check "a row for each frame" [ "$(wc -l <cut_scalpel.csv | tr -d ' ')" = "$(($(last frames) + 1))" ]
+check "the series names its files" \
+    [ "$(grep -c '"name": "cut_scalpel_00' cut_scalpel.vtk.series)" = "$(($(last frames) / 10))" ]
+check "skin and lips in a file" grep -a -q '^SCALARS lip' cut_scalpel_0010.vtk
+cut="cut_scalpel --cells 6 --every 20 --rest 0.1"
+expect 0 '^parts=2 .* frames=81$' $cut --depth 1 --speed 0.2 --write-stroke through.txt --frames 81 -o through
+expect 0 '^parts=2 .* frames=81$' $cut --stroke through.txt --frames 81 -o again
+for file in .csv .png _0003.vtk; do
+    check "the same stroke from a file: $file" cmp -s through$file again$file
+done
+expect 0 '^parts=1 .* frames=1$' $cut --lattice 4 --frames 1 --every 0 -o odd
+check "no series unless asked for" is_gone odd.vtk.series
+long expect_data 0 '^parts=1' cut_scalpel volumes/liver_a_tet4_2k.vtk --lattice 1 --frames 60 -o organ
+bad_stroke() { # bad_stroke WORDS TEXT: the file of strokes is refused
+    printf "$2" >bad.txt
+    expect 2 "^cut_scalpel: bad.txt$1" cut_scalpel --cells 4 --stroke bad.txt
+}
+bad_stroke ': has no stroke' '# nothing\n'
+bad_stroke ':1: stands before the first line' '0 1 2 3 4 5 6\n'
+bad_stroke ':2: needs the time and three numbers' 'stroke\n0 1 2 3 4 5\n'
+bad_stroke ':2: needs finite numbers' 'stroke\n0 1 2 nan 4 5 6\n'
+bad_stroke ':2: needs finite numbers' 'stroke\n0 1 2 3x 4 5 6\n'
+bad_stroke ':3: has another number of corners' 'stroke\n0 1 2 3 4 5 6\n1 1 2 3 4 5 6 7 8 9\n'
+bad_stroke ':4: needs a later time' 'stroke\n\n1 1 2 3 4 5 6\n1 1 2 3 4 5 6\n'
+bad_stroke ':3: the stroke before has fewer' 'stroke\n0 1 2 3 4 5 6\nstroke\n'
+bad_stroke ':1: `stroke` stands alone' 'stroke of genius\n'
+bad_stroke ':2: has more than 8 corners' "stroke\n$(seq 0 27 | tr '\n' ' ')\n"
+bad_stroke ':2: is longer than' "stroke\n$(seq 0 900 | tr '\n' ' ')\n"
+expect 2 'no-such.txt: cannot be read' cut_scalpel --cells 4 --stroke no-such.txt
+expect 2 '--lattice needs 1, 2 or 4' cut_scalpel --lattice 3
+expect 2 '--depth needs a number from' cut_scalpel --depth 2
+expect 2 '--deep is no option' cut_scalpel --deep 2
+expect 2 'no-such.vtk' cut_scalpel no-such.vtk
+expect_data 2 'is cut as tet4 only' cut_scalpel volumes/liver_a_tet10_1k.vtk
+expect_data 2 'is a surface' cut_scalpel surfaces/liver_a.obj
+expect 3 'does not come to rest' cut_scalpel --cells 4 --young 10
+expect 2 'no-such-folder/x.csv: cannot be written' $cut --frames 1 --every 0 -o no-such-folder/x
+
+# ---- cut_resect ----
+expect 0 '^usage: cut_resect' cut_resect --help
+expect 0 '^parts=2 resected_ml=[0-9.]* resected_g=[0-9.]* tumour_ml=[0-9.]* margin_mm=[0-9.]* carried=[0-9.]*$' cut_resect
+check "the margin is near what was planned" holds "$(last margin_mm) > 7.5 && $(last margin_mm) < 8.5"
+check "the wedge weighs what it measures" holds "$(last resected_g) / $(last resected_ml) / 1.06 > 0.9999 &&
+    $(last resected_g) / $(last resected_ml) / 1.06 < 1.0001 && $(last resected_ml) > $(last tumour_ml)"
+check "the grasper carries its weight" holds "$(last carried) > 0.99 && $(last carried) < 1.01"
+check "cut_resect.png is a picture" is_png cut_resect.png
+check "the tumour is in the series" [ "$(grep -c '"name": "cut_resect_tumour_' cut_resect_tumour.vtk.series)" -gt 5 ]
+cube tumour.obj 0.016
+resect="cut_resect --cells 8 --every 0 --tumour tumour.obj"
+expect 0 '^parts=2 .* tumour_ml=4.10 ' $resect --lattice 1 -o cube
+check "no series unless asked for" is_gone cube.vtk.series
+expect 0 '^parts=2 ' $resect --lattice 1 -o again
+for file in .csv .png; do
+    check "the same wedge again: $file" cmp -s cube$file again$file
+done
+expect 0 'margin_mm=-\{0,1\}0' $resect --lattice 4 --margin 0 --lift 0 -o odd
+long expect_data 0 '^parts=2' cut_resect volumes/liver_a_tet4_2k.vtk --every 0 -o organ
+expect 2 'the wedge: does not come loose' $resect --margin 0.5
+expect 2 'far.obj: sticks out of the organ' cut_resect --cells 8 --tumour far.obj
+expect 2 'open.obj: .*edges of one face only' cut_resect --cells 8 --tumour open.obj
+expect 2 'the tumour: sticks out of the organ' cut_resect --cells 8 --depth 0.002
+expect 2 'the tumour: has no organ there' cut_resect --cells 8 --x 0
+expect 2 'no-such.obj' cut_resect --cells 8 --tumour no-such.obj
+expect 2 'volume.vtk: is no surface of triangles' cut_resect --cells 8 --tumour volume.vtk
+expect 2 '--lattice needs 1, 2 or 4' cut_resect --lattice 3
+expect 2 '--angle needs a number from' cut_resect --angle 90
+expect 2 '--wide is no option' cut_resect --wide 2
+expect_data 2 'is cut as tet4 only' cut_resect volumes/liver_a_tet10_1k.vtk
+expect 2 'no-such-folder/x.csv: cannot be written' $resect --lift 0 -o no-such-folder/x
+
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation drop"
+    palpation drop cut_scalpel cut_resect"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1
@@ -647,6 +722,8 @@ if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
     full_disk x.csv grasp --way 0.001 -o full/x
     full_disk x.csv palpation --cells 6 --size 0.012 --grid 5 -o full/x
     full_disk x.csv drop --count 1 --cells 2 --seconds 0.1 -o full/x
+    full_disk x.csv cut_scalpel --cells 4 --frames 1 --every 0 -o full/x
+    full_disk x.csv $resect --lift 0 -o full/x
     full_disk x.vtk custom_element -n 1 -o full/x.vtk
     full_disk demo.png demo --no-vtk --frames 10 -o full
     full_disk demo_0000.vtk demo --frames 10 --every 5 -o full

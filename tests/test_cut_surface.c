@@ -1,5 +1,6 @@
 /* The surface of a body that is cut: closed, with the parts' volumes, and its vertices where their material is. */
 #include "cut_block.h"
+#include "random_case.h"
 
 #include "../src/softbody/cut/cut_surface.h"
 
@@ -87,7 +88,7 @@ static double below(const sb_vec3 *x, const int *triangle)
 static double check_volumes(const block *b, const sb_cut_drawing *d)
 {
     const sb_body *body = b->body;
-    double whole = (double)(block_size.x * block_size.y * block_size.z), worst = 0;
+    double whole = 0, area = 0, worst = 0;
     int parts = body->component_count;
     double *volumes = (double *)calloc((size_t)parts * 4, sizeof *volumes);
     sb_vec3 lips = {0, 0, 0};
@@ -101,7 +102,9 @@ static double check_volumes(const block *b, const sb_cut_drawing *d)
         if (d->tags[f] == SB_CUT_LIP) {
             const sb_vec3 *x = d->rest;
             const int *v = d->triangles[f];
-            lips = sb_v3_add(lips, sb_v3_cross(sb_v3_sub(x[v[1]], x[v[0]]), sb_v3_sub(x[v[2]], x[v[0]])));
+            sb_vec3 normal = sb_v3_cross(sb_v3_sub(x[v[1]], x[v[0]]), sb_v3_sub(x[v[2]], x[v[0]]));
+            lips = sb_v3_add(lips, normal);
+            area += (double)sb_v3_norm(normal);
         }
     }
     for (int e = 0; e < sb_body_element_count(body); e++) {
@@ -116,9 +119,12 @@ static double check_volumes(const block *b, const sb_cut_drawing *d)
         }
     }
     for (int part = 0; part < parts; part++)
+        whole += volumes[4 * part + 2];
+    for (int part = 0; part < parts; part++)
         for (int now = 0; now < 2; now++)
             worst = fmax(worst, fabs(volumes[4 * part + now] - volumes[4 * part + 2 + now]) / whole);
-    worst = fmax(worst, (double)sb_v3_norm(lips) / (double)(block_size.x * block_size.y));
+    if (area > 0)
+        worst = fmax(worst, (double)sb_v3_norm(lips) / area);
     free(volumes);
     return worst;
 }
@@ -140,13 +146,17 @@ static double area_of(const sb_cut_drawing *d, int tag)
 /* Vertices are where their origins say, with unit normals where they are used. */
 static void check_vertices(const block *b, const sb_cut_drawing *d)
 {
+    sb_vec3 low, high;
+    double reach;
+    sb_mesh_bounds(&b->mesh, &low, &high);
+    reach = fmax((double)sb_v3_norm(low), (double)sb_v3_norm(high));
     for (int i = 0; i < d->vertex_count; i++) {
         sb_vec3 x = {0, 0, 0};
         if (d->origins[i].element < 0)
             continue;
         for (int a = 0; a < 4; a++)
             x = sb_v3_madd(x, d->origins[i].weights[a], b->mesh.nodes[d->origins[i].nodes[a]]);
-        CHECK_NEAR(sb_v3_norm(sb_v3_sub(x, d->rest[i])), 0, scene_tolerance(1e-15, 4));
+        CHECK_NEAR(sb_v3_norm(sb_v3_sub(x, d->rest[i])), 0, scene_tolerance(1.1e-14, 4) * reach);
         CHECK(sb_v3_norm(d->normals[i]) == 0 || fabs((double)sb_v3_norm(d->normals[i]) - 1) < 1e-4);
         CHECK(d->points[d->points[i]] == d->points[i]);
     }
@@ -237,6 +247,90 @@ static void test_strokes(void)
             block_free(&b);
         }
     printf("   parts' volumes and lips off by %.1e\n", worst);
+    CHECK_NEAR(worst, 0, scene_tolerance(1e-12, 500));
+}
+
+/* ---- organs that nobody chose ------------------------------------------------------------------------------------ */
+
+/* A random case of tets as a body that can be cut, with any preconditioner and lattice; 0 when this number has none. */
+static int organ_make(block *b, random_case *c, unsigned long long number, double *size)
+{
+    static const sb_precond_kind kinds[] = {SB_PRECOND_BLOCK_JACOBI, SB_PRECOND_SSOR,     SB_PRECOND_IC0,
+                                            SB_PRECOND_FSAI,         SB_PRECOND_CHOLESKY, SB_PRECOND_MULTIGRID};
+    sb_body_def def = sb_default_body_def();
+    sb_vec3 low, high;
+    memset(b, 0, sizeof *b);
+    if (!random_case_make(c, number, 0))
+        return 0;
+    if (c->mesh.element_type != SB_TET4 || c->integrator == SB_CENTRAL_DIFFERENCE) {
+        random_case_free(c);
+        return 0;
+    }
+    def.mesh = &c->mesh;
+    def.material = c->material;
+    def.integrator = c->integrator;
+    def.mass = c->mass;
+    def.gravity = c->gravity;
+    def.damping_stiffness = c->damping;
+    def.preconditioner = kinds[number % 6];
+    def.slack = 1;
+    b->mesh = c->mesh;
+    b->body = scene_body(&def);
+    CHECK_OK(sb_body_fix_nodes(b->body, c->held, c->held_count, SB_XYZ));
+    block_cut_create(b, intervals_of[number % 3]);
+    sb_mesh_bounds(&c->mesh, &low, &high);
+    *size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    return 1;
+}
+
+/* Squares about random nodes, some exactly through them, in a body that moves: whatever they part, the surface is
+ * closed and holds what the cells do, and nothing is lost. */
+static double organ_cut(block *b, const random_case *c, double size, unsigned long long *seed)
+{
+    double worst = 0;
+    sb_cut_surface *surface = surface_make(b);
+    for (int i = 0; i < 4; i++) {
+        const sb_vec3 *x = sb_body_positions(b->body);
+        sb_vec3 triangles[6], middle = x[random_below(seed, c->mesh.node_count)];
+        totals before = totals_of(b), after;
+        sb_cut_drawing d;
+        int euler;
+        if (i % 2 == 0)
+            middle = sb_v3_madd(middle, REAL(0.05 * size), random_direction(seed));
+        square_make(middle, random_direction(seed), size * check_random_in(seed, 0.1, 2), triangles);
+        block_cut(b, triangles, 2);
+        after = totals_of(b);
+        CHECK_NEAR(after.mass, before.mass, scene_tolerance(1e-12, 500) * before.mass);
+        check_pieces(b);
+        CHECK_OK(sb_body_step(b->body, c->dt, NULL));
+        CHECK_OK(sb_cut_surface_update(surface, NULL));
+        d = sb_cut_surface_get(surface);
+        check_closed(&d, &euler);
+        check_vertices(b, &d);
+        worst = fmax(worst, check_volumes(b, &d));
+    }
+    sb_cut_surface_destroy(surface);
+    return worst;
+}
+
+static void test_organs(void)
+{
+    double worst = 0;
+    int organs = 0;
+    for (unsigned long long number = 0; organs < (check_quick() ? 6 : 16); number++) {
+        unsigned long long seed = 31 + number;
+        random_case c;
+        block b;
+        double size;
+        if (!organ_make(&b, &c, number, &size))
+            continue;
+        organs++;
+        worst = fmax(worst, organ_cut(&b, &c, size, &seed));
+        sb_cut_destroy(b.cut);
+        sb_body_destroy(b.body);
+        random_case_free(&c);
+    }
+    printf("   %d organs: parts' volumes and lips off by %.1e\n", organs, worst);
     CHECK_NEAR(worst, 0, scene_tolerance(1e-12, 500));
 }
 
@@ -355,5 +449,6 @@ static void test_mistakes(void)
 }
 
 CHECK_SUITE(cut_surface, {"planes: closed, volumes, areas", test_planes}, {"strokes: closed, volumes", test_strokes},
-            {"what an update changes", test_ranges}, {"texture of lips", test_texture},
-            {"every allocation fails in turn", test_no_memory}, {"mistakes are named", test_mistakes});
+            {"organs: closed, volumes", test_organs}, {"what an update changes", test_ranges},
+            {"texture of lips", test_texture}, {"every allocation fails in turn", test_no_memory},
+            {"mistakes are named", test_mistakes});

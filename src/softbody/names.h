@@ -273,6 +273,8 @@
 #define sb_embedding_rows_free sb_embedding_rows_free_f32
 #define sb_embedding_follow sb_embedding_follow_f32
 #define sb_embedding_unfollow sb_embedding_unfollow_f32
+#define sb_skin_create sb_skin_create_f32
+#define sb_skin_destroy sb_skin_destroy_f32
 #define sb_body_add_constraint sb_body_add_constraint_f32
 #define sb_body_add_constraints sb_body_add_constraints_f32
 #define sb_body_set_constraint_value sb_body_set_constraint_value_f32

@@ -18,6 +18,7 @@ int main(void)
         return 1;
     def.mesh = &mesh;
     def.material = sb_material_corotated((sb_real)5e3, (sb_real)0.45, (sb_real)1060);
+    def.slack = 1; /* for cuts */
     if (sb_body_create(&def, &body, &error) != SB_OK || sb_body_fix_nodes(body, nodes, 9, SB_XYZ) != SB_OK)
         return 1;
     (void)dt;

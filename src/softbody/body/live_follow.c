@@ -568,6 +568,8 @@ SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *list
     sbi_live_read_motions(&work);
     sbi_live_read_momentum(&work);
     sbi_live_follow_all(&work);
-    (void)sbi_body_settle_preconditioner(work.body, NULL); /* without memory for it the next step tries again */
+    if (!sbi_precond_follows(
+            work.body->precond)) /* steps allocate nothing; without memory now the next one tries again */
+        (void)sbi_body_settle_preconditioner(work.body, NULL);
     return 1;
 }

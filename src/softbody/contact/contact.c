@@ -3,10 +3,12 @@
 
 #include <string.h>
 
+#include "../body/body_private.h"
 #include "contact_private.h"
 
 #define SBI_CONTACT_COOKIE 0xc0117ac7u
-enum { SBI_CONTACT_LEAST_SAMPLES = 3 }; /* of any face */
+enum { SBI_CONTACT_LEAST_SAMPLES = 3 };                             /* of any face */
+enum { SBI_CONTACT_SKIN_POINTS = 3, SBI_CONTACT_SKIN_BLOCKS = 64 }; /* of a face; most of a face on the average */
 /* Squares of the highest frequency of a mesh over those of its nodes held alone, tr K_aa / 3 m_a: some 2 to 4. */
 #define SBI_CONTACT_SHARE ((sb_real)3)
 
@@ -51,6 +53,11 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
     if (!(def->pair_distance >= 0) || !sb_is_finite(def->pair_distance))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pair_distance is %g m, it must be at least 0",
                         (double)def->pair_distance);
+    if (def->skin && def->pairs)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "def.pairs is %d, but a skin (def.skin) is touched by tools only: it must be 0", def->pairs);
+    if (def->skin && def->body->domain.element_type == SB_CUSTOM)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "bodies of custom elements have no skins (def.skin)");
     if (sbi_body_get_touch(def->body))
         return sbi_fail(error, SB_ERROR_STATE, "the body has a contact already: one serves all its tools");
     if (!sbi_body_is_implicit(def->body) && def->pairs)
@@ -67,7 +74,7 @@ static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
     size_t samples = (size_t)c->max_contacts, regions = (size_t)c->region_room, corners;
     size_t width = (size_t)c->faces->width, blocks = (size_t)c->pairs.slot_room * width * width;
     sbi_pairs *p = &c->pairs;
-    corners = SBI_CONTACT_MOST_CORNERS * samples;
+    corners = (size_t)c->corner_room * samples;
     p->patches = (sbi_pair_patch *)sbi_arena_take(arena, (size_t)c->patch_room, sizeof *p->patches);
     p->samples = (sbi_pair_sample *)sbi_arena_take(arena, samples, sizeof *p->samples);
     p->links = (sbi_pair_link *)sbi_arena_take(arena, samples, sizeof *p->links);
@@ -89,7 +96,8 @@ static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
 static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
 {
     size_t tools = (size_t)c->max_tools, samples = (size_t)c->max_contacts, patches = (size_t)c->patch_room;
-    size_t corners = SBI_CONTACT_MOST_CORNERS * samples;
+    sbi_contact_skin *skin = &c->skin;
+    size_t corners = (size_t)c->corner_room * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->kept_tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->kept_tools);
@@ -98,7 +106,8 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
     c->region_count = (int *)sbi_arena_take(arena, tools * regions, sizeof(int));
     c->blocks = (sb_real(*)[9])sbi_arena_take(arena, pairs, sizeof *c->blocks);
-    c->saved = (sbi_contact_saved *)sbi_arena_take(arena, pairs, sizeof *c->saved);
+    c->saved =
+        (sbi_contact_saved *)sbi_arena_take(arena, skin->source ? (size_t)skin->most_saved : pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
     c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
@@ -107,6 +116,11 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     c->before_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
     if (c->pairs.kinds)
         sbi_contact_lay_out_lists(c, arena);
+    if (!skin->source)
+        return;
+    skin->found = (int *)sbi_arena_take(arena, samples, sizeof(int));
+    skin->next = (int *)sbi_arena_take(arena, samples, sizeof(int));
+    skin->cross = (sbi_contact_cross *)sbi_arena_take(arena, patches, sizeof *skin->cross);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -124,12 +138,33 @@ static int sbi_contact_take_memory(sb_contact *c)
     return 1;
 }
 
+/* Blocks of a face in one cell, or of its three points, for each patch; of large elements for some of them: what there
+ * is no room for is multiplied beside the matrix. */
+static int sbi_contact_most_saved(const sb_contact *c)
+{
+    int64_t each = sbi_min_int(SBI_CONTACT_SKIN_POINTS * c->skin.width * c->skin.width, SBI_CONTACT_SKIN_BLOCKS);
+    return (int)((int64_t)c->patch_room * each); /* below 2^19 times 2^6 */
+}
+
+/* Faces of a skin. */
+static sb_result sbi_contact_skin_create(sb_contact *c, const sb_contact_def *def, sb_error *error)
+{
+    c->skin.source = def->skin;
+    c->skin.width = c->body->domain.nodes_per_cell;
+    c->skin.corners = sb_element_corner_count(c->body->domain.element_type);
+    c->skin.node_room = c->body->node_capacity;
+    return sbi_contact_skin_update(c, error);
+}
+
 static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, sb_error *error)
 {
-    sb_result result = sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
+    sb_result result = def->skin ? sbi_contact_skin_create(c, def, error)
+                                 : sbi_contact_faces_create(c->body, &c->allocator, &c->faces, error);
     if (result != SB_OK)
         return result;
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
+    c->corner_room = c->skin.source ? SBI_CONTACT_SKIN_POINTS * c->skin.corners : SBI_CONTACT_MOST_CORNERS;
+    c->skin.most_saved = sbi_contact_most_saved(c);
     c->region_room = c->faces->region_count;
     c->touch.max_iterations = def->max_iterations;
     c->touch.stiffening = def->stiffness / SBI_CONTACT_SHARE;
@@ -139,6 +174,8 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     c->pairs.slot_room = sbi_min_int(c->patch_room, c->faces->face_room);
     if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
+    if (c->skin.source)
+        sbi_contact_faces_refit(c->faces, sbi_contact_points_now(c), NULL, 0);
     sbi_pairs_measure(c);
     return SB_OK;
 }
@@ -149,6 +186,7 @@ static void sbi_contact_release(sb_contact *contact)
     for (int t = 0; contact->tools && t < contact->max_tools; t++)
         sbi_contact_free_tool(contact, t);
     sbi_contact_faces_destroy(contact->faces);
+    sbi_contact_skin_free(contact);
     sbi_free(&allocator, contact->room_memory);
     sbi_free(&allocator, contact->memory);
     sbi_free(&allocator, contact);

@@ -50,6 +50,12 @@
  * with rho v^2 up to 2 E points came deeper than half a cell into an organ in 7, from 0.8 E on, and 2 ended entangled.
  * `deepest` stays large then.
  *
+ * With `skin` tools touch a surface that the body carries along, in place of the boundary of its mesh: one that was
+ * embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: organs do not touch each
+ * other (pairs); faces are the skin's triangles; sb_contact_pressures has a number for each of its points; and overlap
+ * that the mesh is too coarse to give way to stays. What a needle does (needle.h) and cuts lay open is the mesh's.
+ * Where triangles lie across cells, systems take more iterations.
+ *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
  * that Newmark and generalised alpha find before a body's first step are without it.
@@ -68,6 +74,7 @@
 #ifndef SB_CONTACT_H
 #define SB_CONTACT_H
 
+#include "../body/skin.h"
 #include "../body/step.h"
 #include "tool.h"
 
@@ -89,7 +96,9 @@ typedef struct sb_contact_def {
                          * taken at creation. Where there are more, faces get fewer samples for that step
                          * (info.thinned) */
     int max_tools;      /* in [1, 64]; default 8 */
-    int pairs;          /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
+    sb_skin *skin; /* what tools touch, see below; borrowed: destroy the contact first. NULL (default): the boundary of
+                    * the body's mesh */
+    int pairs;     /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
     sb_real pair_friction;         /* Coulomb's mu between organs, >= 0; default 0 */
     sb_real pair_distance;         /* m that they keep from each other, >= 0; default 0 */
     const sb_allocator *allocator; /* NULL (default): the body's */
@@ -98,7 +107,8 @@ typedef struct sb_contact_def {
 SB_API sb_contact_def sb_default_contact_def(void);
 
 /* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
- * are explicit, and def.pairs is not 0; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.
+ * are explicit or def.skin is given, and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's
+ * mesh, or does not follow its changes; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.
  * Nothing allocates afterwards but sb_contact_add_tool. */
 SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);
 SB_API void sb_contact_destroy(sb_contact *contact); /* NULL is fine */
@@ -159,8 +169,8 @@ SB_API sb_result sb_contact_grip(const sb_contact *contact, int jaw, int other, 
 
 typedef struct sb_contact_point {
     int tool;                      /* -1: two organs */
-    int element;                   /* cell behind the face */
-    int face;                      /* of that cell, in the order of sb_element's faces */
+    int element;                   /* cell behind the face; of a skin that of the triangle's first corner */
+    int face;                      /* of that cell, in the order of sb_element's faces; of a skin the triangle */
     int other_element, other_face; /* likewise what it touches when that is an organ, else -1 */
     int sticks;                    /* 1: friction holds it; 0: it slips, or there is no friction */
     sb_real gap;                   /* m, negative: overlap */
@@ -171,7 +181,8 @@ typedef struct sb_contact_point {
 } sb_contact_point;
 /* How many there are, the first `capacity` of them in points (NULL with capacity 0). */
 SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points, int capacity);
-/* [node_count] mean pressure (Pa at rest) that tools exert on the surface at each node: for drawing. 0 elsewhere. */
+/* [node_count], with a skin [its points]: mean pressure (Pa at rest) that tools exert on the surface there: for
+ * drawing. 0 elsewhere. */
 SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
 
 typedef struct sb_contact_info {

@@ -76,8 +76,9 @@ static sb_real sbi_contact_stretch(const sb_real *slopes, const sb_vec3 *x, int 
 
 static void sbi_contact_gather(const sbi_contact_faces *faces, const sb_body *body, int face, sb_vec3 *x)
 {
+    const sb_vec3 *rest = faces->is_skin ? faces->points : body->reference;
     for (int a = 0; a < faces->sizes[face]; a++)
-        x[a] = body->reference[sbi_contact_face_nodes(faces, face)[a]];
+        x[a] = rest[sbi_contact_face_nodes(faces, face)[a]];
 }
 
 /* Edges through their middle nodes; of quads also the diagonals of a square with such edges. */
@@ -186,9 +187,11 @@ static void sbi_contact_layout(sbi_contact_faces *faces, sbi_arena *arena)
     faces->versions = (int *)sbi_arena_take(arena, room, sizeof(int));
     faces->sizes = (unsigned char *)sbi_arena_take(arena, room, 1);
     faces->sides = (unsigned char *)sbi_arena_take(arena, room, 1);
-    if (!live->cell_room)
+    if (!live->cell_room && !faces->is_skin)
         return;
     sbi_contact_layout_order(faces->face_room, &live->order, arena);
+    if (faces->is_skin)
+        return;
     live->seen = (int *)sbi_arena_take(arena, room, sizeof(int));
     live->moved = (int *)sbi_arena_take(arena, room, sizeof(int));
     live->outer = (unsigned char *)sbi_arena_take(arena, (size_t)live->cell_room, (size_t)faces->side_count);
@@ -233,6 +236,7 @@ SBI_API void sbi_contact_put_faces(sbi_contact_faces *faces, const sb_body *body
 
 SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *body, const sbi_contact_order *order)
 {
+    const sb_vec3 *rest = faces->is_skin ? faces->points : body->reference;
     sbi_face_tree_source source;
     int count = 0;
     for (int f = 0; f < faces->face_end; f++) {
@@ -242,7 +246,7 @@ SBI_API void sbi_contact_build_tree(sbi_contact_faces *faces, const sb_body *bod
         if (!(faces->areas[f] > 0))
             continue;
         for (int a = 0; a < corners; a++)
-            sum = sb_v3_add(sum, body->reference[nodes[a]]);
+            sum = sb_v3_add(sum, rest[nodes[a]]);
         order->centres[count] = sb_v3_scale((sb_real)1 / (sb_real)corners, sum);
         order->faces[count++] = f;
     }
@@ -402,6 +406,56 @@ SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces)
     sbi_contact_release_arrays(faces);
     sbi_free(&allocator, faces->rule_memory);
     sbi_free(&allocator, faces);
+}
+
+/* ---- of a skin ---- */
+
+SBI_API sb_result sbi_contact_faces_create_skin(const sb_body *body, const sb_allocator *allocator, int face_room,
+                                                int point_room, sbi_contact_faces **faces, sb_error *error)
+{
+    sbi_contact_faces *made = (sbi_contact_faces *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    int ok;
+    if (!made)
+        return sbi_contact_no_memory(body, error);
+    if (allocator)
+        made->allocator = *allocator;
+    made->is_skin = 1;
+    made->region_count = body->material_count;
+    made->face_room = face_room;
+    made->node_room = point_room;
+    ok = sbi_contact_make_rules(made, sbi_element_make(SB_TET4, NULL)); /* its faces are triangles, too */
+    made->side_count = 1;
+    ok = ok && sbi_contact_take_arrays(made) && sbi_contact_take_tree(made, sbi_contact_most_nodes(made));
+    if (!ok) {
+        sbi_contact_faces_destroy(made);
+        return sbi_contact_no_memory(body, error);
+    }
+    *faces = made;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_contact_faces_fill_skin(sbi_contact_faces *faces, const sb_body *body, const int (*triangles)[3],
+                                              int count, const int *cells, const sb_vec3 *points, sb_error *error)
+{
+    faces->points = points;
+    memset(faces->node_areas, 0, (size_t)faces->node_room * sizeof(sb_real));
+    faces->face_end = count;
+    faces->flat_count = 0;
+    for (int f = 0; f < count; f++) {
+        int cell = sbi_max_int(cells[triangles[f][0]], 0); /* of what is no triangle: any */
+        memcpy(faces->nodes + (size_t)f * (size_t)faces->width, triangles[f], sizeof triangles[f]);
+        faces->sizes[f] = 3;
+        faces->sides[f] = 0;
+        faces->keys[f] = f;
+        faces->elements[f] = cell;
+        faces->regions[f] = body->cell_material[cell];
+        faces->versions[f] = -1;
+        sbi_contact_measure(faces, body, f);
+    }
+    if (faces->flat_count == count)
+        return sbi_fail(error, SB_ERROR_MESH, "no triangle of the skin has an area: contact has none to act on");
+    sbi_contact_build_tree(faces, body, &faces->live.order);
+    return SB_OK;
 }
 
 /* ---- boxes ---- */

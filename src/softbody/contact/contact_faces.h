@@ -1,5 +1,9 @@
 /* contact_faces: the faces of a body that contact acts on, and the samples on them. Internal.
  *
+ * They are the boundary faces of the mesh, and their nodes its nodes; or the triangles of a skin (contact_skin.h),
+ * whose nodes are its points. Then `nodes`, node_room and node_areas are of points, and there is one face of each
+ * triangle, with that number.
+ *
  * Faces are numbered in the order of their cells and of the cells' sides, whatever happened before, so that sums over
  * faces have the bits of a body made with its mesh. Where the mesh changes, numbers do: see sbi_contact_faces_update.
  * Samples are not stored: a face cut into n parts a side has those of its type's rule for n, which is made once.
@@ -76,6 +80,8 @@ typedef struct sbi_contact_live {
 
 typedef struct sbi_contact_faces {
     sb_allocator allocator;
+    const sb_vec3 *points; /* of a skin: where its points are at rest (m), lent; NULL: nodes are the body's */
+    int is_skin;
     int face_end;             /* faces are numbered below */
     int flat_count;           /* without area: they have no samples, and no query finds them */
     int face_room, node_room; /* that arrays by face and by node have */
@@ -108,6 +114,14 @@ SBI_API sb_result sbi_contact_faces_create(const sb_body *body, const sb_allocat
                                            sbi_contact_faces **faces, sb_error *error);
 SBI_API void sbi_contact_faces_destroy(sbi_contact_faces *faces); /* NULL is fine */
 
+/* Faces of a skin, yet to be filled: room for so many faces and points. */
+SBI_API sb_result sbi_contact_faces_create_skin(const sb_body *body, const sb_allocator *allocator, int face_room,
+                                                int point_room, sbi_contact_faces **faces, sb_error *error);
+/* Fills them, and their tree; a refit has to follow. triangles [count], there is room; cells [points] that points lie
+ * in, -1: none; points as the field, which is set to it. SB_ERROR_MESH: none has an area. */
+SBI_API sb_result sbi_contact_faces_fill_skin(sbi_contact_faces *faces, const sb_body *body, const int (*triangles)[3],
+                                              int count, const int *cells, const sb_vec3 *points, sb_error *error);
+
 /* ---- following a mesh that changes (def.slack > 0): to be called by a listener of the body (sb_body_listen) ---- */
 /* Takes the memory that following needs: a change that fails for it leaves the faces as they are. */
 SBI_API sb_result sbi_contact_faces_reserve(sbi_contact_faces *faces, const sb_body *body, const sb_mesh_change *change,
@@ -136,7 +150,8 @@ SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *
 SBI_API sb_real sbi_contact_sample_area(const sbi_contact_faces *faces, const sb_body *body, int face, int parts,
                                         int sample);
 /* [nodes][nodes] positions of the face's blocks in the body's matrix as it is now, valid until the next change of its
- * pattern. Found when they are first asked for: one thread at a time. */
+ * pattern. Found when they are first asked for: one thread at a time. Not of a skin, which keeps something else there
+ * (contact_skin_blocks.c). */
 SBI_API const int *sbi_contact_face_blocks(sbi_contact_faces *faces, const sb_body *body, int face);
 
 SB_INLINE const int *sbi_contact_face_nodes(const sbi_contact_faces *faces, int face)

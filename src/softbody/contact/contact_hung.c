@@ -273,12 +273,19 @@ SBI_API void sbi_contact_subtract_hung(const sb_contact *contact, const sb_vec3 
 static void sbi_hung_multiply(void *user, const double *x, double *y)
 {
     const sb_contact *contact = (const sb_contact *)user;
+    const sbi_contact_skin *skin = &contact->skin;
     int count = contact->touch.node_count;
-    for (int k = 0; k < count; k++) {
+    for (int k = 0; k < count; k++)
         contact->hung_in[k] = sb_v3((sb_real)x[3 * k], (sb_real)x[3 * k + 1], (sb_real)x[3 * k + 2]);
-        contact->hung_out[k] = sb_v3(0, 0, 0);
+    if (skin->source) {
+        sbi_contact_skin_take(contact, NULL, contact->hung_in, skin->du);
+        memset(skin->force, 0, (size_t)contact->node_count * sizeof *skin->force);
+        sbi_contact_subtract_hung(contact, skin->du, skin->force);
+        sbi_contact_skin_give(contact, NULL, skin->force, contact->hung_out);
+    } else {
+        memset(contact->hung_out, 0, (size_t)count * sizeof *contact->hung_out);
+        sbi_contact_subtract_hung(contact, contact->hung_in, contact->hung_out);
     }
-    sbi_contact_subtract_hung(contact, contact->hung_in, contact->hung_out);
     for (int k = 0; k < count; k++) {
         y[3 * k] = (double)contact->hung_out[k].x;
         y[3 * k + 1] = (double)contact->hung_out[k].y;
@@ -301,7 +308,7 @@ SBI_API void sbi_contact_begin_hung(sb_contact *contact)
     coupling->user = contact;
     coupling->is_tangent = 1;
     coupling->multiply = sbi_hung_multiply;
-    coupling->nodes = contact->nodes;
+    coupling->nodes = contact->touch.nodes;
     coupling->node_count = any ? contact->touch.node_count : 0;
 }
 

@@ -1,6 +1,7 @@
 /* contact_live: contact on a body whose mesh changes: arrays by face and node, and what is remembered of faces. */
 #include <string.h>
 
+#include "../body/body_private.h"
 #include "contact_private.h"
 
 /* The same of pairs: what is known of faces at rest is made anew when they change. */
@@ -30,14 +31,13 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->spreads = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
-    c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    c->touch.product = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
 }
 
 /* Arrays by face and by node: all hold what a step needs only while it lasts. */
 static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room, tools = (size_t)c->max_tools;
+    size_t body = (size_t)sbi_contact_body_room(c), most = nodes > body ? nodes : body;
     sb_vec3 **vectors[] = {&c->touch.force, &c->touch.du,   &c->touch.linear, &c->touch.left,
                            &c->touch.way,   &c->touch.kept, &c->positions,    &c->places,
                            &c->moved,       &c->hung_in,    &c->hung_out};
@@ -45,12 +45,22 @@ static void sbi_contact_lay_out_room(sb_contact *c, sbi_arena *arena)
     c->scratch = (int *)sbi_arena_take(arena, faces, sizeof(int));
     c->node_place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     c->nodes = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, nodes, sizeof *c->sums);
+    c->sums = (sbi_contact_sum *)sbi_arena_take(arena, body, sizeof *c->sums);
     c->stiffness_by_node = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, most, sizeof(sb_vec3));
     if (c->pairs.kinds)
         sbi_contact_lay_out_pairs(c, arena);
+    if (c->pairs.kinds || c->skin.source) { /* what there may be links of */
+        c->touch.whole = (sb_vec3 *)sbi_arena_take(arena, body, sizeof(sb_vec3));
+        c->touch.product = (sb_vec3 *)sbi_arena_take(arena, body, sizeof(sb_vec3));
+    }
+    if (!c->skin.source)
+        return;
+    c->skin.node_areas = (sb_real *)sbi_arena_take(arena, body, sizeof(sb_real));
+    c->skin.loads = (sb_real *)sbi_arena_take(arena, body, sizeof(sb_real));
+    c->skin.place = (int *)sbi_arena_take(arena, body, sizeof(int));
+    c->skin.list = (int *)sbi_arena_take(arena, body, sizeof(int));
 }
 
 static size_t sbi_contact_room_bytes(sb_contact *contact)
@@ -74,7 +84,12 @@ static void sbi_contact_set_room(sb_contact *contact, void *memory)
         contact->tools[t].face_count = 0;
     for (int f = 0; contact->pairs.kinds && f < contact->faces->face_room; f++)
         contact->pairs.slot_of[f] = -1;
+    for (int i = 0; contact->skin.source && i < contact->skin.node_room; i++)
+        contact->skin.place[i] = -1;
+    if (contact->skin.source)
+        sbi_contact_skin_measure(contact);
     contact->room_faces = contact->faces->face_room;
+    contact->room_body = sbi_contact_body_room(contact);
     contact->room_nodes = contact->faces->node_room;
 }
 
@@ -94,7 +109,8 @@ SBI_API int sbi_contact_take_room(sb_contact *contact)
 /* Arrays are as large as the faces, which keep what room they were given for a change that was refused. */
 static int sbi_contact_has_room(const sb_contact *contact)
 {
-    return contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes;
+    return contact->faces->face_room == contact->room_faces && contact->faces->node_room == contact->room_nodes &&
+           sbi_contact_body_room(contact) == contact->room_body;
 }
 
 /* The arrays that were made for a change take the place of those there were, if there are any. */
@@ -112,8 +128,12 @@ static void sbi_contact_give_up(void *user) { sbi_contact_take_next_room((sb_con
 static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
-    sb_result result = sbi_contact_faces_reserve(contact->faces, body, change, error);
+    sb_result result = SB_OK;
     size_t bytes;
+    if (contact->skin.source) /* it has had its turn, or will have one */
+        contact->skin.node_room = sbi_max_int(contact->skin.node_room, change->node_end);
+    else
+        result = sbi_contact_faces_reserve(contact->faces, body, change, error);
     if (result != SB_OK)
         return result;
     if (sbi_contact_has_room(contact))
@@ -125,17 +145,29 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     return SB_OK;
 }
 
+/* places of what remembers the pressures on a face become `mark`. */
+static void sbi_contact_mark_corners(sb_contact *contact, int face, int mark)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        if (!skin->source)
+            contact->node_place[nodes[a]] = mark;
+        for (int c = nodes[a] * skin->corners; c < (nodes[a] + 1) * skin->corners; c++)
+            skin->place[skin->corner_nodes[c]] = mark;
+    }
+}
+
 /* Corners remember as long as a face with an entry has them. */
 static void sbi_contact_drop_pressures(sb_contact *contact)
 {
-    const sbi_contact_faces *faces = contact->faces;
+    const int *place = contact->skin.source ? contact->skin.place : contact->node_place;
     int count = 0;
     for (int set = 1; set >= 0; set--) {
         for (int e = 0; e < contact->entry_count; e++)
-            for (int a = 0; a < faces->sizes[contact->entries[e].face]; a++)
-                contact->node_place[sbi_contact_face_nodes(faces, contact->entries[e].face)[a]] = set ? 0 : -1;
+            sbi_contact_mark_corners(contact, contact->entries[e].face, set ? 0 : -1);
         for (int i = 0; set && i < contact->pressure_count; i++)
-            if (contact->node_place[contact->pressures[i].node] >= 0)
+            if (place[contact->pressures[i].node] >= 0)
                 contact->pressures[count++] = contact->pressures[i];
     }
     contact->pressure_count = count;
@@ -147,14 +179,21 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
     sb_result result = SB_OK;
     if (!contact->faces_old && sbi_contact_has_room(contact))
         return SB_OK;
-    if (contact->faces_old)
+    if (contact->faces_old && contact->skin.source) {
+        contact->skin.node_room = sbi_max_int(contact->skin.node_room, contact->body->node_capacity);
+        result = sbi_contact_skin_update(contact, error);
+        changed = 1;
+    } else if (contact->faces_old) {
         result = sbi_contact_faces_update(contact->faces, contact->body, &changed, error);
+    }
     if (result == SB_OK && !sbi_contact_has_room(contact) && !sbi_contact_take_room(contact))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for contact on %d faces", contact->faces->face_room);
     if (result != SB_OK)
         return result;
     contact->faces_old = 0;
-    for (int e = 0; changed && e < contact->entry_count; e++) {
+    if (contact->skin.source)
+        sbi_contact_skin_measure(contact);
+    for (int e = 0; changed && !contact->skin.source && e < contact->entry_count; e++) {
         sbi_contact_entry entry = contact->entries[e];
         entry.face = contact->faces->live.moved[entry.face];
         if (entry.face >= 0)
@@ -162,8 +201,9 @@ SBI_API sb_result sbi_contact_update_faces(sb_contact *contact, sb_error *error)
     }
     for (int t = 0; changed && t < contact->max_tools; t++)
         contact->tools[t].nearest.known = 0;
-    if (changed) {
+    if (changed && !contact->skin.source)
         contact->entry_count = count;
+    if (changed) {
         sbi_contact_drop_pressures(contact);
         sbi_pairs_follow_faces(contact);
     }
@@ -175,9 +215,11 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_take_next_room(contact);
     contact->is_solved = 0; /* its system is of the mesh before */
-    sbi_contact_faces_follow(contact->faces, body, change);
+    if (!contact->skin.source)
+        sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
-    (void)sbi_contact_update_faces(contact, NULL);        /* where it fails the next step says so */
+    if (!contact->skin.source || !contact->skin.source->is_late)
+        (void)sbi_contact_update_faces(contact, NULL);    /* where it fails the next step says so */
     (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }
 

@@ -27,16 +27,48 @@ SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_
 
 /* ---- from the list to samples ---- */
 
+/* What remembers: the nodes in touch, or with a skin the nodes of its cells. */
+typedef struct sbi_contact_keepers {
+    int count;
+    const int *nodes, *place; /* by place; places by node */
+} sbi_contact_keepers;
+
+static sbi_contact_keepers sbi_contact_get_keepers(const sb_contact *contact)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    sbi_contact_keepers keepers;
+    keepers.count = skin->source ? skin->list_count : contact->node_count;
+    keepers.nodes = skin->source ? skin->list : contact->nodes;
+    keepers.place = skin->source ? skin->place : contact->node_place;
+    return keepers;
+}
+
 /* sums[place].old = what the nodes of a tool's patches remember. */
 static void sbi_contact_spread(sb_contact *contact, int tool)
 {
-    memset(contact->sums, 0, (size_t)contact->touch.node_count * sizeof *contact->sums);
+    const sbi_contact_keepers keepers = sbi_contact_get_keepers(contact);
+    memset(contact->sums, 0, (size_t)keepers.count * sizeof *contact->sums);
     for (int i = 0; i < contact->pressure_count; i++) {
         const sbi_contact_pressure *pressure = contact->pressures + i;
-        int place = contact->node_place[pressure->node];
+        int place = keepers.place[pressure->node];
         if (pressure->tool == tool && place >= 0)
             contact->sums[place].old = pressure->value;
     }
+}
+
+/* What is remembered at a node of a face. */
+static sb_real sbi_contact_remembered(const sb_contact *contact, int place)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    sb_real sum = 0;
+    int point;
+    if (!skin->source)
+        return contact->sums[place].old;
+    point = contact->nodes[place];
+    for (int c = point * skin->corners; c < (point + 1) * skin->corners; c++)
+        if (skin->shares[c] > 0)
+            sum += skin->shares[c] * contact->sums[skin->place[skin->corner_nodes[c]]].old;
+    return sum;
 }
 
 SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
@@ -44,38 +76,63 @@ SBI_API void sbi_contact_remember_pressures(sb_contact *contact)
     for (int p = 0, tool = -1; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+        sb_real at[SBI_CONTACT_MOST_CORNERS];
         if (patch->tool != tool)
             sbi_contact_spread(contact, patch->tool);
         tool = patch->tool;
+        for (int a = 0; a < kind->corners; a++)
+            at[a] = sbi_contact_remembered(contact, patch->nodes[a]);
         for (int i = patch->first; i < patch->first + patch->count; i++) {
             sbi_contact_sample *s = contact->samples + i;
             s->memory = 0;
             for (int a = 0; a < kind->corners; a++)
-                s->memory += sbi_contact_corner_share(kind, s->weights, a) * contact->sums[patch->nodes[a]].old;
+                s->memory += sbi_contact_corner_share(kind, s->weights, a) * at[a];
         }
     }
 }
 
 /* ---- from samples to the list ---- */
 
-/* Share of its pressure that a node of a patch must not remember. */
-static sb_real sbi_contact_doubt(const sb_contact *contact, const sbi_contact_patch *patch, int place)
+/* Share of its pressure that a node of a patch must not remember; own: its stiffness over its area. */
+static sb_real sbi_contact_doubt(const sb_contact *contact, const sbi_contact_patch *patch, sb_real own)
 {
     const sb_real most = SBI_CONTACT_REMEMBERS, least = SBI_CONTACT_FORGETS;
-    sb_real k = contact->samples[patch->first].k, own = contact->stiffness_by_node[place];
+    sb_real k = contact->samples[patch->first].k;
     if (k >= most * own)
         return 0;
     return k > least * own ? (most - k / own) / (most - least) : 1;
 }
 
+/* The sums of a node of a face, at the corners of its cell. */
+static void sbi_contact_add_to_corners(sb_contact *contact, const sbi_contact_patch *patch, int place,
+                                       const sbi_contact_sum *at)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    int point = contact->nodes[place];
+    for (int c = point * skin->corners; c < (point + 1) * skin->corners; c++) {
+        int node = skin->corner_nodes[c], own = skin->place[node];
+        sbi_contact_sum *sum = contact->sums + own;
+        if (!(skin->shares[c] > 0))
+            continue;
+        sum->force += skin->shares[c] * at->force;
+        sum->rise += skin->shares[c] * at->rise;
+        sum->kept += skin->shares[c] * at->kept;
+        if (skin->node_areas[node] > 0)
+            sum->doubt =
+                sb_max(sum->doubt, sbi_contact_doubt(contact, patch, skin->loads[own] / skin->node_areas[node]));
+    }
+}
+
 static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *patch)
 {
+    sbi_contact_sum points[SBI_CONTACT_MOST_CORNERS];
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[patch->face]];
+    memset(points, 0, sizeof points);
     for (int i = patch->first; i < patch->first + patch->count; i++) {
         const sbi_contact_sample *s = contact->samples + i;
         sb_real fade = sb_max((sb_real)0, 1 - s->slip / sb_sqrt(s->area));
         for (int a = 0; a < kind->corners && s->answer.pressure > 0; a++) {
-            sbi_contact_sum *sum = contact->sums + patch->nodes[a];
+            sbi_contact_sum *sum = contact->skin.source ? points + a : contact->sums + patch->nodes[a];
             sb_real force = sbi_contact_corner_share(kind, s->weights, a) * s->area * s->answer.pressure;
             sum->force += force;
             sum->rise += force * (s->answer.pressure - s->memory);
@@ -83,21 +140,28 @@ static void sbi_contact_add_sums(sb_contact *contact, const sbi_contact_patch *p
         }
     }
     for (int a = 0; a < kind->corners; a++) {
-        sbi_contact_sum *sum = contact->sums + patch->nodes[a];
-        sum->doubt = sb_max(sum->doubt, sbi_contact_doubt(contact, patch, patch->nodes[a]));
+        int place = patch->nodes[a];
+        sbi_contact_sum *sum;
+        if (contact->skin.source) {
+            sbi_contact_add_to_corners(contact, patch, place, points + a);
+            continue;
+        }
+        sum = contact->sums + place;
+        sum->doubt = sb_max(sum->doubt, sbi_contact_doubt(contact, patch, contact->stiffness_by_node[place]));
     }
 }
 
 /* Appends what a tool's corners remember now, in the order of places, which is that of its faces. */
 static int sbi_contact_append_pressures(sb_contact *contact, int tool, int fades, int count)
 {
-    for (int k = 0; k < contact->touch.node_count; k++) {
+    const sbi_contact_keepers keepers = sbi_contact_get_keepers(contact);
+    for (int k = 0; k < keepers.count; k++) {
         const sbi_contact_sum *sum = contact->sums + k;
         sbi_contact_pressure *fresh = contact->spare_pressures + count;
         if (!(sum->force > 0))
             continue;
         fresh->tool = tool;
-        fresh->node = contact->nodes[k];
+        fresh->node = keepers.nodes[k];
         fresh->value = (sum->old + sum->rise / sum->force) * (1 - sum->doubt);
         fresh->value *= fades ? sum->kept / sum->force : 1;
         count += fresh->value > 0;
@@ -119,4 +183,22 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades)
     contact->spare_pressures = contact->pressures;
     contact->pressures = fresh;
     contact->pressure_count = count;
+}
+
+/* ---- entries ---- */
+
+static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
+{
+    if (a->tool != b->tool)
+        return a->tool < b->tool;
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+/* Entries go where their order wants them: faces may have other numbers here. */
+SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry)
+{
+    int at = contact->entry_count++;
+    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
+        contact->entries[at] = contact->entries[at - 1];
+    contact->entries[at] = *entry;
 }

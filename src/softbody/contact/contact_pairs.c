@@ -338,8 +338,8 @@ SBI_API void sbi_pairs_forget(sb_contact *contact)
 /* Takes back nodes from `count` on. */
 static void sbi_pair_return_nodes(sb_contact *contact, int count)
 {
-    while (contact->touch.node_count > count)
-        contact->node_place[contact->nodes[--contact->touch.node_count]] = -1;
+    while (contact->node_count > count)
+        contact->node_place[contact->nodes[--contact->node_count]] = -1;
 }
 
 /* A step in which organs go so far that pairs of its start mean nothing is left for shorter ones. */
@@ -356,7 +356,7 @@ static sb_result sbi_pair_check_way(sb_contact *contact, const sbi_touch_step *s
 SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
 {
     sbi_pairs *pairs = &contact->pairs;
-    int nodes = contact->touch.node_count;
+    int nodes = contact->node_count;
     contact->touch.links = 0;
     pairs->link_count = pairs->saved_count = 0;
     if (!pairs->kinds)

@@ -17,7 +17,7 @@
 static void sbi_pair_spread(sb_contact *contact)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    memset(contact->sums, 0, (size_t)contact->touch.node_count * sizeof *contact->sums);
+    memset(contact->sums, 0, (size_t)contact->node_count * sizeof *contact->sums);
     for (int i = 0; i < pairs->pressure_count; i++) {
         int place = contact->node_place[pairs->pressures[i].node];
         if (place >= 0)
@@ -108,7 +108,7 @@ SBI_API void sbi_pairs_keep_pressures(sb_contact *contact, int fades)
     sbi_pair_spread(contact);
     for (int i = 0; i < pairs->sample_count; i++)
         sbi_pair_add_sums(contact, pairs->samples + i);
-    for (int k = 0; pairs->sample_count > 0 && k < contact->touch.node_count; k++) {
+    for (int k = 0; pairs->sample_count > 0 && k < contact->node_count; k++) {
         const sbi_contact_sum *sum = contact->sums + k;
         if (!(sum->force > 0))
             continue;

@@ -13,6 +13,7 @@
 #include "contact_faces.h"
 #include "contact_law.h"
 #include "contact_pairs.h"
+#include "contact_skin.h"
 
 /* The sample nearest to a tool that nothing presses on. */
 typedef struct sbi_contact_nearest {
@@ -137,6 +138,7 @@ struct sb_contact {
     sbi_contact_sample *samples; /* [max_contacts] */
     int sample_count;
     int *node_place;     /* [node_room] place in the list of nodes, -1 outside of steps */
+    int node_count;      /* in touch: of faces, and so points of a skin */
     int *nodes;          /* [node_room] */
     sb_vec3 *moved;      /* [node_room] how far nodes go in the step (m), for a look at its end */
     sb_vec3 *positions;  /* by place in the list: at the start of the step (m) */
@@ -146,17 +148,17 @@ struct sb_contact {
     sb_real *stiffness_by_node; /* by place: tr A_aa / 3 over its area (Pa/m); 0: it has none */
     sb_real (*blocks)[9];       /* [patch_room][width^2] sums of K by patch */
     int blocks_current;
-    sbi_contact_sum *sums;    /* [node_room] by place */
+    sbi_contact_sum *sums;    /* [node_room] by place; with a skin [skin.node_room] of the body's nodes */
     sbi_contact_saved *saved; /* [patch_room width^2] */
     int saved_count;
-    sb_vec3 *hung_in, *hung_out; /* [node_room] for products */
+    sb_vec3 *hung_in, *hung_out; /* [node_room], and of the body's nodes, for products */
 
     /* of the last step */
     sbi_contact_entry *entries, *spare; /* [max_contacts] by tool, face, sample */
     int entry_count;
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
-    sbi_contact_pressure *pressures, *spare_pressures; /* [SBI_CONTACT_MOST_CORNERS max_contacts] of a tool together */
-    int pressure_count;
+    sbi_contact_pressure *pressures, *spare_pressures; /* [corner_room max_contacts] of a tool together */
+    int pressure_count, corner_room;                   /* corners that may remember of a contact */
     sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
     sbi_contact_pressure *before_pressures;
     int before_count, before_pressure_count;
@@ -168,14 +170,22 @@ struct sb_contact {
     void *memory;
 
     sbi_pairs pairs;
+    sbi_contact_skin skin;
 
     /* of a body whose mesh may change, see contact_live.c */
     int listener;               /* -1: none */
     int faces_old;              /* 1: the mesh has changed since the faces were brought up to date */
     int room_faces, room_nodes; /* what there are arrays for */
+    int room_body;              /* nodes of the body, of a skin */
     void *room_memory;          /* behind the arrays by face and node */
     void *next_room;            /* for the change that is under way, or NULL */
 };
+
+/* Room of arrays by node of the body. */
+SB_INLINE int sbi_contact_body_room(const sb_contact *contact)
+{
+    return contact->skin.source ? contact->skin.node_room : contact->faces->node_room;
+}
 
 /* ---- contact_tool.c ---- */
 /* Gives a tool back; a free place is fine. */
@@ -186,8 +196,8 @@ SBI_API void sbi_contact_free_tool(sb_contact *contact, int tool);
  * in one increment of a static solve than what could not pass through. */
 SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *step, sb_error *error);
 /* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
- * a face. u [rows]: displacements at the end. */
-SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u);
+ * a face. of_nodes [rows]: displacements at the end. */
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *of_nodes);
 /* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
                                   int *element);
@@ -199,6 +209,9 @@ SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_
 SBI_API void sbi_contact_remember_pressures(sb_contact *contact);
 /* What corners remember is that of the samples as they were evaluated last; fades: less where they slip. */
 SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
+
+/* Puts an entry where the order of entries wants it. */
+SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry);
 
 /* ---- contact_near.c: of contacts with pairs, as all below up to contact_step.c ---- */
 /* What is known of the organs at rest; a refit of the faces has to follow. Does nothing without pairs. */
@@ -280,7 +293,7 @@ SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_join(sb_contact *contact);
 
 /* ---- contact_sample.c ---- */
-/* Place of a node in the list of those in touch. */
+/* Place of a node in the list of those in touch; of a skin, where its nodes in the body are listed, too. */
 SBI_API int sbi_contact_place_node(sb_contact *contact, int node);
 enum { SBI_CONTACT_CHUNK = 16 }; /* patches that one thread takes at a time */
 
@@ -392,6 +405,12 @@ SB_INLINE void sbi_contact_add_block(sb_real *values, const sb_real *block, unsi
             if (!(rows >> i & 1u) && !(columns >> j & 1u))
                 values[3 * i + j] += block[3 * i + j];
 }
+
+/* out [rows] += factor times what a force on a sample of a face is on the nodes of the body. */
+SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int parts, int sample, sb_real factor,
+                                     sb_vec3 force, sb_vec3 *out);
+/* Where a sample of a face goes when the body's nodes go by x [rows]. */
+SBI_API sb_vec3 sbi_contact_sample_motion(const sb_contact *contact, int face, int parts, int sample, const sb_vec3 *x);
 
 /* Place of a sample with these weights. */
 SB_INLINE sb_vec3 sbi_contact_mean(const sb_real *weights, const int *nodes, int count, const sb_vec3 *values)

@@ -14,7 +14,7 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
         point->tool = entry->tool;
         point->other_element = point->other_face = -1;
         point->element = contact->faces->elements[entry->face];
-        point->face = contact->faces->sides[entry->face];
+        point->face = contact->faces->is_skin ? entry->face : contact->faces->sides[entry->face];
         point->sticks = entry->sticks;
         point->gap = entry->gap;
         point->area = entry->area;
@@ -34,7 +34,7 @@ SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressu
     if (!contact || !pressures)
         return SB_ERROR_ARGUMENT;
     faces = contact->faces;
-    nodes = sb_body_node_count(contact->body);
+    nodes = sbi_contact_point_count(contact);
     memset(pressures, 0, (size_t)nodes * sizeof *pressures);
     for (int e = 0; e < contact->entry_count; e++) {
         const sbi_contact_entry *entry = contact->entries + e;
@@ -78,14 +78,11 @@ static void sbi_contact_load_column(const sb_contact *contact, int tool, int j, 
     memset(rhs, 0, (size_t)sb_body_node_count(contact->body) * sizeof *rhs);
     for (int e = 0; e < contact->entry_count; e++) {
         const sbi_contact_entry *entry = contact->entries + e;
-        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
-        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
         sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), force;
         if (entry->tool != tool)
             continue;
         force = sbi_contact_way_force(entry, sbi_contact_unit_way(j, arm));
-        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
-            rhs[nodes[a]] = sb_v3_madd(rhs[nodes[a]], weights[a], force);
+        sbi_contact_load_sample(contact, entry->face, entry->parts, entry->sample, 1, force, rhs);
     }
 }
 
@@ -97,9 +94,7 @@ static void sbi_contact_read_column(const sb_contact *contact, int tool, int j, 
         sb_vec3 arm = sb_v3_sub(entry->point, contact->tools[tool].balance.position), follows, force, torque;
         if (entry->tool != tool)
             continue;
-        follows = sbi_contact_mean(sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample),
-                                   sbi_contact_face_nodes(contact->faces, entry->face),
-                                   contact->faces->sizes[entry->face], x);
+        follows = sbi_contact_sample_motion(contact, entry->face, entry->parts, entry->sample, x);
         force = sbi_contact_way_force(entry, sb_v3_sub(sbi_contact_unit_way(j, arm), follows));
         torque = sb_v3_cross(arm, force);
         k[0][j] -= force.x, k[1][j] -= force.y, k[2][j] -= force.z;

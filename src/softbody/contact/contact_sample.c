@@ -6,11 +6,45 @@
 SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
 {
     if (contact->node_place[node] < 0) {
-        contact->node_place[node] = contact->touch.node_count;
-        contact->positions[contact->touch.node_count] = contact->x[node];
-        contact->nodes[contact->touch.node_count++] = node;
+        contact->node_place[node] = contact->node_count;
+        contact->positions[contact->node_count] = contact->x[node];
+        contact->nodes[contact->node_count++] = node;
+        if (contact->skin.source)
+            sbi_contact_skin_place(contact, node);
     }
     return contact->node_place[node];
+}
+
+/* ---- the body's nodes at a sample ---- */
+
+SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int parts, int sample, sb_real factor,
+                                     sb_vec3 force, sb_vec3 *out)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    const sb_real *weights = sbi_contact_sample_weights(contact->faces, face, parts, sample);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        if (contact->skin.source) {
+            const sbi_contact_row row = sbi_contact_skin_row(&contact->skin, nodes[a]);
+            for (int i = 0; i < row.count; i++)
+                out[row.nodes[i]] = sb_v3_madd(out[row.nodes[i]], factor * weights[a] * row.weights[i], force);
+        } else {
+            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], force);
+        }
+    }
+}
+
+SBI_API sb_vec3 sbi_contact_sample_motion(const sb_contact *contact, int face, int parts, int sample, const sb_vec3 *x)
+{
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    const sb_real *weights = sbi_contact_sample_weights(contact->faces, face, parts, sample);
+    sb_vec3 sum = {0, 0, 0};
+    if (!contact->skin.source)
+        return sbi_contact_mean(weights, nodes, contact->faces->sizes[face], x);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        const sbi_contact_row row = sbi_contact_skin_row(&contact->skin, nodes[a]);
+        sum = sb_v3_madd(sum, weights[a], sbi_contact_mean(row.weights, row.nodes, row.count, x));
+    }
+    return sum;
 }
 
 /* ---- how near a face is ---- */

@@ -1,11 +1,12 @@
 /* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
- * is loaded into a body whose contact has the same tools. Faces are named by cell and side. */
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side, those of a skin by their
+ * numbers. */
 #include <string.h>
 
 #include "../base/bytes.h"
 #include "contact_private.h"
 
-enum { SBI_CONTACT_VERSION = 3 }; /* 3: springs of tools */
+enum { SBI_CONTACT_VERSION = 4 }; /* 3: springs of tools; 4: skins */
 
 /* ---- words ---- */
 
@@ -89,8 +90,8 @@ static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_e
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_contact_put_int(out, entry->tool);
-    sbi_contact_put_int(out, contact->faces->elements[entry->face]);
-    sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    sbi_contact_put_int(out, contact->faces->keys[entry->face] / contact->faces->side_count);
+    sbi_contact_put_int(out, contact->faces->keys[entry->face] % contact->faces->side_count);
     sbi_contact_put_int(out, entry->parts);
     sbi_contact_put_int(out, entry->sample);
     sbi_contact_put_int(out, entry->sticks);
@@ -101,10 +102,18 @@ static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_e
     sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
 }
 
+/* Triangles of a skin; -1 of one whose number changes, 0: none. */
+static int sbi_contact_skin_size(const sb_contact *contact)
+{
+    const sb_skin *source = contact->skin.source;
+    return !source ? 0 : source->is_late ? -1 : source->face_count;
+}
+
 static void sbi_contact_save(const void *user, sbi_state_out *out)
 {
     const sb_contact *contact = (const sb_contact *)user;
     sbi_contact_put_int(out, contact->max_tools);
+    sbi_contact_put_int(out, sbi_contact_skin_size(contact));
     for (int t = 0; t < contact->max_tools; t++)
         sbi_contact_put_tool(contact->tools + t, out);
     sbi_contact_put_int(out, contact->entry_count);
@@ -164,6 +173,8 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
 SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side)
 {
     int low = 0, high = faces->face_end;
+    if (faces->is_skin)
+        return side == 0 && element < faces->face_end && faces->areas[element] > 0 ? element : -1;
     if (side >= faces->side_count || element > (faces->face_end > 0 ? faces->elements[faces->face_end - 1] : -1))
         return -1;
     while (low < high) {
@@ -213,11 +224,11 @@ static sbi_contact_pressure sbi_contact_get_pressure(const sb_contact *contact, 
     return pressure;
 }
 
-/* Pressures of at most four corners of each contact. */
-static int sbi_contact_get_pressure_count(sbi_contact_in *in, int contacts)
+/* Pressures of as many corners of each contact as there can be. */
+static int sbi_contact_get_pressure_count(const sb_contact *contact, sbi_contact_in *in, int contacts)
 {
     int count = sbi_contact_get_int(in);
-    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
+    in->bad |= count < 0 || count > (int64_t)contact->corner_room * contacts;
     return in->bad ? 0 : count;
 }
 
@@ -232,6 +243,8 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     if (sbi_contact_get_int(&in) != contact->max_tools)
         return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
                         contact->max_tools);
+    if (sbi_contact_get_int(&in) != sbi_contact_skin_size(contact))
+        return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another skin");
     for (int t = 0; t < contact->max_tools && result == SB_OK; t++)
         result = sbi_contact_get_tool(contact, t, &in, 0, error);
     if (result != SB_OK)
@@ -244,7 +257,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 0, &entry);
     }
-    pressures = sbi_contact_get_pressure_count(&in, count);
+    pressures = sbi_contact_get_pressure_count(contact, &in, count);
     for (int i = 0; i < pressures && !in.bad; i++)
         (void)sbi_contact_get_pressure(contact, &in);
     if (in.bad || count < 0 || in.left != 0)
@@ -252,27 +265,12 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     return SB_OK;
 }
 
-static int sbi_contact_entry_is_before(const sbi_contact_entry *a, const sbi_contact_entry *b)
-{
-    if (a->tool != b->tool)
-        return a->tool < b->tool;
-    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
-}
-
-/* Entries go where their order wants them: faces may have other numbers here. */
-static void sbi_contact_insert(sb_contact *contact, const sbi_contact_entry *entry)
-{
-    int at = contact->entry_count++;
-    for (; at > 0 && sbi_contact_entry_is_before(entry, contact->entries + at - 1); at--)
-        contact->entries[at] = contact->entries[at - 1];
-    contact->entries[at] = *entry;
-}
-
 static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
     int count, pressures;
+    (void)sbi_contact_get_int(&in);
     (void)sbi_contact_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
         (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
@@ -286,12 +284,12 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         sbi_contact_entry entry;
         sbi_contact_get_entry(contact, &in, 1, &entry);
         if (entry.face >= 0)
-            sbi_contact_insert(contact, &entry);
+            sbi_contact_insert_entry(contact, &entry);
     }
-    pressures = sbi_contact_get_pressure_count(&in, count);
+    pressures = sbi_contact_get_pressure_count(contact, &in, count);
     for (int i = 0; i < pressures; i++) {
         sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);
-        if (pressure.node < contact->faces->node_room)
+        if (pressure.node < sbi_contact_body_room(contact))
             contact->pressures[contact->pressure_count++] = pressure;
     }
 }

@@ -13,9 +13,10 @@ enum { SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
 
 static void sbi_contact_forget_nodes(sb_contact *contact)
 {
-    for (int k = 0; k < contact->touch.node_count; k++)
+    for (int k = 0; k < contact->node_count; k++)
         contact->node_place[contact->nodes[k]] = -1;
-    contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+    contact->node_count = contact->touch.node_count = contact->patch_count = contact->sample_count = 0;
+    sbi_contact_skin_forget(contact);
     sbi_pairs_forget(contact);
 }
 
@@ -159,13 +160,40 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
 
 /* ---- stiffness ---- */
 
+/* tr A_aa / 3 (N/m) */
+static sb_real sbi_contact_trace(const sb_matrix *matrix, int node)
+{
+    const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
+    return (a[0] + a[4] + a[8]) / 3;
+}
+
+/* The same of a skin's points: what a unit pressure everywhere would move them by, each node held alone, inverted. */
+static void sbi_contact_measure_points(sb_contact *contact, const sb_matrix *matrix)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    for (int k = 0; k < skin->list_count; k++)
+        skin->loads[k] = sbi_contact_trace(matrix, skin->list[k]);
+    for (int k = 0; k < contact->node_count; k++) {
+        const sbi_contact_row row = sbi_contact_skin_row(skin, contact->nodes[k]);
+        sb_real way = 0;
+        for (int i = 0; i < row.count; i++) {
+            sb_real load = skin->loads[skin->place[row.nodes[i]]];
+            way += load > 0 ? sb_abs(row.weights[i]) * skin->node_areas[row.nodes[i]] / load : 0;
+        }
+        contact->stiffness_by_node[k] = way > 0 ? 1 / way : 0;
+    }
+}
+
 /* tr A_aa / 3 over the node's area, by place; 0 where it has no area or no stiffness. */
 static void sbi_contact_measure_nodes(sb_contact *contact, const sb_matrix *matrix)
 {
-    for (int k = 0; k < contact->touch.node_count; k++) {
+    if (contact->skin.source) {
+        sbi_contact_measure_points(contact, matrix);
+        return;
+    }
+    for (int k = 0; k < contact->node_count; k++) {
         int node = contact->nodes[k];
-        const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
-        sb_real trace = (a[0] + a[4] + a[8]) / 3, area = sbi_contact_node_area(contact->faces, node);
+        sb_real trace = sbi_contact_trace(matrix, node), area = sbi_contact_node_area(contact->faces, node);
         contact->stiffness_by_node[k] = trace > 0 && area > 0 ? trace / area : 0;
     }
 }
@@ -202,6 +230,16 @@ static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
     }
 }
 
+/* rate m / S of a skin's point, as sbi_contact_measure_points. */
+static sb_real sbi_contact_light_point(const sbi_contact_skin *skin, int point, const sbi_touch_step *step)
+{
+    const sbi_contact_row row = sbi_contact_skin_row(skin, point);
+    sb_real way = 0;
+    for (int i = 0; i < row.count; i++)
+        way += sb_abs(row.weights[i]) * skin->node_areas[row.nodes[i]] / (step->rate * step->masses[row.nodes[i]]);
+    return way > 0 ? 1 / way : 0;
+}
+
 /* Least of rate m_a / S_a of a patch's nodes, by which no node would have more than its share alone. */
 static sb_real sbi_contact_light(const sb_contact *contact, const sbi_contact_patch *patch, const sbi_touch_step *step)
 {
@@ -209,13 +247,42 @@ static sb_real sbi_contact_light(const sb_contact *contact, const sbi_contact_pa
     for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
         int node = contact->nodes[patch->nodes[a]];
         sb_real area = sbi_contact_node_area(contact->faces, node);
-        least = sb_min(least, area > 0 ? step->rate * step->masses[node] / area : 0);
+        if (contact->skin.source)
+            least = sb_min(least, sbi_contact_light_point(&contact->skin, node, step));
+        else
+            least = sb_min(least, area > 0 ? step->rate * step->masses[node] / area : 0);
     }
     return least;
 }
 
-/* stiffness_by_node += what a patch loads its nodes with (N/m), which no pattern of motion exceeds:
- *     x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
+/* What a force on a node of a face loads the body's nodes with. */
+static void sbi_contact_add_node_load(sb_contact *contact, int place, sb_real load)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    if (skin->source) {
+        const sbi_contact_row row = sbi_contact_skin_row(skin, contact->nodes[place]);
+        for (int i = 0; i < row.count; i++)
+            skin->loads[skin->place[row.nodes[i]]] += sb_abs(row.weights[i]) * load;
+    } else {
+        contact->stiffness_by_node[place] += load;
+    }
+}
+
+/* Sum of a row without signs: 1 of a node. */
+static sb_real sbi_contact_row_size(const sb_contact *contact, int place)
+{
+    sb_real sum = 0;
+    sbi_contact_row row;
+    if (!contact->skin.source)
+        return 1;
+    row = sbi_contact_skin_row(&contact->skin, contact->nodes[place]);
+    for (int i = 0; i < row.count; i++)
+        sum += sb_abs(row.weights[i]);
+    return sum;
+}
+
+/* stiffness_by_node, or of a skin its loads, += what a patch loads nodes with (N/m), which no pattern of motion
+ * exceeds: x.K x = sum dA k |sum w_a x_a|^2 <= sum_a |x_a|^2 sum dA k |w_a| sum_b |w_b| */
 static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *patch)
 {
     int count = contact->faces->sizes[patch->face];
@@ -223,16 +290,36 @@ static void sbi_contact_add_load(sb_contact *contact, const sbi_contact_patch *p
         const sbi_contact_sample *s = contact->samples + i;
         sb_real sum = 0;
         for (int a = 0; a < count; a++)
-            sum += sb_abs(s->weights[a]);
+            sum += sb_abs(s->weights[a]) * sbi_contact_row_size(contact, patch->nodes[a]);
         for (int a = 0; a < count; a++)
-            contact->stiffness_by_node[patch->nodes[a]] += s->area * s->k * sum * sb_abs(s->weights[a]);
+            sbi_contact_add_node_load(contact, patch->nodes[a], s->area * s->k * sum * sb_abs(s->weights[a]));
     }
+}
+
+/* Share of its stiffness that a node of a face bears, with all that it is loaded with. */
+static sb_real sbi_contact_bearable(const sb_contact *contact, int place, const sbi_touch_step *step)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    const int node = contact->nodes[place];
+    const sb_real one = 1;
+    sbi_contact_row row = {1, &node, &one};
+    sb_real share = 1;
+    if (skin->source)
+        row = sbi_contact_skin_row(skin, node);
+    for (int i = 0; i < row.count; i++) {
+        sb_real load = skin->source ? skin->loads[skin->place[row.nodes[i]]] : contact->stiffness_by_node[place];
+        sb_real most = step->rate * step->masses[row.nodes[i]];
+        share = load > most ? sb_min(share, most / load) : share;
+    }
+    return share;
 }
 
 /* Of an explicit substep: as stiff as the nodes' masses admit, of all tools together. */
 static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_step *step)
 {
-    memset(contact->stiffness_by_node, 0, (size_t)contact->touch.node_count * sizeof *contact->stiffness_by_node);
+    memset(contact->stiffness_by_node, 0, (size_t)contact->node_count * sizeof *contact->stiffness_by_node);
+    for (int k = 0; k < contact->skin.list_count; k++)
+        contact->skin.loads[k] = 0;
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         sb_real k = sbi_contact_light(contact, patch, step);
@@ -243,11 +330,8 @@ static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_st
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         sb_real share = 1;
-        for (int a = 0; a < contact->faces->sizes[patch->face]; a++) {
-            sb_real load = contact->stiffness_by_node[patch->nodes[a]];
-            sb_real most = step->rate * step->masses[contact->nodes[patch->nodes[a]]];
-            share = load > most ? sb_min(share, most / load) : share;
-        }
+        for (int a = 0; a < contact->faces->sizes[patch->face]; a++)
+            share = sb_min(share, sbi_contact_bearable(contact, patch->nodes[a], step));
         for (int i = patch->first; i < patch->first + patch->count; i++)
             contact->samples[i].k *= share;
     }
@@ -257,7 +341,7 @@ static void sbi_contact_stiffen_explicit(sb_contact *contact, const sbi_touch_st
 static double sbi_contact_noise(const sb_contact *contact)
 {
     double sum = 0, place = 0;
-    for (int k = 0; k < contact->touch.node_count; k++)
+    for (int k = 0; k < contact->node_count; k++)
         place = fmax(place, (double)sb_v3_norm(contact->positions[k]));
     for (int i = 0; i < contact->sample_count; i++) {
         double force = (double)(contact->samples[i].area * contact->samples[i].k) * (double)SB_EPSILON * place;
@@ -308,19 +392,23 @@ static void sbi_contact_keep_before(sb_contact *contact)
 
 /* ---- begin ---- */
 
-static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_error *error)
+static sb_result sbi_contact_begin(void *user, const sbi_touch_step *given, sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
+    sbi_touch_step own = *given; /* with velocities of the points that faces have */
+    const sbi_touch_step *step = &own;
     int thin = 0;
     sb_result result = sbi_contact_update_faces(contact, error);
+    if (result != SB_OK)
+        return result;
+    own.velocity = sbi_contact_at_points(contact, given->velocity, contact->skin.velocity);
     contact->is_solved = 0;
     contact->is_explicit = step->masses != NULL;
-    if (result == SB_OK && !(step->dt > 0) && !contact->kept) {
+    if (!(step->dt > 0) && !contact->kept) {
         sbi_contact_keep_before(contact);
         contact->kept = 1;
     }
-    if (result == SB_OK)
-        result = sbi_contact_sweep(contact, step, error);
+    result = sbi_contact_sweep(contact, step, error);
     if (result != SB_OK)
         return result;
     while (!sbi_contact_find_patches(contact, step, thin)) {
@@ -336,6 +424,8 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         sbi_contact_forget_nodes(contact);
         return result;
     }
+    contact->touch.nodes = contact->skin.source ? contact->skin.list : contact->nodes;
+    contact->touch.node_count = contact->skin.source ? contact->skin.list_count : contact->node_count;
     sbi_contact_begin_hung(contact);
     if (contact->is_explicit)
         sbi_contact_stiffen_explicit(contact, step);
@@ -346,7 +436,6 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
         sbi_contact_remember_pressures(contact);
     sbi_pairs_stiffen(contact);
     sbi_pairs_remember(contact);
-    contact->touch.nodes = contact->nodes;
     contact->touch.noise = sbi_contact_noise(contact);
     contact->step_info.candidates = contact->sample_count + contact->pairs.sample_count;
     contact->step_info.retries = step->tries;
@@ -360,8 +449,8 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *step, sb_er
 /* Forces on the nodes, in the order of samples. */
 static void sbi_contact_sum_forces(sb_contact *contact)
 {
-    sb_vec3 *force = contact->touch.force;
-    memset(force, 0, (size_t)contact->touch.node_count * sizeof *force);
+    sb_vec3 *force = contact->skin.source ? contact->skin.force : contact->touch.force;
+    memset(force, 0, (size_t)contact->node_count * sizeof *force);
     contact->touch.touching = 0;
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
@@ -375,12 +464,18 @@ static void sbi_contact_sum_forces(sb_contact *contact)
         }
     }
     sbi_pairs_add_forces(contact, force);
+    if (contact->skin.source)
+        sbi_contact_skin_give(contact, NULL, force, contact->touch.force);
 }
 
 static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_work work;
+    if (contact->skin.source) {
+        sbi_contact_skin_take(contact, NULL, du, contact->skin.du);
+        du = contact->skin.du;
+    }
     work.contact = contact;
     work.du = du;
     work.renew = renew;
@@ -439,12 +534,12 @@ static sb_vec3 sbi_contact_times(const sb_real *m, sb_vec3 v)
                  m[6] * v.x + m[7] * v.y + m[8] * v.z);
 }
 
-static void sbi_contact_multiply(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+/* By places of nodes of faces. */
+static void sbi_contact_multiply_faces(sb_contact *contact, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
 {
-    sb_contact *contact = (sb_contact *)user;
     size_t width = (size_t)contact->faces->width;
     sbi_contact_make_blocks(contact);
-    memset(out, 0, (size_t)contact->touch.node_count * sizeof *out);
+    memset(out, 0, (size_t)contact->node_count * sizeof *out);
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
@@ -459,8 +554,20 @@ static void sbi_contact_multiply(void *user, const unsigned char *masked, const 
     sbi_pairs_multiply(contact, masked, x, out);
     if (contact->touch.couples)
         sbi_contact_subtract_hung(contact, x, out);
-    for (int k = 0; masked && k < contact->touch.node_count; k++)
+    for (int k = 0; masked && k < contact->node_count; k++)
         out[k] = sbi_contact_unmasked(masked[contact->nodes[k]], out[k]);
+}
+
+static void sbi_contact_multiply(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_contact *contact = (sb_contact *)user;
+    if (!contact->skin.source) {
+        sbi_contact_multiply_faces(contact, masked, x, out);
+        return;
+    }
+    sbi_contact_skin_take(contact, masked, x, contact->skin.du);
+    sbi_contact_multiply_faces(contact, NULL, contact->skin.du, contact->skin.force);
+    sbi_contact_skin_give(contact, masked, contact->skin.force, out);
 }
 
 static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_matrix *matrix)
@@ -469,6 +576,10 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
     size_t width = (size_t)contact->faces->width;
     sbi_contact_make_blocks(contact);
     contact->saved_count = 0;
+    if (contact->skin.source) {
+        sbi_contact_skin_add_blocks(contact, masked, matrix);
+        return;
+    }
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
@@ -485,6 +596,13 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
         }
     }
     sbi_pairs_add_blocks(contact, masked, matrix);
+}
+
+static double sbi_contact_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_contact *contact = (sb_contact *)user;
+    return contact->skin.source ? sbi_contact_skin_multiply_links(contact, masked, x, out)
+                                : sbi_pairs_multiply_links(contact, masked, x, out);
 }
 
 /* Backwards, since faces share blocks. */
@@ -609,7 +727,7 @@ static void sbi_contact_arrive(sb_contact *contact)
 /* Overlap of what touches, and how far the surface was pushed there, along the normal (m). */
 static void sbi_contact_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed)
 {
-    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *rest = sbi_contact_points_at_rest(contact);
     *overlap = *pushed = 0;
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
@@ -678,10 +796,7 @@ static void sbi_contact_add_done(void *user, sb_real factor, sb_vec3 *out)
     const sb_contact *contact = (const sb_contact *)user;
     for (int e = 0; e < contact->entry_count; e++) {
         const sbi_contact_entry *entry = contact->entries + e;
-        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
-        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
-        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
-            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
+        sbi_contact_load_sample(contact, entry->face, entry->parts, entry->sample, factor, entry->force, out);
     }
     sbi_pairs_add_done(contact, factor, out);
 }
@@ -772,7 +887,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->multiply = sbi_contact_multiply;
     touch->add_blocks = sbi_contact_add_blocks;
     touch->restore_blocks = sbi_contact_restore_blocks;
-    touch->multiply_links = sbi_pairs_multiply_links;
+    touch->multiply_links = sbi_contact_multiply_links;
     touch->accept = sbi_contact_accept;
     touch->mend = sbi_contact_mend;
     touch->share = 1;

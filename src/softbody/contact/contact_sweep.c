@@ -223,14 +223,15 @@ static void sbi_sweep_tool(sb_contact *contact, int number, const sbi_touch_step
 /* Places at the start of the step. */
 static void sbi_sweep_find_places(sb_contact *contact, const sbi_touch_step *step)
 {
-    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
-    contact->x = sb_body_positions(contact->body);
+    const sb_vec3 *rest = sbi_contact_points_at_rest(contact), *start;
+    contact->x = sbi_contact_points_now(contact);
     contact->is_static = !(step->dt > 0);
     contact->level = step->level;
     if (!contact->is_static)
         return;
-    for (int i = 0; i < sb_body_node_count(contact->body); i++)
-        contact->places[i] = sb_v3_add(rest[i], step->start[i]);
+    start = sbi_contact_at_points(contact, step->start, contact->places);
+    for (int i = 0; i < sbi_contact_point_count(contact); i++)
+        contact->places[i] = sb_v3_add(rest[i], start[i]);
     contact->x = contact->places;
 }
 
@@ -327,7 +328,7 @@ static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_t
 static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = contact->x, *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *x = contact->x, *rest = sbi_contact_points_at_rest(contact);
     const sbi_contact_tool *tool = contact->tools + number;
     const int *near = sbi_sweep_near(contact, number);
     if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
@@ -350,10 +351,11 @@ static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3
     return 1;
 }
 
-SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *u)
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *of_nodes)
 {
-    const sb_vec3 *x = sb_body_positions(contact->body), *rest = sb_body_rest_positions(contact->body);
-    for (int i = 0; i < sb_body_node_count(contact->body); i++)
+    const sb_vec3 *x = sbi_contact_points_now(contact), *rest = sbi_contact_points_at_rest(contact), *u;
+    u = sbi_contact_at_points(contact, of_nodes, contact->skin.moved);
+    for (int i = 0; i < sbi_contact_point_count(contact); i++)
         contact->moved[i] = sb_v3_sub(sb_v3_add(rest[i], u[i]), x[i]);
     sbi_contact_faces_refit(contact->faces, x, contact->moved, 1);
     for (int i = 0; i < contact->max_tools; i++) {
@@ -373,7 +375,7 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
     sb_vec3 low, high;
     int *near = contact->scratch, count, face = -1;
     sb_real gap;
-    contact->x = sb_body_positions(contact->body);
+    contact->x = sbi_contact_points_now(contact);
     sbi_contact_faces_refit(contact->faces, contact->x, NULL, 0);
     sbi_tool_bounds(shape, chain, pose, &low, &high);
     count = sbi_contact_faces_query(contact->faces, low, high, near, contact->faces->face_room);

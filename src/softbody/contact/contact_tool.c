@@ -84,7 +84,7 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
     made->spring.most = def->max_force;
     made->spring.hand = made->reached;
     if (result == SB_OK && sbi_contact_is_hung(made))
-        result = sbi_body_reserve_coupling(contact->body, contact->faces->node_room, error);
+        result = sbi_body_reserve_coupling(contact->body, sbi_contact_body_room(contact), error);
     return result;
 }
 

@@ -199,19 +199,13 @@ static void sbi_haptic_recognise(sb_haptic *haptic, const sbi_haptic_frame *fram
 /* rhs += a force on a sample of a face */
 static void sbi_column_load(sb_haptic *haptic, int face, int parts, int sample, sb_vec3 force)
 {
-    const sbi_contact_faces *faces = haptic->contact->faces;
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    const sb_real *weights = sbi_contact_sample_weights(faces, face, parts, sample);
-    for (int a = 0; a < faces->sizes[face]; a++)
-        haptic->contact->hung_in[nodes[a]] = sb_v3_madd(haptic->contact->hung_in[nodes[a]], weights[a], force);
+    sbi_contact_load_sample(haptic->contact, face, parts, sample, 1, force, haptic->contact->hung_in);
 }
 
 /* Where the tissue there goes by the column. */
 static sb_vec3 sbi_column_motion(const sb_haptic *haptic, int face, int parts, int sample)
 {
-    const sbi_contact_faces *faces = haptic->contact->faces;
-    return sbi_contact_mean(sbi_contact_sample_weights(faces, face, parts, sample), sbi_contact_face_nodes(faces, face),
-                            faces->sizes[face], haptic->contact->hung_out);
+    return sbi_contact_sample_motion(haptic->contact, face, parts, sample, haptic->contact->hung_out);
 }
 
 static void sbi_column_clear(sb_haptic *haptic)

@@ -581,6 +581,8 @@ SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *mat
             matrix->live->longest <= p->longest_room);
 }
 
+SBI_API int sbi_precond_follows(const sb_preconditioner *p) { return sbi_precond_kind_follows(p->kind); }
+
 SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
 {
     p->ready = p->turned = 0;
