@@ -1,7 +1,7 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, drop, cut_scalpel, one_body, register_liver and insilico as a user would, with good and
-# bad arguments and files:
+# programs, grasp, palpation, drop, cut_scalpel, cut_resect, one_body, register_liver and insilico as a user would,
+# with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -640,10 +640,42 @@ expect_data 2 'is a surface' cut_scalpel surfaces/liver_a.obj
 expect 3 'does not come to rest' cut_scalpel --cells 4 --young 10
 expect 2 'no-such-folder/x.csv: cannot be written' $cut --frames 1 --every 0 -o no-such-folder/x
 
+# ---- cut_resect ----
+expect 0 '^usage: cut_resect' cut_resect --help
+expect 0 '^parts=2 resected_ml=[0-9.]* resected_g=[0-9.]* tumour_ml=[0-9.]* margin_mm=[0-9.]* carried=[0-9.]*$' cut_resect
+check "the margin is near what was planned" holds "$(last margin_mm) > 7.5 && $(last margin_mm) < 8.5"
+check "the wedge weighs what it measures" holds "$(last resected_g) / $(last resected_ml) / 1.06 > 0.9999 &&
+    $(last resected_g) / $(last resected_ml) / 1.06 < 1.0001 && $(last resected_ml) > $(last tumour_ml)"
+check "the grasper carries its weight" holds "$(last carried) > 0.99 && $(last carried) < 1.01"
+check "cut_resect.png is a picture" is_png cut_resect.png
+check "the tumour is in the series" [ "$(grep -c '"name": "cut_resect_tumour_' cut_resect_tumour.vtk.series)" -gt 5 ]
+cube tumour.obj 0.016
+resect="cut_resect --cells 8 --every 0 --tumour tumour.obj"
+expect 0 '^parts=2 .* tumour_ml=4.10 ' $resect --lattice 1 -o cube
+check "no series unless asked for" is_gone cube.vtk.series
+expect 0 '^parts=2 ' $resect --lattice 1 -o again
+for file in .csv .png; do
+    check "the same wedge again: $file" cmp -s cube$file again$file
+done
+expect 0 'margin_mm=-\{0,1\}0' $resect --lattice 4 --margin 0 --lift 0 -o odd
+long expect_data 0 '^parts=2' cut_resect volumes/liver_a_tet4_2k.vtk --every 0 -o organ
+expect 2 'the wedge: does not come loose' $resect --margin 0.5
+expect 2 'far.obj: sticks out of the organ' cut_resect --cells 8 --tumour far.obj
+expect 2 'open.obj: .*edges of one face only' cut_resect --cells 8 --tumour open.obj
+expect 2 'the tumour: sticks out of the organ' cut_resect --cells 8 --depth 0.002
+expect 2 'the tumour: has no organ there' cut_resect --cells 8 --x 0
+expect 2 'no-such.obj' cut_resect --cells 8 --tumour no-such.obj
+expect 2 'volume.vtk: is no surface of triangles' cut_resect --cells 8 --tumour volume.vtk
+expect 2 '--lattice needs 1, 2 or 4' cut_resect --lattice 3
+expect 2 '--angle needs a number from' cut_resect --angle 90
+expect 2 '--wide is no option' cut_resect --wide 2
+expect_data 2 'is cut as tet4 only' cut_resect volumes/liver_a_tet10_1k.vtk
+expect 2 'no-such-folder/x.csv: cannot be written' $resect --lift 0 -o no-such-folder/x
+
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation drop cut_scalpel"
+    palpation drop cut_scalpel cut_resect"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1
@@ -691,6 +723,7 @@ if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
     full_disk x.csv palpation --cells 6 --size 0.012 --grid 5 -o full/x
     full_disk x.csv drop --count 1 --cells 2 --seconds 0.1 -o full/x
     full_disk x.csv cut_scalpel --cells 4 --frames 1 --every 0 -o full/x
+    full_disk x.csv $resect --lift 0 -o full/x
     full_disk x.vtk custom_element -n 1 -o full/x.vtk
     full_disk demo.png demo --no-vtk --frames 10 -o full
     full_disk demo_0000.vtk demo --frames 10 --every 5 -o full

@@ -28,6 +28,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->spreads = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
 }
 
 /* Arrays by face and by node: all hold what a step needs only while it lasts. */
