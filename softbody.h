@@ -736,6 +736,7 @@
 #define sb_cut_surface_destroy sb_cut_surface_destroy_f32
 #define sb_cut_surface_update sb_cut_surface_update_f32
 #define sb_cut_surface_get sb_cut_surface_get_f32
+#define sb_cut_surface_skin sb_cut_surface_skin_f32
 #endif
 #endif
 
@@ -5770,8 +5771,8 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * With `skin` tools touch a surface that the body carries along, in place of the boundary of its mesh: one that was
  * embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: organs do not touch each
  * other (pairs); faces are the skin's triangles; sb_contact_pressures has a number for each of its points; and overlap
- * that the mesh is too coarse to give way to stays. What a needle does (needle.h) and cuts lay open is the mesh's.
- * Where triangles lie across cells, systems take more iterations.
+ * that the mesh is too coarse to give way to stays. Where triangles lie across cells, systems take more iterations. The
+ * surface of a body that is cut, lips and all, is such a skin (sb_cut_surface_skin).
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -6085,8 +6086,9 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   the edge of a body may leave crumbs there of a lattice point or two.
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
- * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut.
+ * - All pieces of an element have the shape of the whole one. Contact on the mesh's boundary touches that shape, up to
+ * an element beyond the cut; on the cut's surface (sb_cut_surface_skin) it touches skin and lips where they are. Lips
+ * do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
@@ -6231,6 +6233,31 @@ SB_API sb_result sb_cut_surface_update(sb_cut_surface *surface, sb_error *error)
 SB_API sb_cut_drawing sb_cut_surface_get(const sb_cut_surface *surface); /* of NULL: nothing */
 
 #endif /* SB_CUT_SURFACE_H */
+
+/* ==== src/softbody/cut/cut_skin.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* cut_skin: contact with the surface of a body that is cut, lips and all. Floor 4.
+ *
+ *     sb_cut_surface_create(cut, NULL, &surface, &error);
+ *     contact_def.skin = sb_cut_surface_skin(surface);
+ *     sb_contact_create(&contact_def, &contact, &error);
+ *     ... cuts, steps ... */
+#ifndef SB_CUT_SKIN_H
+#define SB_CUT_SKIN_H
+
+
+/* The surface as a skin, for sb_contact_def.skin: tools touch the skin and the lips of the body where they are, not the
+ * whole elements whose pieces move there. It is the surface's, and nothing of its own is to be destroyed; the contact
+ * goes first.
+ * Contact follows each call that cuts and each state that is loaded in the step that comes next, which may take memory
+ * then, and remembers what it did of triangles that are still there; until then it reads as before. It brings the
+ * surface up to date for that: arrays of sb_cut_surface_get are to be got again after a step, and the next
+ * sb_cut_surface_update still names all that was made since the one before. Where that fails, the step says so. NULL of
+ * NULL. */
+SB_API sb_skin *sb_cut_surface_skin(sb_cut_surface *surface);
+
+#endif /* SB_CUT_SKIN_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 #endif /* SOFTBODY_H */
 
@@ -60878,8 +60905,7 @@ SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding)
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/skin_private.h ==== */
-#if !defined(SB_NO_GEOMETRY)
-/* skin_private: what a skin is to those who act on it. Internal. */
+/* skin_private: what a skin (skin.h) is to those who act on it. Internal. */
 #ifndef SBI_SKIN_PRIVATE_H
 #define SBI_SKIN_PRIVATE_H
 
@@ -60897,14 +60923,13 @@ struct sb_skin {
     int is_late;
     /* Brings it up to the body's mesh; what follows holds until the next time. SB_ERROR_STATE: it is none of this body,
      * or does not follow its changes. SB_ERROR_MEMORY. */
-    sb_result (*update)(sb_skin *skin, const sb_body *body, sb_error *error);
+    sb_result (*update)(struct sb_skin *skin, const sb_body *body, sb_error *error);
     int point_count, face_count;
     const int (*triangles)[3]; /* [face_count] points; three times the same: none */
-    void (*get_point)(const sb_skin *skin, int point, sbi_skin_point *at);
+    void (*get_point)(const struct sb_skin *skin, int point, sbi_skin_point *at);
 };
 
 #endif /* SBI_SKIN_PRIVATE_H */
-#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/skin.c ==== */
 #if !defined(SB_NO_GEOMETRY)
@@ -70882,6 +70907,11 @@ SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, in
 /* The cut becomes a part of its body's state and recordings, or is no longer one. */
 SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error);
 SBI_API void sbi_cut_leave_state(const sb_cut *cut);
+
+/* ---- cut_surface.c ---- */
+struct sb_cut_surface;
+SBI_API struct sb_skin *sbi_cut_surface_get_skin(struct sb_cut_surface *surface);
+
 #endif /* SB_CUT_PRIVATE_H */
 
 /* ==== src/softbody/cut/cut_lists.c ==== */
@@ -73883,8 +73913,8 @@ typedef struct sbi_draw_table {
 
 typedef struct sbi_draw_vertex {
     sb_cut_origin origin;
-    int cell_nodes[4];
-    int stamp; /* of the last rebuild that used it */
+    int cell, cell_nodes[4]; /* of the body, that it moves with */
+    int stamp;               /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
 typedef struct sbi_draw_axes {
@@ -73892,6 +73922,8 @@ typedef struct sbi_draw_axes {
 } sbi_draw_axes;
 
 struct sb_cut_surface {
+    struct sb_skin skin;
+    int pending; /* 1: a skin was brought up to date since the last update, which has not named yet what that made */
     sb_cut *cut;
     sb_allocator allocator;
     int version; /* of the body's mesh that triangles are of; -1: to be made */
@@ -74166,6 +74198,7 @@ static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piec
         made->origin.element = t->tet;
         memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
         memcpy(made->origin.weights, at, sizeof made->origin.weights);
+        made->cell = t->cells[piece];
         memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]), sizeof made->cell_nodes);
         s->origins[vertex] = made->origin;
     }
@@ -74764,17 +74797,17 @@ static sb_result sbi_draw_check(const sb_cut *cut, sb_error *error)
     return SB_OK;
 }
 
-SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
+/* Triangles as the body is cut now. Adds to what was made since the last update where that has not been named yet. */
+static sb_result sbi_draw_refresh(sb_cut_surface *s, sb_error *error)
 {
-    sb_result result;
-    if (!s)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_update needs a surface");
-    result = sbi_draw_check(s->cut, error);
+    sb_result result = sbi_draw_check(s->cut, error);
     if (result != SB_OK)
         return result;
-    s->first_vertex = s->names.count;
-    s->first_triangle = s->triangle_count;
-    s->triangle_end = 0;
+    if (!s->pending) {
+        s->first_vertex = s->names.count;
+        s->first_triangle = s->triangle_count;
+        s->triangle_end = 0;
+    }
     if (s->version != sb_body_mesh_version(s->cut->body)) {
         int made = sbi_draw_rebuild(s);
         s->version = made ? sb_body_mesh_version(s->cut->body) : -1;
@@ -74786,6 +74819,44 @@ SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
     sbi_draw_move(s);
     return result;
 }
+
+SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
+{
+    sb_result result;
+    if (!s)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_update needs a surface");
+    result = sbi_draw_refresh(s, error);
+    s->pending = s->pending && result == SB_ERROR_STATE; /* else it has been named */
+    return result;
+}
+
+/* ---- as a skin ---- */
+
+static sb_result sbi_draw_update_skin(struct sb_skin *skin, const sb_body *body, sb_error *error)
+{
+    sb_cut_surface *s = (sb_cut_surface *)skin->user;
+    sb_result result;
+    if (s->cut->body && s->cut->body != body)
+        return sbi_fail(error, SB_ERROR_STATE, "the skin is the surface of a cut of another body");
+    result = sbi_draw_refresh(s, error);
+    s->pending |= result != SB_ERROR_STATE;
+    skin->point_count = s->names.count;
+    skin->face_count = s->triangle_count;
+    skin->triangles = (const int(*)[3])s->triangles;
+    return result;
+}
+
+static void sbi_draw_get_point(const struct sb_skin *skin, int point, sbi_skin_point *at)
+{
+    const sb_cut_surface *s = (const sb_cut_surface *)skin->user;
+    const sbi_draw_vertex *vertex = s->vertices + point;
+    memset(at, 0, sizeof *at);
+    at->cell = s->origins[point].element < 0 ? -1 : vertex->cell;
+    for (int k = 0; k < 3; k++)
+        at->xi[k] = vertex->origin.weights[k + 1];
+}
+
+SBI_API struct sb_skin *sbi_cut_surface_get_skin(sb_cut_surface *s) { return &s->skin; }
 
 /* ---- creation ---- */
 
@@ -74851,6 +74922,10 @@ SB_API sb_result sb_cut_surface_create(sb_cut *cut, const sb_allocator *allocato
     if (allocator)
         made->allocator = *allocator;
     made->version = -1;
+    made->skin.user = made;
+    made->skin.is_late = 1;
+    made->skin.update = sbi_draw_update_skin;
+    made->skin.get_point = sbi_draw_get_point;
     result = sbi_draw_take_skin(made) ? sb_cut_surface_update(made, error)
                                       : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
     if (result != SB_OK) {
@@ -74912,6 +74987,17 @@ SB_API sb_cut_drawing sb_cut_surface_get(const sb_cut_surface *s)
     drawing.first_vertex = s->first_vertex;
     return drawing;
 }
+
+/* ==== src/softbody/cut/cut_skin.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* cut_skin: hands out the skin that is in a cut's surface. */
+
+
+SB_API sb_skin *sb_cut_surface_skin(sb_cut_surface *surface)
+{
+    return surface ? sbi_cut_surface_get_skin(surface) : NULL;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/tool_mesh.h ==== */
 #if !defined(SB_NO_GEOMETRY)
@@ -77597,6 +77683,9 @@ typedef struct sbi_pairs {
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
     sb_vec3 *middles; /* m, there: no point of the face is farther from it than: */
     sb_real *radii;   /* m */
+    sb_vec3 *normals; /* unit, or 0 where a face has no area */
+    sb_vec3 *ways;    /* m, over the step: no point of the face goes otherwise by more than: */
+    sb_real *spreads; /* m */
     uint64_t *near;   /* a bit for each face that is near one that it looks at */
     int *found;
     int *slot_of; /* -1 between steps */
@@ -77677,6 +77766,7 @@ typedef struct sbi_contact_cross {
 
 typedef struct sbi_contact_skin {
     sb_skin *source;                /* NULL: faces are the mesh's boundary, and all else is zeros */
+    int point_count;                /* at the last update */
     int point_room, width, corners; /* points; nodes and corners of a cell */
     int *cells;                     /* [point_room] -1: unused */
     unsigned char *counts;          /* [point_room] nodes of a row */
@@ -77696,6 +77786,9 @@ typedef struct sbi_contact_skin {
     int *list, list_count; /* [node_room] nodes in touch: sbi_touch.nodes */
     sb_real *loads;        /* [node_room] by place: tr A_aa / 3 (N/m), or in explicit substeps what loads the node */
 
+    /* Entries of a state that was loaded, in sb_contact.entries, whose triangles are known at the next update; then
+     * entry_count is 0. */
+    int waiting;
     int *found, *next; /* [max_contacts] scratch for entries that follow their faces */
     int cross_count;
     sbi_contact_cross *cross; /* [patch_room] of the system that is solved */
@@ -77708,6 +77801,9 @@ typedef struct sbi_contact_skin {
  * be used before it succeeds. */
 struct sb_contact;
 SBI_API sb_result sbi_contact_skin_update(struct sb_contact *contact, sb_error *error);
+/* 1: after a change of the mesh (or is_load: a state) the skin is not to be asked before the call that made it has
+ * returned; also of an embedding in a body that is cut, whose cuts are loaded later. */
+SBI_API int sbi_contact_skin_is_late(const struct sb_contact *contact, int is_load);
 SBI_API void sbi_contact_skin_free(struct sb_contact *contact);
 /* Areas of the body's nodes, from those of points. */
 SBI_API void sbi_contact_skin_measure(struct sb_contact *contact);
@@ -77966,6 +78062,10 @@ SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_ent
 SBI_API void sbi_pairs_measure(sb_contact *contact);
 /* Where faces look, with nodes at x [rows]. */
 SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x);
+/* Ways of faces whose nodes go by dt v; v NULL: they stay. */
+SBI_API void sbi_pairs_follow(sb_contact *contact, const sb_vec3 *v, sb_real dt);
+/* How far two faces' points may come nearer to each other over the step (m). */
+SBI_API sb_real sbi_pairs_closing(const sb_contact *contact, int face, int other);
 /* 1: the two faces may touch, as far as organs and distances at rest go; and they look at each other, too. */
 SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other);
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other);
@@ -78187,7 +78287,7 @@ typedef struct sbi_skin_field {
 static void sbi_skin_map_chunk(void *user, int chunk)
 {
     const sbi_skin_field *map = (const sbi_skin_field *)user;
-    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_POINT_CHUNK, map->skin->source->point_count);
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_POINT_CHUNK, map->skin->point_count);
     for (int p = chunk * SBI_CONTACT_POINT_CHUNK; p < last; p++) {
         const sbi_contact_row row = sbi_contact_skin_row(map->skin, p);
         map->out[p] = sbi_contact_mean(row.weights, row.nodes, row.count, map->field);
@@ -78220,7 +78320,7 @@ SBI_API const sb_vec3 *sbi_contact_points_at_rest(const sb_contact *contact)
 
 SBI_API int sbi_contact_point_count(const sb_contact *contact)
 {
-    return contact->skin.source ? contact->skin.source->point_count : sb_body_node_count(contact->body);
+    return contact->skin.source ? contact->skin.point_count : sb_body_node_count(contact->body);
 }
 
 /* ---- nodes in touch ---- */
@@ -78334,7 +78434,7 @@ static void sbi_skin_fill_points(sb_contact *contact)
     sbi_contact_skin *skin = &contact->skin;
     const sb_body *body = contact->body;
     const sb_vec3 none = {0, 0, 0};
-    for (int p = 0; p < skin->source->point_count; p++) {
+    for (int p = 0; p < skin->point_count; p++) {
         sbi_skin_point at;
         sbi_contact_row row;
         skin->source->get_point(skin->source, p, &at);
@@ -78354,10 +78454,10 @@ SBI_API void sbi_contact_skin_measure(sb_contact *contact)
 {
     sbi_contact_skin *skin = &contact->skin;
     memset(skin->node_areas, 0, (size_t)skin->node_room * sizeof *skin->node_areas);
-    for (int p = 0; p < skin->source->point_count; p++) {
-        const sbi_contact_row row = sbi_contact_skin_row(skin, p);
+    for (int k = 0; k < 3 * contact->faces->face_end; k++) { /* by faces: points may have other numbers after a load */
+        const sbi_contact_row row = sbi_contact_skin_row(skin, sbi_contact_face_nodes(contact->faces, k / 3)[k % 3]);
         for (int i = 0; i < row.count; i++)
-            skin->node_areas[row.nodes[i]] += sb_abs(row.weights[i]) * sbi_contact_node_area(contact->faces, p);
+            skin->node_areas[row.nodes[i]] += sb_abs(row.weights[i]) * contact->faces->areas[k / 3] / 3;
     }
 }
 
@@ -78461,6 +78561,20 @@ static void sbi_skin_match_entries(sb_contact *contact, const sbi_contact_faces 
         first[sbi_contact_face_nodes(old, contact->entries[e].face)[0]] = -1;
 }
 
+/* Entries that waited become those of this skin. */
+static void sbi_skin_take_waiting(sb_contact *contact)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int all = contact->skin.waiting;
+    contact->skin.waiting = 0;
+    for (int e = 0; e < all; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        if (entry.face < faces->face_end && faces->areas[entry.face] > 0 &&
+            entry.sample < sbi_contact_face_rule(faces, entry.face, entry.parts)->count)
+            sbi_contact_insert_entry(contact, &entry);
+    }
+}
+
 /* Drops entries of triangles that are no more; the others go where their order wants them. */
 static void sbi_skin_keep_entries(sb_contact *contact)
 {
@@ -78488,9 +78602,19 @@ SBI_API sb_result sbi_contact_skin_update(sb_contact *contact, sb_error *error)
         sbi_skin_keep_entries(contact);
     }
     sbi_contact_faces_destroy(old);
+    skin->point_count = skin->source->point_count;
     sbi_skin_fill_points(contact);
-    return sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles, skin->source->face_count,
-                                       skin->cells, skin->rest, error);
+    result = sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles,
+                                         skin->source->face_count, skin->cells, skin->rest, error);
+    if (result == SB_OK)
+        sbi_skin_take_waiting(contact);
+    return result;
+}
+
+SBI_API int sbi_contact_skin_is_late(const sb_contact *contact, int is_load)
+{
+    const sb_body *body = contact->body;
+    return contact->skin.source && (contact->skin.source->is_late || (is_load && body->live && body->live->find));
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -78996,9 +79120,10 @@ static void sbi_closest_clamp(const sbi_contact_kind *kind, sb_real xi[3])
     }
 }
 
-/* One step of Gauss and Newton on the curved face. */
-static void sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sb_real xi[3])
+/* One step of Gauss and Newton on the curved face. 0: the parameters are as good as they get. */
+static int sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sb_real xi[3])
 {
+    const sb_real before[2] = {xi[0], xi[1]};
     sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], rr, rs, ss, r1, s1, det;
     sb_vec3 r = {0, 0, 0}, s = {0, 0, 0}, away;
     sb_element_shape(kind->type, xi, shape, gradient);
@@ -79011,10 +79136,12 @@ static void sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, 
     r1 = sb_v3_dot(r, away), s1 = sb_v3_dot(s, away);
     det = rr * ss - rs * rs;
     if (!(det > SB_EPSILON * rr * ss))
-        return;
+        return 0;
     xi[0] += (ss * r1 - rs * s1) / det;
     xi[1] += (rr * s1 - rs * r1) / det;
     sbi_closest_clamp(kind, xi);
+    /* the next step would change them by about the square of this */
+    return (xi[0] - before[0]) * (xi[0] - before[0]) + (xi[1] - before[1]) * (xi[1] - before[1]) > SB_EPSILON;
 }
 
 enum { SBI_CLOSEST_STEPS = 3 };
@@ -79033,8 +79160,8 @@ SBI_API void sbi_closest_on_face(const sbi_contact_kind *kind, const sb_vec3 *x,
             xi[0] += b[k] * at[0];
             xi[1] += b[k] * at[1];
         }
-        for (int i = 0; i < SBI_CLOSEST_STEPS; i++)
-            sbi_closest_improve(kind, x, p, xi);
+        for (int i = 0; i < SBI_CLOSEST_STEPS && sbi_closest_improve(kind, x, p, xi); i++)
+            continue;
         sb_element_shape(kind->type, xi, closest->shares, NULL);
     }
     closest->point = sbi_closest_mean(closest->shares, x, kind->nodes);
@@ -79265,8 +79392,7 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
 
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
 {
-    sb_vec3 a = contact->pairs.vectors[face], b = contact->pairs.vectors[other];
-    return sb_v3_dot(a, b) < SBI_NEAR_FACING * sb_v3_norm(a) * sb_v3_norm(b) &&
+    return sb_v3_dot(contact->pairs.normals[face], contact->pairs.normals[other]) < SBI_NEAR_FACING &&
            sbi_pairs_are_apart(contact, face, other);
 }
 
@@ -79285,10 +79411,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
     return sb_v3_dot(apart, apart) > least * least;
 }
 
-SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face)
-{
-    return sbi_near_unit(contact->pairs.vectors[face]);
-}
+SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face) { return contact->pairs.normals[face]; }
 
 /* Normal at a corner of a face: of the faces around it that go on smoothly. */
 static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int node)
@@ -79362,6 +79485,7 @@ SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
     sbi_pair_cone *cones = contact->pairs.cones;
     for (int f = 0; f < contact->faces->face_end; f++) {
         contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
+        contact->pairs.normals[f] = sbi_near_unit(contact->pairs.vectors[f]);
         sbi_near_fit_ball(contact, f, x);
     }
     for (int leaf = 0; leaf < tree->leaf_count; leaf++)
@@ -79371,6 +79495,42 @@ SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
             const sbi_pair_cone *a = cones + tree->level_start[level - 1] + 2 * i;
             sbi_near_join(cones + tree->level_start[level] + i, a, 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a);
         }
+}
+
+/* Points of curved faces have weights of nodes that sum up to more than 1 in size. */
+SBI_API void sbi_pairs_follow(sb_contact *contact, const sb_vec3 *v, sb_real dt)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    for (int f = 0; f < faces->face_end; f++) {
+        const int *nodes = sbi_contact_face_nodes(faces, f);
+        int count = faces->sizes[f];
+        const sbi_contact_kind *kind = &faces->kinds[count];
+        sb_vec3 mean = {0, 0, 0};
+        sb_real square = 0;
+        for (int a = 0; v && a < count; a++)
+            mean = sb_v3_madd(mean, dt / (sb_real)count, v[nodes[a]]);
+        for (int a = 0; v && a < count; a++) {
+            sb_vec3 way = sb_v3_sub(sb_v3_scale(dt, v[nodes[a]]), mean);
+            square = sb_max(square, sb_v3_dot(way, way));
+        }
+        contact->pairs.ways[f] = mean;
+        contact->pairs.spreads[f] = kind->rules[kind->most].spread * sb_sqrt(square);
+    }
+}
+
+SBI_API sb_real sbi_pairs_closing(const sb_contact *contact, int face, int other)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    return sb_v3_norm(sb_v3_sub(pairs->ways[face], pairs->ways[other])) + pairs->spreads[face] + pairs->spreads[other];
+}
+
+/* 1 when the faces' balls stay farther than `grow` (m) from each other. */
+static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_real grow)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
+    sb_real reach = grow + pairs->radii[face] + pairs->radii[other] + sbi_pairs_closing(contact, face, other);
+    return sb_v3_dot(way, way) > reach * reach;
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
@@ -79499,6 +79659,7 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     const int *nodes = sbi_contact_face_nodes(faces, face);
     sbi_pairs *pairs = &contact->pairs;
     sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
+    const sb_real reach = grow;
     int count, kept = 0;
     /* a curved face stays within half of its length of its corners' box */
     if (faces->kinds[faces->sizes[face]].corners < faces->sizes[face])
@@ -79513,7 +79674,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
                                     sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
     for (int i = 0; i < count; i++)
-        if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]))
+        if (pairs->found[i] != face && !sbi_near_is_far(contact, face, pairs->found[i], reach) &&
+            sbi_pairs_may_touch(contact, face, pairs->found[i]))
             pairs->found[kept++] = pairs->found[i];
     return kept;
 }
@@ -79652,6 +79814,15 @@ typedef struct sbi_apart_sample {
     sb_vec3 at, way;
 } sbi_apart_sample;
 
+/* 1 when it cannot come to a face. */
+static int sbi_apart_stays_off(const sb_contact *contact, int other, const sbi_apart_sample *s)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 off = sb_v3_sub(s->at, pairs->middles[other]);
+    sb_real reach = sb_v3_norm(sb_v3_sub(s->way, pairs->ways[other])) + pairs->spreads[other] + pairs->radii[other];
+    return sb_v3_dot(off, off) > reach * reach;
+}
+
 /* When it comes through a face from its front (out: from its back), < 0: it does not; *depth behind it at the end. */
 static sb_real sbi_apart_meets(const sb_contact *contact, int other, const sbi_apart_sample *s, int out, sb_real *depth)
 {
@@ -79783,7 +79954,8 @@ static int sbi_apart_look_at(sbi_apart_look *look, int face)
         s.at = sbi_contact_mean(weights, nodes, count, x);
         s.way = sbi_contact_mean(weights, nodes, count, contact->moved);
         for (int k = 0; k < others; k++)
-            if (sbi_apart_strays(contact, contact->pairs.found[k], &s) &&
+            if (!sbi_apart_stays_off(contact, contact->pairs.found[k], &s) &&
+                sbi_apart_strays(contact, contact->pairs.found[k], &s) &&
                 !sbi_apart_find(look, face, contact->pairs.found[k]))
                 return 0;
     }
@@ -79822,6 +79994,7 @@ static void sbi_apart_set_ways(sb_contact *contact, const sb_vec3 *u)
     for (int i = 0; i < sb_body_node_count(contact->body); i++)
         contact->moved[i] = sbi_apart_way(contact, u, i);
     sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
+    sbi_pairs_follow(contact, contact->moved, 1);
 }
 
 SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
@@ -79833,6 +80006,8 @@ SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
     look.contact = contact;
     if (contact->level < 1) /* what balances within the step goes on to its end */
         sbi_apart_set_ways(contact, u);
+    else
+        sbi_pairs_follow(contact, contact->moved, 1);
     return sbi_apart_look_around(&look);
 }
 
@@ -79886,6 +80061,7 @@ static void sbi_apart_move(const sbi_apart_look *look)
             }
         }
     sbi_contact_faces_refit(contact->faces, sb_body_positions(body), contact->moved, 1);
+    sbi_pairs_follow(contact, contact->moved, 1);
 }
 
 static void sbi_apart_forget_zones(const sb_contact *contact)
@@ -80053,15 +80229,13 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     const sb_contact *contact = search->contact;
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    const sb_vec3 against = sb_v3_sub(search->way, contact->pairs.ways[other]);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
-    sb_real most = 0;
-    for (int a = 0; a < kind->nodes; a++) {
-        v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
-        most = sb_max(most, sb_v3_norm(v[a]));
-    }
-    if (sbi_pair_is_far(search, other, sb_v3_norm(search->way) + 2 * most))
+    if (sbi_pair_is_far(search, other, sb_v3_norm(against) + contact->pairs.spreads[other]))
         return;
     sbi_pair_gather(contact, other, x);
+    for (int a = 0; a < kind->nodes; a++)
+        v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
     for (int part = 0; part < sbi_closest_part_count(kind); part++) {
         sb_vec3 at[3], ways[3];
         sb_real share, depth;
@@ -80117,12 +80291,31 @@ static void sbi_pair_try_around(sbi_pair_search *search)
     search->best = best;
 }
 
+/* The place in `found` of the face whose middle is nearest: most others are then known to be farther. -1: none is. */
+static int sbi_pair_guess(const sbi_pair_search *search)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_real least = SB_REAL_MAX;
+    int best = -1;
+    for (int i = 0; i < search->others; i++) {
+        sb_vec3 way = sb_v3_sub(search->at, pairs->middles[pairs->found[i]]);
+        sb_real square = sb_v3_dot(way, way);
+        if (square < least)
+            least = square, best = i;
+    }
+    return best;
+}
+
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
+    int first = sbi_pair_guess(search);
     search->best = search->nearest = search->within_organ = -1;
+    if (first >= 0)
+        sbi_pair_try_near(search, pairs->found[first]);
     for (int i = 0; i < search->others; i++)
-        sbi_pair_try_near(search, pairs->found[i]);
+        if (i != first)
+            sbi_pair_try_near(search, pairs->found[i]);
     if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
         search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away) /* else it is beside that face */
         sbi_pair_try_around(search);
@@ -80272,6 +80465,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
         return SB_OK;
     pairs->reach = sb_max(pairs->longest, pairs->distance);
     sbi_pairs_look(contact, contact->x);
+    sbi_pairs_follow(contact, step->velocity, step->dt);
     sbi_pairs_find_near(contact, pairs->reach);
     for (int thin = 0;; thin++) {
         int face = sbi_pairs_next_near(contact, 0);
@@ -80874,6 +81068,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->spreads = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
 }
 
 /* Arrays by face and by node: all hold what a step needs only while it lasts. */
@@ -81061,7 +81258,7 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     if (!contact->skin.source)
         sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
-    if (!contact->skin.source || !contact->skin.source->is_late)
+    if (!sbi_contact_skin_is_late(contact, change == NULL))
         (void)sbi_contact_update_faces(contact, NULL);    /* where it fails the next step says so */
     (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }
@@ -83095,11 +83292,11 @@ static sbi_contact_tool *sbi_contact_find_tool(const sb_contact *contact, int to
 /* Contacts of a tool are no more. */
 static void sbi_contact_forget(sb_contact *contact, int tool)
 {
-    int count = 0;
-    for (int e = 0; e < contact->entry_count; e++)
+    int *kept = contact->skin.waiting > 0 ? &contact->skin.waiting : &contact->entry_count, count = 0;
+    for (int e = 0; e < *kept; e++)
         if (contact->entries[e].tool != tool)
             contact->entries[count++] = contact->entries[e];
-    contact->entry_count = count;
+    *kept = count;
     count = 0;
     for (int i = 0; i < contact->pressure_count; i++)
         if (contact->pressures[i].tool != tool)
@@ -83320,8 +83517,13 @@ static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_e
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_contact_put_int(out, entry->tool);
-    sbi_contact_put_int(out, contact->faces->keys[entry->face] / contact->faces->side_count);
-    sbi_contact_put_int(out, contact->faces->keys[entry->face] % contact->faces->side_count);
+    if (contact->skin.source) {
+        sbi_contact_put_int(out, entry->face);
+        sbi_contact_put_int(out, 0);
+    } else {
+        sbi_contact_put_int(out, contact->faces->elements[entry->face]);
+        sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    }
     sbi_contact_put_int(out, entry->parts);
     sbi_contact_put_int(out, entry->sample);
     sbi_contact_put_int(out, entry->sticks);
@@ -83346,8 +83548,8 @@ static void sbi_contact_save(const void *user, sbi_state_out *out)
     sbi_contact_put_int(out, sbi_contact_skin_size(contact));
     for (int t = 0; t < contact->max_tools; t++)
         sbi_contact_put_tool(contact->tools + t, out);
-    sbi_contact_put_int(out, contact->entry_count);
-    for (int e = 0; e < contact->entry_count; e++)
+    sbi_contact_put_int(out, contact->entry_count + contact->skin.waiting); /* one of them is 0 */
+    for (int e = 0; e < contact->entry_count + contact->skin.waiting; e++)
         sbi_contact_put_entry(contact, contact->entries + e, out);
     sbi_contact_put_int(out, contact->pressure_count);
     for (int i = 0; i < contact->pressure_count; i++) {
@@ -83417,8 +83619,12 @@ SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, i
     return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
-/* entry->face: -1 where the mesh has no such face, or the face no such sample. */
-static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_contact_entry *entry)
+/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that
+ * is not there yet, its number. */
+typedef enum sbi_contact_finding { SBI_CONTACT_CHECKS, SBI_CONTACT_FINDS, SBI_CONTACT_WAITS } sbi_contact_finding;
+
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, sbi_contact_finding finding,
+                                  sbi_contact_entry *entry)
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS];
     int element, side;
@@ -83438,7 +83644,10 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in,
     in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
                element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
                entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
-    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
+    entry->face = finding == SBI_CONTACT_WAITS && !in->bad ? element : -1;
+    if (finding != SBI_CONTACT_FINDS || in->bad)
+        return;
+    entry->face = sbi_contact_find_face(contact->faces, element, side);
     if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
 }
@@ -83485,7 +83694,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
                         contact->max_contacts);
     for (int e = 0; e < count && !in.bad; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, 0, &entry);
+        sbi_contact_get_entry(contact, &in, SBI_CONTACT_CHECKS, &entry);
     }
     pressures = sbi_contact_get_pressure_count(contact, &in, count);
     for (int i = 0; i < pressures && !in.bad; i++)
@@ -83499,7 +83708,7 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
-    int count, pressures;
+    int count, pressures, waits;
     (void)sbi_contact_get_int(&in);
     (void)sbi_contact_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
@@ -83508,12 +83717,16 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
     contact->entry_count = contact->pressure_count = 0;
     contact->is_solved = 0;
     memset(&contact->info, 0, sizeof contact->info);
-    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+    contact->skin.waiting = 0;
+    waits = sbi_contact_skin_is_late(contact, 1) && contact->faces_old;
+    if (!waits && sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
         return;
     for (int e = 0; e < count; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, 1, &entry);
-        if (entry.face >= 0)
+        sbi_contact_get_entry(contact, &in, waits ? SBI_CONTACT_WAITS : SBI_CONTACT_FINDS, &entry);
+        if (entry.face >= 0 && waits)
+            contact->entries[contact->skin.waiting++] = entry;
+        else if (entry.face >= 0)
             sbi_contact_insert_entry(contact, &entry);
     }
     pressures = sbi_contact_get_pressure_count(contact, &in, count);
