@@ -6050,12 +6050,12 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *
  * - What an element is not cut through yet holds: a cut opens up to the last element that it parts. With SB_CUT_GLUE
  *   such an element is parted along the blade's plane, and what no blade has come through is tied by a penalty
- * (Suwelack 2014, 8.3.5): energy k/2 |jump|^2 at each triangle of the lips, k = beta (lambda + 2 mu) A / h. It takes no
- * momentum and no moment, is a part of forces, stiffness and elastic energy, and blades release it triangle by
- * triangle. A half cut beam's sag is 2 to 5 % nearer to the exact one, the stress intensity of an edge crack off by 10
- * in place of 14 % (21 elements), and a blade that advances by a fifth of an element opens something each time; with
- * about as many iterations. Stiff ties make explicit steps shorter. A blade that turns away leaves what it was expected
- * to cut glued.
+ *   (Suwelack 2014, 8.3.5): energy k/2 |jump|^2 at each triangle of the lips, k = beta (lambda + 2 mu) A / h. It takes
+ *   no momentum and no moment, is a part of forces, stiffness and elastic energy, and blades release it triangle by
+ *   triangle. A half cut beam's sag is 2 to 5 % nearer to the exact one, the stress intensity of an edge crack off by
+ *   10 in place of 14 % (21 elements), and a blade that advances by a fifth of an element opens something each time;
+ *   with about as many iterations. Stiff ties make explicit steps shorter. A blade that turns away leaves what it was
+ *   expected to cut glued.
  * - A node keeps its number and stands for the material at its place; copies get new numbers
  *   (sb_cut_node_origin). Cells likewise (sb_cut_cell_element).
  * - A link that is cut stays cut. What is cut twice, or along the same way again, is cut once.
@@ -6074,10 +6074,9 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   between strips is cut by a rule: a whole link that cut ones surround in all elements around it holds nothing but
  *   itself.
  * - States and recordings of the body hold its cuts: the sb_cut is a part of both, with its strokes. A state that was
- *   saved with one is loaded into a body that has one of the same mesh, lattice and max_strokes, whatever was cut there
- *   meanwhile, and takes cuts back that it does not have. A recording plays on a body with such an sb_cut, made before
- *   it began, and has the calls.
- *   Lattice, front, glue and max_strokes have to be the same.
+ *   saved with one is loaded into a body that has one of the same mesh, lattice, front, glue and max_strokes, whatever
+ *   was cut there meanwhile, and takes cuts back that it does not have. A recording plays on a body with such an
+ *   sb_cut, made before it began, and has the calls.
  * - After others changed the mesh, calls say SB_ERROR_STATE; make a new one then, of an uncut body.
  *
  * Limits:
@@ -6087,8 +6086,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
  * - All pieces of an element have the shape of the whole one. Contact on the mesh's boundary touches that shape, up to
- * an element beyond the cut; on the cut's surface (sb_cut_surface_skin) it touches skin and lips where they are. Lips
- * do not touch each other.
+ *   an element beyond the cut; on the cut's surface (sb_cut_surface_skin) it touches skin and lips where they are. Lips
+ *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
