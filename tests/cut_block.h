@@ -27,6 +27,7 @@ typedef struct block_options {
     double shake;
     sb_integrator integrator;
     double slack;
+    sb_cut_front front;
 } block_options;
 
 static inline block_options block_default(int lattice)
@@ -40,18 +41,22 @@ static inline block_options block_default(int lattice)
     options.shake = 0.2;
     options.integrator = SB_EULER;
     options.slack = 4;
+    options.front = SB_CUT_LAG;
     return options;
 }
 
-static inline void block_cut_create(block *b, int lattice)
+static inline void block_cut_create_with(block *b, int lattice, sb_cut_front front)
 {
     sb_cut_def def = sb_default_cut_def();
     sb_error error;
     def.body = b->body;
     def.lattice = lattice;
+    def.front = front;
     if (!CHECK_OK(sb_cut_create(&def, &b->cut, &error)))
         printf("%s\n", error.message);
 }
+
+static inline void block_cut_create(block *b, int lattice) { block_cut_create_with(b, lattice, SB_CUT_LAG); }
 
 static inline block block_make(const block_options *options)
 {
@@ -64,7 +69,7 @@ static inline block block_make(const block_options *options)
     def.slack = REAL(options->slack);
     def.integrator = options->integrator;
     b.body = scene_body(&def);
-    block_cut_create(&b, options->lattice);
+    block_cut_create_with(&b, options->lattice, options->front);
     return b;
 }
 
@@ -255,7 +260,7 @@ static inline int part_volumes(const block *b, double *volumes, int capacity)
 }
 
 /* A small block whose memory is counted. */
-static inline block counted_block(scene_memory *memory, int nx, double slack)
+static inline block counted_block_with(scene_memory *memory, int nx, double slack, sb_cut_front front)
 {
     sb_body_def def = sb_default_body_def();
     sb_cut_def cut = sb_default_cut_def();
@@ -269,8 +274,14 @@ static inline block counted_block(scene_memory *memory, int nx, double slack)
     b.body = scene_body(&def);
     cut.body = b.body;
     cut.allocator = def.allocator;
+    cut.front = front;
     CHECK_OK(sb_cut_create(&cut, &b.cut, NULL));
     return b;
+}
+
+static inline block counted_block(scene_memory *memory, int nx, double slack)
+{
+    return counted_block_with(memory, nx, slack, SB_CUT_LAG);
 }
 
 #endif /* CUT_BLOCK_H */

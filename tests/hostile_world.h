@@ -372,6 +372,7 @@ static sb_cut_def *world_cut_def(world *w)
     w->cut_def = sb_default_cut_def();
     w->cut_def.body = world_idle(w);
     w->cut_def.allocator = w->allocator;
+    w->cut_def.front = SB_CUT_GLUE;
     return &w->cut_def;
 }
 

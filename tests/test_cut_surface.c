@@ -250,6 +250,47 @@ static void test_strokes(void)
     CHECK_NEAR(worst, 0, scene_tolerance(1e-12, 500));
 }
 
+/* With glue an edge may have four triangles, two each way: all parts are still closed, with their volumes. */
+static void test_glued(void)
+{
+    unsigned long long seed = 101;
+    double worst = 0;
+    for (int i = 0; i < 3; i++)
+        for (int round = 0; round < (check_quick() ? 1 : 4); round++) {
+            block_options options = block_default(intervals_of[i]);
+            block b;
+            sb_cut_surface *surface;
+            options.front = SB_CUT_GLUE;
+            b = block_make(&options);
+            surface = surface_make(&b);
+            block_shake(&b);
+            for (int stroke = 0; stroke < 5; stroke++) {
+                sb_vec3 triangles[18];
+                sb_cut_drawing d;
+                edge *edges;
+                int count = strip_random(triangles, &seed), open = 0;
+                block_cut(&b, triangles, count);
+                block_step(&b, 1);
+                CHECK_OK(sb_cut_surface_update(surface, NULL));
+                d = sb_cut_surface_get(surface);
+                edges = edges_of(&d, &count);
+                for (int first = 0, end; first < count; first = end) {
+                    int turns = 0;
+                    for (end = first; end < count && edge_order(edges + first, edges + end) == 0; end++)
+                        turns += edges[end].turn ? 1 : -1;
+                    open += turns != 0;
+                }
+                CHECK_INT(open, 0);
+                free(edges);
+                worst = fmax(worst, check_volumes(&b, &d));
+                check_vertices(&b, &d);
+            }
+            sb_cut_surface_destroy(surface);
+            block_free(&b);
+        }
+    CHECK_NEAR(worst, 0, scene_tolerance(1e-12, 500));
+}
+
 /* ---- organs that nobody chose ------------------------------------------------------------------------------------ */
 
 /* A random case of tets as a body that can be cut, with any preconditioner and lattice; 0 when this number has none. */
@@ -449,6 +490,6 @@ static void test_mistakes(void)
 }
 
 CHECK_SUITE(cut_surface, {"planes: closed, volumes, areas", test_planes}, {"strokes: closed, volumes", test_strokes},
-            {"organs: closed, volumes", test_organs}, {"what an update changes", test_ranges},
-            {"texture of lips", test_texture}, {"every allocation fails in turn", test_no_memory},
-            {"mistakes are named", test_mistakes});
+            {"glued: volumes", test_glued}, {"organs: closed, volumes", test_organs},
+            {"what an update changes", test_ranges}, {"texture of lips", test_texture},
+            {"every allocation fails in turn", test_no_memory}, {"mistakes are named", test_mistakes});

@@ -215,8 +215,10 @@ static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_
 SBI_API void sbi_body_materials_changed(sb_body *body)
 {
     sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
-    if (body->live)
+    if (body->live) {
         sbi_live_stiffen_slivers(body);
+        sbi_live_stiffen_glue(body);
+    }
     body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
     sbi_body_update_mass(body);
     body->force_current = 0;

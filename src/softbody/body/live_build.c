@@ -16,6 +16,8 @@ static void sbi_live_mesh_layout(const sb_body *body, sbi_live_mesh *mesh, sbi_a
     mesh->shares = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
     if (mesh->has_pieces)
         mesh->pieces = (sbi_piece *)sbi_arena_take(arena, cells, sizeof(sbi_piece));
+    if (mesh->glue_count)
+        mesh->glue = (sbi_glue_tie *)sbi_arena_take(arena, (size_t)mesh->glue_count, sizeof(sbi_glue_tie));
     mesh->corners = (int *)sbi_arena_take(arena, cells, (size_t)body->domain.nodes_per_cell * sizeof(int));
     mesh->material = (int *)sbi_arena_take(arena, cells, sizeof(int));
     mesh->inherit = (int *)sbi_arena_take(arena, cells, sizeof(int));
@@ -61,10 +63,11 @@ static int sbi_live_slots_like(sbi_slots *slots, const sbi_slots *counts, const 
 }
 
 SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                     int has_pieces, sbi_live_mesh *mesh, sb_error *error)
+                                     int has_pieces, int glue_count, sbi_live_mesh *mesh, sb_error *error)
 {
     memset(mesh, 0, sizeof *mesh);
     mesh->has_pieces = has_pieces;
+    mesh->glue_count = glue_count;
     if (!sbi_live_slots_like(&mesh->nodes, nodes, &body->live->nodes, &body->allocator) ||
         !sbi_live_slots_like(&mesh->cells, cells, &body->live->cells, &body->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
@@ -165,6 +168,13 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
     if (mesh->fibres)
         memcpy(next->fibres, mesh->fibres, cells * sizeof(sb_vec3));
+    if (body->live->glue.capacity || mesh->glue_count) {
+        sb_result result =
+            sbi_live_take_glue_room(next, sbi_max_int(body->live->glue.capacity, mesh->glue_count), error);
+        if (result != SB_OK)
+            return result;
+        sbi_live_copy_glue(&live->glue, mesh->glue, mesh->glue_count, domain->cells);
+    }
     return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, mesh->pieces, error);
 }
 

@@ -159,6 +159,7 @@ static void sbi_change_clear(sb_body_change *change)
     change->entries.count = change->corners.count = 0;
     change->log_ints.count = change->log_reals.count = 0;
     change->found.count = change->found_next = 0;
+    change->glue = NULL;
 }
 
 /* An empty change with room in its lists for so many cells, or NULL. */
@@ -218,6 +219,12 @@ SB_API void sb_body_change_cancel(sb_body_change *change)
     sbi_change_clear(change);
     change->body->live->open = NULL;
     change->body->live->spare = change;
+}
+
+SBI_API void sbi_change_set_glue(sb_body_change *change, const sbi_glue_tie *ties, int count)
+{
+    change->glue = ties;
+    change->glue_count = count;
 }
 
 SBI_API void sbi_change_destroy(sb_body_change *change)
@@ -805,7 +812,8 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
     lists->motions = (sbi_live_motion *)sbi_arena_take(arena, made + moved, sizeof(sbi_live_motion));
     lists->forces = (sb_vec3 *)sbi_arena_take(arena, removed, sizeof(sb_vec3));
-    lists->node_room = n * (gone + come + (size_t)change->reshaped_most) + made + removed + moved;
+    lists->node_room = n * (gone + come + (size_t)change->reshaped_most) + made + removed + moved +
+                       2 * n * (size_t)(change->body->live->glue.count + change->body->live->next_glue.count);
     lists->nodes = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
     lists->gone = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
     lists->come = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
@@ -1049,6 +1057,8 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
         return result;
     sbi_live_mesh_fill(body, mesh);
     sbi_change_apply(change, mesh);
+    mesh->glue = body->live->next_glue.ties;
+    mesh->glue_count = body->live->next_glue.count;
     result = sbi_change_check_corners(body, mesh, error);
     if (result == SB_OK)
         result = sbi_live_check_removed(body, &mesh->nodes, out, error);
@@ -1143,7 +1153,9 @@ SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
     calls = change->log_ints.count;
     if (change->version != body->live->version)
         return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
-    result = sbi_change_list(change, &lists, &out, error);
+    result = sbi_live_make_next_glue(change, error);
+    if (result == SB_OK)
+        result = sbi_change_list(change, &lists, &out, error);
     if (result == SB_OK && !sbi_change_reserve_found(change))
         result = sbi_change_no_memory(error);
     if (result == SB_OK && !sbi_live_follow(change, &lists, &out, &result, error))

@@ -54,9 +54,11 @@ struct sb_body_change {
         sb_real *items;
         int count, capacity;
     } log_reals;
-    int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
-    int reshaped_most;      /* upper bound of the cells reshaped */
-    int version;            /* of the body's mesh at the beginning */
+    int *node_at, *cell_at;   /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
+    const sbi_glue_tie *glue; /* see sbi_change_set_glue; NULL: none was given */
+    int glue_count;
+    int reshaped_most; /* upper bound of the cells reshaped */
+    int version;       /* of the body's mesh at the beginning */
     int found_next;
 };
 

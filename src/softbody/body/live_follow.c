@@ -48,43 +48,57 @@ static void sbi_live_unmark_node(sbi_live_following *work, int node, int by)
     work->body->live->node_marks[node] = 0;
 }
 
-/* 1 when a row of a load has a node that goes or moves, or nodes of changed cells only: it may be in one. */
+/* Marks of nodes while loads are looked at. */
+enum { SBI_LIVE_CHANGED = 1, SBI_LIVE_GOES = 2, SBI_LIVE_GLUED = 4 };
+
+/* 1 when a row of a load has a node that goes or moves, or nodes of changed cells only: it may be in one; or nodes that
+ * glue may couple until now. */
 static int sbi_live_row_is_touched(const sbi_live_following *work, const sbi_load *load, int row)
 {
     const int *marks = work->body->live->node_marks;
-    int all = 1;
+    int all = 1, glued = 0;
     for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++) {
-        all &= marks[load->nodes[k]] != 0;
-        if (marks[load->nodes[k]] == 2)
+        all &= (marks[load->nodes[k]] & SBI_LIVE_CHANGED) != 0;
+        glued += (marks[load->nodes[k]] & SBI_LIVE_GLUED) != 0;
+        if (marks[load->nodes[k]] & SBI_LIVE_GOES)
             return 1;
     }
-    return all && load->kind != SBI_LOAD_SPRINGS;
+    return (all && load->kind != SBI_LOAD_SPRINGS) || (glued > 1 && load->kind == SBI_LOAD_MAPPING);
+}
+
+/* Marks, or with 0 frees of their marks, nodes that the change or glue is about. */
+static void sbi_live_mark_nodes(const sbi_live_following *work, int goes, int glued)
+{
+    const sbi_glue *glue = &work->body->live->glue;
+    const sb_mesh_change *out = work->out;
+    int *marks = work->body->live->node_marks;
+    for (int i = 0; i < out->removed_node_count; i++)
+        marks[out->removed_nodes[i]] = goes;
+    for (int i = 0; i < out->moved_node_count; i++)
+        marks[out->moved_nodes[i]] = goes;
+    for (int k = 0; k < 2 * SBI_GLUE_NODES * glue->count; k++) {
+        int *mark = marks + glue->ties[k / (2 * SBI_GLUE_NODES)].nodes[k & 1][k / 2 % SBI_GLUE_NODES];
+        *mark = glued ? *mark | glued : 0;
+    }
 }
 
 static int sbi_live_loads_are_touched(sbi_live_following *work)
 {
     const sb_body *body = work->body;
-    const sb_mesh_change *out = work->out;
     int touched = 0;
     if (!body->load_count && !body->traction_count)
         return 0;
     sbi_live_each_node(work, sbi_live_mark_node);
-    for (int i = 0; i < out->removed_node_count; i++)
-        body->live->node_marks[out->removed_nodes[i]] = 2;
-    for (int i = 0; i < out->moved_node_count; i++)
-        body->live->node_marks[out->moved_nodes[i]] = 2;
+    sbi_live_mark_nodes(work, SBI_LIVE_CHANGED | SBI_LIVE_GOES, SBI_LIVE_GLUED);
     for (int l = 0; l < body->load_count && !touched; l++)
         for (int j = 0; j < body->loads[l].row_count && !touched; j++)
             touched = sbi_live_row_is_touched(work, body->loads + l, j);
     for (int i = 0; i < body->traction_count && !touched; i++) {
         const int *nodes = body->tractions[i].nodes, *marks = body->live->node_marks;
-        touched = marks[nodes[0]] && marks[nodes[1]] && marks[nodes[2]];
+        touched = (marks[nodes[0]] & marks[nodes[1]] & marks[nodes[2]] & SBI_LIVE_CHANGED) != 0;
     }
     sbi_live_each_node(work, sbi_live_unmark_node);
-    for (int i = 0; i < out->removed_node_count; i++)
-        body->live->node_marks[out->removed_nodes[i]] = 0;
-    for (int i = 0; i < out->moved_node_count; i++)
-        body->live->node_marks[out->moved_nodes[i]] = 0;
+    sbi_live_mark_nodes(work, 0, 0);
     return touched;
 }
 
@@ -123,6 +137,11 @@ static void sbi_live_list_nodes(sbi_live_following *work)
         sbi_live_list_node(work, out->made_nodes[i], 0);
     for (int i = 0; i < out->moved_node_count; i++)
         sbi_live_list_node(work, out->moved_nodes[i], 0);
+    for (int next = 0; next < 2; next++) { /* rows of their supports have other blocks */
+        const sbi_glue *glue = next ? &work->body->live->next_glue : &work->body->live->glue;
+        for (int k = 0; k < 2 * SBI_GLUE_NODES * glue->count; k++)
+            sbi_live_list_node(work, glue->ties[k / (2 * SBI_GLUE_NODES)].nodes[k & 1][k / 2 % SBI_GLUE_NODES], 0);
+    }
 }
 
 /* 1 when a node has more cells than so many before the change. */
@@ -242,8 +261,9 @@ static int sbi_live_change_fits(sbi_live_following *work)
 static int sbi_live_reserve(sbi_live_following *work, sb_result *result, sb_error *error)
 {
     sb_body *body = work->body;
+    sbi_matrix_couplings couplings = sbi_live_glue_couplings(body, work->out);
     int blocks = sbi_matrix_capacity(&body->matrix), supports;
-    *result = sbi_matrix_reserve(&body->matrix, work->out, NULL, error);
+    *result = sbi_matrix_reserve(&body->matrix, work->out, &couplings, error);
     if (*result != SB_OK)
         return 1;
     if (sbi_matrix_capacity(&body->matrix) != blocks || !sbi_precond_reserve(body->precond, &body->matrix))
@@ -525,6 +545,7 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_live_follow_cells_of_body(work);
     sbi_domain_follow(&body->domain, out, body->reference);
     sbi_matrix_follow(&body->matrix, out);
+    sbi_live_take_glue(body);
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
     sbi_live_wake_nodes(work);
     sbi_live_label_changed(work);

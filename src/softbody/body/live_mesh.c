@@ -276,6 +276,8 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
                           (unsigned long)listed, (unsigned long)used);
     if (result == SB_OK)
+        result = sbi_live_check_glue(body, error);
+    if (result == SB_OK)
         result = sbi_live_check_parts(body, error);
     if (result == SB_OK)
         result = sbi_matrix_check_live(&body->matrix, error);

@@ -42,6 +42,9 @@ typedef struct sbi_live {
     sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
     int piece_count;         /* cells that are pieces */
     sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
+    sbi_glue glue;           /* what ties pieces to each other, see live_glue.c; lent to the assembly */
+    sbi_glue next_glue;      /* of the change under way */
+    int (*couplings)[2];     /* [32 glue.capacity] scratch */
     sb_quadrature_kind rule; /* of the domain's points */
     sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
     void *find_user;
@@ -74,6 +77,8 @@ typedef struct sbi_live_mesh {
     int *inherit;        /* [cells.end] cell of the body that it inherits from, or -1: none */
     unsigned char *kept; /* [cells.end] 1: it is that cell */
     sb_vec3 *fibres;     /* [cells.end] unit directions or 0; NULL: the body has none */
+    int glue_count;
+    sbi_glue_tie *glue; /* [glue_count] cells and Gram matrices are read */
     void *memory;
 } sbi_live_mesh;
 
@@ -93,9 +98,9 @@ SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error);
 /* Room for a mesh with copies of these slots, and for pieces where has_pieces is 1. */
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
                                          int has_pieces, sbi_live_mesh *mesh, sb_error *error);
-/* Room for a mesh with so many slots (end, fresh, count), not filled; no less than the body has room for. */
+/* Room for a mesh with so many slots (end, fresh, count) and ties, not filled; no less than the body has room for. */
 SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                     int has_pieces, sbi_live_mesh *mesh, sb_error *error);
+                                     int has_pieces, int glue_count, sbi_live_mesh *mesh, sb_error *error);
 SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh);
 /* Lists what the body's mesh has in these slots. */
 SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
@@ -166,6 +171,32 @@ SBI_API void sbi_live_drop_pieces(sb_body *body);
  * follows with the materials. */
 SBI_API sb_result sbi_live_make_slivers(sb_body *body, sb_error *error);
 SBI_API void sbi_live_stiffen_slivers(sb_body *body);
+/* ---- live_glue.c: ties between pieces ---- */
+
+/* Room for just so many ties, now and in the next change. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_live_take_glue_room(sb_body *body, int count, sb_error *error);
+/* The same with more to come. */
+SBI_API sb_result sbi_live_reserve_glue(sb_body *body, int count, sb_error *error);
+/* Takes cells and Gram matrices of ties that there is room for; their nodes are those that the cells have in `corners`,
+ * [cells][4]. */
+SBI_API void sbi_live_copy_glue(sbi_glue *glue, const sbi_glue_tie *ties, int count, const int *corners);
+/* next_glue = what a change leads to: the ties that it was given, or else those of cells that stay. Needs room. */
+SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error *error);
+/* Nodes that all ties of a list couple besides the cells, appended to pairs; returns how many there are then. */
+SBI_API int sbi_live_list_couplings(const sbi_glue *glue, int (*pairs)[2], int count);
+/* The couplings that go and come with next_glue. */
+SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out);
+/* glue = next_glue */
+SBI_API void sbi_live_take_glue(sb_body *body);
+SBI_API void sbi_live_stiffen_glue(sb_body *body);
+SBI_API sb_result sbi_live_check_glue(const sb_body *body, sb_error *error);
+/* The change leads to these ties, of which it reads cells and Gram matrices; the list is borrowed until it is committed
+ * or cancelled. */
+SBI_API void sbi_change_set_glue(sb_body_change *change, const sbi_glue_tie *ties, int count);
+/* Between changes: the ties that there are, in the order that the last change gave them in, have these Gram matrices.
+ */
+SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int count);
+
 /* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
 SBI_API void sbi_live_park_node(sb_body *body, int node);
 

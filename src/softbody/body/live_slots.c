@@ -167,6 +167,9 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_free(&body->allocator, live->shares);
     sbi_free(&body->allocator, live->pieces);
     sbi_free(&body->allocator, live->slivers.memory);
+    sbi_free(&body->allocator, live->glue.ties);
+    sbi_free(&body->allocator, live->next_glue.ties);
+    sbi_free(&body->allocator, live->couplings);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;
@@ -227,12 +230,30 @@ SBI_API void sbi_live_park_node(sb_body *body, int node)
     body->velocity[node] = body->acceleration[node] = sb_v3(0, 0, 0);
 }
 
+/* Couples what glue ties. */
+static sb_result sbi_live_couple_glue(const sb_body *body, sb_matrix *matrix, sb_error *error)
+{
+    sbi_matrix_couplings couplings;
+    sb_result result;
+    memset(&couplings, 0, sizeof couplings);
+    couplings.made_count = sbi_live_list_couplings(&body->live->glue, body->live->couplings, 0);
+    couplings.made = couplings.made_count ? body->live->couplings[0] : NULL;
+    if (!couplings.made_count)
+        return SB_OK;
+    result = sbi_matrix_reserve(matrix, NULL, &couplings, error);
+    if (result == SB_OK)
+        sbi_matrix_follow(matrix, NULL);
+    return result;
+}
+
 SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
 {
+    sb_result result;
     if (!sbi_live_follows(body))
         return SB_OK;
-    return sbi_matrix_make_live(matrix, body->domain.cell_count, 4, body->domain.cells, NULL, body->live->nodes.used,
-                                sbi_live_matrix_slack(body, matrix), error);
+    result = sbi_matrix_make_live(matrix, body->domain.cell_count, 4, body->domain.cells, NULL, body->live->nodes.used,
+                                  sbi_live_matrix_slack(body, matrix), error);
+    return result == SB_OK ? sbi_live_couple_glue(body, matrix, error) : result;
 }
 
 SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
@@ -240,6 +261,7 @@ SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
     sb_result result;
     if (!sbi_live_follows(body))
         return SB_OK;
+    body->assembly.glue = &body->live->glue;
     result = sbi_assembly_make_live(&body->assembly, &body->matrix, &body->allocator, error);
     if (result == SB_OK)
         sb_index_lists_free(&body->node_elements); /* rings take their place */

@@ -1134,8 +1134,10 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 
 /* ---- a mesh that may change ---- */
 
-/* Numbers of its part, which comes first; the second of a mesh with pieces, the third as earlier versions had it. */
-enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 17, SBI_STATE_PIECES_BEFORE = 16 };
+/* Numbers of its part, which comes first; the second of a mesh with pieces, the third of one with glue besides, the
+ * last as earlier versions had pieces. */
+enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 17, SBI_STATE_GLUED = 19, SBI_STATE_PIECES_BEFORE = 16 };
+enum { SBI_STATE_TIE_BYTES = 2 * 4 + SBI_GLUE_GRAM * (int)sizeof(sb_real) };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -1150,13 +1152,17 @@ static sbi_live_mesh sbi_state_live_view(const sb_body *body)
     mesh.shares = body->live->shares;
     mesh.has_pieces = body->live->piece_count > 0;
     mesh.pieces = mesh.has_pieces ? body->live->pieces : NULL;
+    mesh.glue_count = mesh.has_pieces ? body->live->glue.count : 0;
+    mesh.glue = body->live->glue.ties;
     return mesh;
 }
 
 /* The number of the body's part of the mesh. */
 static int sbi_state_live_number(const sb_body *body)
 {
-    return body->live->piece_count ? SBI_STATE_PIECES : SBI_STATE_LIVE;
+    if (!body->live->piece_count)
+        return SBI_STATE_LIVE;
+    return body->live->glue.count ? SBI_STATE_GLUED : SBI_STATE_PIECES;
 }
 
 /* How many pieces there are, and each with its cell. */
@@ -1183,6 +1189,23 @@ static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
         for (int i = 0; i < SBI_PIECE_FACES; i++)
             sbi_state_put_real(walk, &piece->faces[i / 3][i % 3]);
     }
+}
+
+/* Ties between pieces. */
+static void sbi_state_glue(sbi_state_walk *walk, sbi_live_mesh *mesh)
+{
+    for (int k = 0; k < mesh->glue_count && walk->result == SB_OK; k++) {
+        for (int side = 0; side < 2; side++)
+            sbi_state_put_int(walk, mesh->glue[k].cells + side, 0, mesh->cells.end - 1, "cell of a tie");
+        for (int i = 0; i < SBI_GLUE_GRAM; i++)
+            sbi_state_put_real(walk, mesh->glue[k].gram + i);
+    }
+}
+
+/* How many there are. */
+static int sbi_state_glue_count(sbi_state_walk *walk, int count)
+{
+    return sbi_state_int(walk, count, 1, INT32_MAX / 64, "number of ties");
 }
 
 /* Counts of one kind of slots, and the free ones in the order in which they will be used. */
@@ -1224,6 +1247,7 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
     sbi_state_slot_stack(walk, &mesh->cells);
     if (mesh->pieces && walk->result == SB_OK)
         sbi_state_pieces(walk, mesh);
+    sbi_state_glue(walk, mesh);
     if (sbi_state_put_mesh(walk, mesh, n))
         return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
@@ -1245,6 +1269,8 @@ static void sbi_state_live(sb_body *body, sbi_state_walk *walk)
     walk->store = 0;
     sbi_state_slot_counts(walk, &mesh.nodes);
     sbi_state_slot_counts(walk, &mesh.cells);
+    if (mesh.glue_count)
+        sbi_state_glue_count(walk, mesh.glue_count);
     sbi_state_live_arrays(walk, &mesh, body->domain.nodes_per_cell, body->material_count);
     walk->store = store;
 }
@@ -1285,6 +1311,22 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
     return SB_OK;
 }
 
+/* Whether ties are between two pieces, and their numbers finite. */
+static sb_result sbi_state_check_glue(const sbi_live_mesh *mesh, sb_error *error)
+{
+    for (int k = 0; k < mesh->glue_count; k++) {
+        const sbi_glue_tie *tie = mesh->glue + k;
+        int good = tie->cells[0] != tie->cells[1];
+        for (int side = 0; side < 2; side++)
+            good &= mesh->cells.used[tie->cells[side]] && mesh->pieces[tie->cells[side]].is != 0;
+        for (int i = 0; i < SBI_GLUE_GRAM; i++)
+            good &= sb_is_finite(tie->gram[i]);
+        if (!good)
+            return sbi_fail_element(error, SB_ERROR_FORMAT, tie->cells[0], "the saved tie %d is damaged", k);
+    }
+    return SB_OK;
+}
+
 /* Reads the mesh of an image. */
 static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *from, sbi_live_mesh *mesh,
                                      sb_error *error)
@@ -1292,7 +1334,8 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     sbi_state_walk walk = *from;
     sbi_slots nodes, cells;
     int n = body->domain.nodes_per_cell;
-    int has_pieces = sbi_get_bytes(from->in + SBI_IMAGE_HEAD, 4) == SBI_STATE_PIECES;
+    int number = sbi_int_of(sbi_get_bytes(from->in + SBI_IMAGE_HEAD, 4)), glue_count = 0;
+    int has_pieces = number == SBI_STATE_PIECES || number == SBI_STATE_GLUED;
     uint64_t needed;
     sb_result result = has_pieces ? sbi_live_check_pieces(body, error) : SB_OK;
     if (result != SB_OK)
@@ -1303,15 +1346,19 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
     walk.used = SBI_IMAGE_HEAD + 4; /* behind the number of the part */
     sbi_state_slot_counts(&walk, &nodes);
     sbi_state_slot_counts(&walk, &cells);
+    if (number == SBI_STATE_GLUED)
+        glue_count = sbi_state_glue_count(&walk, 1);
     if (walk.result != SB_OK)
         return walk.result;
+    if (glue_count && !sbi_live_follows(body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the state has glue between pieces, which goes with tet4 only");
     needed = 4 * ((uint64_t)nodes.count + (uint64_t)cells.count) + 3 * sizeof(sb_real) * (uint64_t)nodes.end +
-             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n);
+             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n) + (uint64_t)glue_count * SBI_STATE_TIE_BYTES;
     if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count ||
         cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
         nodes.end > nodes.fresh || cells.end > cells.fresh)
         return sbi_fail(error, SB_ERROR_FORMAT, "the slots of the saved mesh do not fit together");
-    result = sbi_live_mesh_room(body, &nodes, &cells, has_pieces, mesh, error);
+    result = sbi_live_mesh_room(body, &nodes, &cells, has_pieces, glue_count, mesh, error);
     if (result != SB_OK)
         return result;
     walk.store = 1;
@@ -1320,6 +1367,8 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         walk.result = sbi_fail(error, SB_ERROR_FORMAT, "the free slots of the saved mesh do not fit together");
     if (walk.result == SB_OK)
         walk.result = sbi_state_check_cells(mesh, n, error);
+    if (walk.result == SB_OK)
+        walk.result = sbi_state_check_glue(mesh, error);
     return walk.result;
 }
 
@@ -1331,13 +1380,22 @@ static int sbi_state_same_slots(const sbi_slots *a, const sbi_slots *b)
            memcmp(a->used, b->used, (size_t)a->end) == 0;
 }
 
+static int sbi_state_same_glue(const sbi_glue *glue, const sbi_live_mesh *mesh)
+{
+    int same = glue->count == mesh->glue_count;
+    for (int k = 0; k < mesh->glue_count && same; k++)
+        same = memcmp(glue->ties[k].cells, mesh->glue[k].cells, sizeof glue->ties[k].cells) == 0 &&
+               memcmp(glue->ties[k].gram, mesh->glue[k].gram, sizeof glue->ties[k].gram) == 0;
+    return same;
+}
+
 static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 {
     size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end, n = (size_t)body->domain.nodes_per_cell;
     int pieces = 0;
     for (size_t e = 0; mesh->pieces && e < cells; e++)
         pieces += mesh->pieces[e].is != 0;
-    return pieces == body->live->piece_count &&
+    return pieces == body->live->piece_count && sbi_state_same_glue(&body->live->glue, mesh) &&
            (!pieces || memcmp(body->live->pieces, mesh->pieces, cells * sizeof(sbi_piece)) == 0) &&
            sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
            sbi_state_same_slots(&body->live->cells, &mesh->cells) &&
@@ -1573,7 +1631,7 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
         return walk.result;
     walk.size = size - SBI_IMAGE_TAIL;
     first = walk.size >= SBI_IMAGE_HEAD + 4 ? sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) : 0;
-    is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES;
+    is_live = first == SBI_STATE_LIVE || first == SBI_STATE_PIECES || first == SBI_STATE_GLUED;
     if (first == SBI_STATE_PIECES_BEFORE)
         return sbi_fail(
             error, SB_ERROR_UNSUPPORTED,

@@ -67,6 +67,15 @@ typedef struct sbi_apart_sample {
     sb_vec3 at, way;
 } sbi_apart_sample;
 
+/* 1 when it cannot come to a face. */
+static int sbi_apart_stays_off(const sb_contact *contact, int other, const sbi_apart_sample *s)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 off = sb_v3_sub(s->at, pairs->middles[other]);
+    sb_real reach = sb_v3_norm(sb_v3_sub(s->way, pairs->ways[other])) + pairs->spreads[other] + pairs->radii[other];
+    return sb_v3_dot(off, off) > reach * reach;
+}
+
 /* When it comes through a face from its front (out: from its back), < 0: it does not; *depth behind it at the end. */
 static sb_real sbi_apart_meets(const sb_contact *contact, int other, const sbi_apart_sample *s, int out, sb_real *depth)
 {
@@ -198,7 +207,8 @@ static int sbi_apart_look_at(sbi_apart_look *look, int face)
         s.at = sbi_contact_mean(weights, nodes, count, x);
         s.way = sbi_contact_mean(weights, nodes, count, contact->moved);
         for (int k = 0; k < others; k++)
-            if (sbi_apart_strays(contact, contact->pairs.found[k], &s) &&
+            if (!sbi_apart_stays_off(contact, contact->pairs.found[k], &s) &&
+                sbi_apart_strays(contact, contact->pairs.found[k], &s) &&
                 !sbi_apart_find(look, face, contact->pairs.found[k]))
                 return 0;
     }
@@ -237,6 +247,7 @@ static void sbi_apart_set_ways(sb_contact *contact, const sb_vec3 *u)
     for (int i = 0; i < sb_body_node_count(contact->body); i++)
         contact->moved[i] = sbi_apart_way(contact, u, i);
     sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
+    sbi_pairs_follow(contact, contact->moved, 1);
 }
 
 SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
@@ -248,6 +259,8 @@ SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
     look.contact = contact;
     if (contact->level < 1) /* what balances within the step goes on to its end */
         sbi_apart_set_ways(contact, u);
+    else
+        sbi_pairs_follow(contact, contact->moved, 1);
     return sbi_apart_look_around(&look);
 }
 
@@ -301,6 +314,7 @@ static void sbi_apart_move(const sbi_apart_look *look)
             }
         }
     sbi_contact_faces_refit(contact->faces, sb_body_positions(body), contact->moved, 1);
+    sbi_pairs_follow(contact, contact->moved, 1);
 }
 
 static void sbi_apart_forget_zones(const sb_contact *contact)

@@ -126,9 +126,10 @@ static void sbi_closest_clamp(const sbi_contact_kind *kind, sb_real xi[3])
     }
 }
 
-/* One step of Gauss and Newton on the curved face. */
-static void sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sb_real xi[3])
+/* One step of Gauss and Newton on the curved face. 0: the parameters are as good as they get. */
+static int sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sb_real xi[3])
 {
+    const sb_real before[2] = {xi[0], xi[1]};
     sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], rr, rs, ss, r1, s1, det;
     sb_vec3 r = {0, 0, 0}, s = {0, 0, 0}, away;
     sb_element_shape(kind->type, xi, shape, gradient);
@@ -141,10 +142,12 @@ static void sbi_closest_improve(const sbi_contact_kind *kind, const sb_vec3 *x, 
     r1 = sb_v3_dot(r, away), s1 = sb_v3_dot(s, away);
     det = rr * ss - rs * rs;
     if (!(det > SB_EPSILON * rr * ss))
-        return;
+        return 0;
     xi[0] += (ss * r1 - rs * s1) / det;
     xi[1] += (rr * s1 - rs * r1) / det;
     sbi_closest_clamp(kind, xi);
+    /* the next step would change them by about the square of this */
+    return (xi[0] - before[0]) * (xi[0] - before[0]) + (xi[1] - before[1]) * (xi[1] - before[1]) > SB_EPSILON;
 }
 
 enum { SBI_CLOSEST_STEPS = 3 };
@@ -163,8 +166,8 @@ SBI_API void sbi_closest_on_face(const sbi_contact_kind *kind, const sb_vec3 *x,
             xi[0] += b[k] * at[0];
             xi[1] += b[k] * at[1];
         }
-        for (int i = 0; i < SBI_CLOSEST_STEPS; i++)
-            sbi_closest_improve(kind, x, p, xi);
+        for (int i = 0; i < SBI_CLOSEST_STEPS && sbi_closest_improve(kind, x, p, xi); i++)
+            continue;
         sb_element_shape(kind->type, xi, closest->shares, NULL);
     }
     closest->point = sbi_closest_mean(closest->shares, x, kind->nodes);

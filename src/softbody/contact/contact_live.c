@@ -28,6 +28,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->spreads = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
 }
 
 /* Arrays by face and by node: all hold what a step needs only while it lasts. */
@@ -215,7 +218,7 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     if (!contact->skin.source)
         sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
-    if (!contact->skin.source || !contact->skin.source->is_late)
+    if (!sbi_contact_skin_is_late(contact, change == NULL))
         (void)sbi_contact_update_faces(contact, NULL);    /* where it fails the next step says so */
     (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }

@@ -174,8 +174,7 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
 
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
 {
-    sb_vec3 a = contact->pairs.vectors[face], b = contact->pairs.vectors[other];
-    return sb_v3_dot(a, b) < SBI_NEAR_FACING * sb_v3_norm(a) * sb_v3_norm(b) &&
+    return sb_v3_dot(contact->pairs.normals[face], contact->pairs.normals[other]) < SBI_NEAR_FACING &&
            sbi_pairs_are_apart(contact, face, other);
 }
 
@@ -194,10 +193,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
     return sb_v3_dot(apart, apart) > least * least;
 }
 
-SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face)
-{
-    return sbi_near_unit(contact->pairs.vectors[face]);
-}
+SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face) { return contact->pairs.normals[face]; }
 
 /* Normal at a corner of a face: of the faces around it that go on smoothly. */
 static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int node)
@@ -271,6 +267,7 @@ SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
     sbi_pair_cone *cones = contact->pairs.cones;
     for (int f = 0; f < contact->faces->face_end; f++) {
         contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
+        contact->pairs.normals[f] = sbi_near_unit(contact->pairs.vectors[f]);
         sbi_near_fit_ball(contact, f, x);
     }
     for (int leaf = 0; leaf < tree->leaf_count; leaf++)
@@ -280,6 +277,42 @@ SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
             const sbi_pair_cone *a = cones + tree->level_start[level - 1] + 2 * i;
             sbi_near_join(cones + tree->level_start[level] + i, a, 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a);
         }
+}
+
+/* Points of curved faces have weights of nodes that sum up to more than 1 in size. */
+SBI_API void sbi_pairs_follow(sb_contact *contact, const sb_vec3 *v, sb_real dt)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    for (int f = 0; f < faces->face_end; f++) {
+        const int *nodes = sbi_contact_face_nodes(faces, f);
+        int count = faces->sizes[f];
+        const sbi_contact_kind *kind = &faces->kinds[count];
+        sb_vec3 mean = {0, 0, 0};
+        sb_real square = 0;
+        for (int a = 0; v && a < count; a++)
+            mean = sb_v3_madd(mean, dt / (sb_real)count, v[nodes[a]]);
+        for (int a = 0; v && a < count; a++) {
+            sb_vec3 way = sb_v3_sub(sb_v3_scale(dt, v[nodes[a]]), mean);
+            square = sb_max(square, sb_v3_dot(way, way));
+        }
+        contact->pairs.ways[f] = mean;
+        contact->pairs.spreads[f] = kind->rules[kind->most].spread * sb_sqrt(square);
+    }
+}
+
+SBI_API sb_real sbi_pairs_closing(const sb_contact *contact, int face, int other)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    return sb_v3_norm(sb_v3_sub(pairs->ways[face], pairs->ways[other])) + pairs->spreads[face] + pairs->spreads[other];
+}
+
+/* 1 when the faces' balls stay farther than `grow` (m) from each other. */
+static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_real grow)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
+    sb_real reach = grow + pairs->radii[face] + pairs->radii[other] + sbi_pairs_closing(contact, face, other);
+    return sb_v3_dot(way, way) > reach * reach;
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
@@ -408,6 +441,7 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     const int *nodes = sbi_contact_face_nodes(faces, face);
     sbi_pairs *pairs = &contact->pairs;
     sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
+    const sb_real reach = grow;
     int count, kept = 0;
     /* a curved face stays within half of its length of its corners' box */
     if (faces->kinds[faces->sizes[face]].corners < faces->sizes[face])
@@ -422,7 +456,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
                                     sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
     for (int i = 0; i < count; i++)
-        if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]))
+        if (pairs->found[i] != face && !sbi_near_is_far(contact, face, pairs->found[i], reach) &&
+            sbi_pairs_may_touch(contact, face, pairs->found[i]))
             pairs->found[kept++] = pairs->found[i];
     return kept;
 }

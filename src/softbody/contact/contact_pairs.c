@@ -127,15 +127,13 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     const sb_contact *contact = search->contact;
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
+    const sb_vec3 against = sb_v3_sub(search->way, contact->pairs.ways[other]);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
-    sb_real most = 0;
-    for (int a = 0; a < kind->nodes; a++) {
-        v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
-        most = sb_max(most, sb_v3_norm(v[a]));
-    }
-    if (sbi_pair_is_far(search, other, sb_v3_norm(search->way) + 2 * most))
+    if (sbi_pair_is_far(search, other, sb_v3_norm(against) + contact->pairs.spreads[other]))
         return;
     sbi_pair_gather(contact, other, x);
+    for (int a = 0; a < kind->nodes; a++)
+        v[a] = sb_v3_scale(search->step->dt, search->step->velocity[nodes[a]]);
     for (int part = 0; part < sbi_closest_part_count(kind); part++) {
         sb_vec3 at[3], ways[3];
         sb_real share, depth;
@@ -191,12 +189,31 @@ static void sbi_pair_try_around(sbi_pair_search *search)
     search->best = best;
 }
 
+/* The place in `found` of the face whose middle is nearest: most others are then known to be farther. -1: none is. */
+static int sbi_pair_guess(const sbi_pair_search *search)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_real least = SB_REAL_MAX;
+    int best = -1;
+    for (int i = 0; i < search->others; i++) {
+        sb_vec3 way = sb_v3_sub(search->at, pairs->middles[pairs->found[i]]);
+        sb_real square = sb_v3_dot(way, way);
+        if (square < least)
+            least = square, best = i;
+    }
+    return best;
+}
+
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
+    int first = sbi_pair_guess(search);
     search->best = search->nearest = search->within_organ = -1;
+    if (first >= 0)
+        sbi_pair_try_near(search, pairs->found[first]);
     for (int i = 0; i < search->others; i++)
-        sbi_pair_try_near(search, pairs->found[i]);
+        if (i != first)
+            sbi_pair_try_near(search, pairs->found[i]);
     if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
         search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away) /* else it is beside that face */
         sbi_pair_try_around(search);
@@ -346,6 +363,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
         return SB_OK;
     pairs->reach = sb_max(pairs->longest, pairs->distance);
     sbi_pairs_look(contact, contact->x);
+    sbi_pairs_follow(contact, step->velocity, step->dt);
     sbi_pairs_find_near(contact, pairs->reach);
     for (int thin = 0;; thin++) {
         int face = sbi_pairs_next_near(contact, 0);

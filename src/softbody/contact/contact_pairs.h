@@ -86,6 +86,9 @@ typedef struct sbi_pairs {
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
     sb_vec3 *middles; /* m, there: no point of the face is farther from it than: */
     sb_real *radii;   /* m */
+    sb_vec3 *normals; /* unit, or 0 where a face has no area */
+    sb_vec3 *ways;    /* m, over the step: no point of the face goes otherwise by more than: */
+    sb_real *spreads; /* m */
     uint64_t *near;   /* a bit for each face that is near one that it looks at */
     int *found;
     int *slot_of; /* -1 between steps */

@@ -218,6 +218,10 @@ SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_ent
 SBI_API void sbi_pairs_measure(sb_contact *contact);
 /* Where faces look, with nodes at x [rows]. */
 SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x);
+/* Ways of faces whose nodes go by dt v; v NULL: they stay. */
+SBI_API void sbi_pairs_follow(sb_contact *contact, const sb_vec3 *v, sb_real dt);
+/* How far two faces' points may come nearer to each other over the step (m). */
+SBI_API sb_real sbi_pairs_closing(const sb_contact *contact, int face, int other);
 /* 1: the two faces may touch, as far as organs and distances at rest go; and they look at each other, too. */
 SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other);
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other);

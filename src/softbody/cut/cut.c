@@ -12,6 +12,8 @@ SB_API sb_cut_def sb_default_cut_def(void)
     sb_cut_def def;
     memset(&def, 0, sizeof def);
     def.lattice = 2;
+    def.front = SB_CUT_LAG;
+    def.glue = 10;
     def.max_strokes = 4;
     def.cookie = SBI_CUT_COOKIE;
     return def;
@@ -29,6 +31,10 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.body is NULL: a cut needs a body");
     if (def->lattice != 1 && def->lattice != 2 && def->lattice != 4)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.lattice is %d, it must be 1, 2 or 4", def->lattice);
+    if (def->front != SB_CUT_LAG && def->front != SB_CUT_GLUE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.front is %d, which is none", (int)def->front);
+    if (!sb_is_finite(def->glue) || !(def->glue > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.glue is %g, it must be > 0", (double)def->glue);
     if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
                         SBI_CUT_MOST_STROKES);
@@ -114,7 +120,8 @@ static int sbi_cut_take_pieces(sb_cut *cut)
         !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) || !sbi_cut_list_grow(cut, &cut->near, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->near_hits, cut->tet_count + 1) ||
-        !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) ||
+        !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) || !sbi_cut_list_grow(cut, &cut->struck, FEW + 8 * more) ||
+        !sbi_cut_list_grow(cut, &cut->crossed, FEW) ||
         !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||
         !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
         return 0;
@@ -170,12 +177,14 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
     made->allocator = def->allocator;
     made->body = def->body;
     made->listener = -1;
+    made->glues = def->front == SB_CUT_GLUE;
+    made->beta = def->glue;
     sbi_lattice_make(def->lattice, &made->lattice);
     result = sbi_cut_take_mesh(made, error);
     if (result == SB_OK)
         sbi_cut_measure_rest(made);
     if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_cut_take_strokes(made, def->max_strokes) &&
-                             sbi_live_take_pieces(made->body)))
+                             sbi_cut_take_glue(made) && sbi_live_take_pieces(made->body)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", made->tet_count);
     if (result == SB_OK)
         result = sbi_cut_listen(made, error);
@@ -211,6 +220,9 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->links.table);
     sbi_free(&allocator, cut->loaded_links.items);
     sbi_free(&allocator, cut->loaded_links.table);
+    sbi_cut_free_glue(cut);
+    sbi_free(&allocator, cut->struck.items);
+    sbi_free(&allocator, cut->crossed.items);
     sbi_free(&allocator, cut->loaded_cells.items);
     sbi_free(&allocator, cut->loaded_elements.items);
     sbi_free(&allocator, cut->origins.items);

@@ -19,11 +19,19 @@
  * along an edge or a face. Nothing is remeshed: the matrix stays as large as the mesh and its copies, however fine the
  * cut, and steps take about as long as before.
  *
- * - What an element is not cut through yet holds: a cut opens up to the last element that it parts.
+ * - What an element is not cut through yet holds: a cut opens up to the last element that it parts. With SB_CUT_GLUE
+ *   such an element is parted along the blade's plane, and what no blade has come through is tied by a penalty
+ * (Suwelack 2014, 8.3.5): energy k/2 |jump|^2 at each triangle of the lips, k = beta (lambda + 2 mu) A / h. It takes no
+ * momentum and no moment, is a part of forces, stiffness and elastic energy, and blades release it triangle by
+ * triangle. A half cut beam's sag is 2 to 5 % nearer to the exact one, the stress intensity of an edge crack off by 10
+ * in place of 14 % (21 elements), and a blade that advances by a fifth of an element opens something each time; with
+ * about as many iterations. Stiff ties make explicit steps shorter. A blade that turns away leaves what it was expected
+ * to cut glued.
  * - A node keeps its number and stands for the material at its place; copies get new numbers
  *   (sb_cut_node_origin). Cells likewise (sb_cut_cell_element).
  * - A link that is cut stays cut. What is cut twice, or along the same way again, is cut once.
- * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy.
+ * - Mass, and the motion of all material, are what they were at the instant of a cut, and so is the elastic energy, but
+ *   for that of glue that is released (sb_cut_info.released_energy).
  * - Points in an element that is cut go with the piece that has their material: of embeddings that follow the body
  *   (sb_embedding_follow), of rows of mappings; sb_body_find_cell says which piece that is.
  * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
@@ -40,6 +48,7 @@
  *   saved with one is loaded into a body that has one of the same mesh, lattice and max_strokes, whatever was cut there
  *   meanwhile, and takes cuts back that it does not have. A recording plays on a body with such an sb_cut, made before
  *   it began, and has the calls.
+ *   Lattice, front, glue and max_strokes have to be the same.
  * - After others changed the mesh, calls say SB_ERROR_STATE; make a new one then, of an uncut body.
  *
  * Limits:
@@ -48,8 +57,9 @@
  *   the edge of a body may leave crumbs there of a lattice point or two.
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
- * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut.
+ * - All pieces of an element have the shape of the whole one. Contact on the mesh's boundary touches that shape, up to
+ * an element beyond the cut; on the cut's surface (sb_cut_surface_skin) it touches skin and lips where they are. Lips
+ * do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
@@ -64,10 +74,20 @@
 
 typedef struct sb_cut sb_cut;
 
+/* What an element does that blades have come into but not through. */
+typedef enum sb_cut_front {
+    SB_CUT_LAG = 0, /* it holds: a cut opens up to the last element that it parts */
+    SB_CUT_GLUE = 1 /* it is parted along the plane of the blade, and what has not been swept of that is tied by a
+                     * penalty, which blades release as they go on: cuts open with the blade, not by elements */
+} sb_cut_front;
+
 typedef struct sb_cut_def {
-    sb_body *body;   /* borrowed, made with slack > 0, of tet4; its mesh now is the uncut one */
-    int lattice;     /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
-                      * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
+    sb_body *body; /* borrowed, made with slack > 0, of tet4; its mesh now is the uncut one */
+    int lattice;   /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
+                    * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
+    sb_cut_front front; /* default SB_CUT_LAG */
+    sb_real glue;    /* beta > 0, stiffness of the ties: they hold as beta (lambda + 2 mu) A / h does for an area A of
+                      * an element of size h; default 10 */
     int max_strokes; /* that are under way at once, >= 0; default 4 */
     sb_allocator allocator;
     unsigned cookie; /* of sb_default_cut_def */
@@ -76,10 +96,13 @@ SB_API sb_cut_def sb_default_cut_def(void);
 
 /* What a call has done. */
 typedef struct sb_cut_info {
-    int links;        /* cut by it */
-    int ringed;       /* of these, cut because blades had passed all around them */
-    int cells, nodes; /* made by it */
-    int parts;        /* that the body is in now */
+    int links;                         /* cut by it */
+    int ringed;                        /* of these, cut because blades had passed all around them */
+    int cells, nodes;                  /* made by it */
+    int parts;                         /* that the body is in now; what glue ties is in one */
+    int glued;                         /* triangles of lips that are glued now */
+    sb_real glued_area, released_area; /* of lips that are glued now, and that this call has opened: at rest (m^2) */
+    sb_real released_energy; /* of the glue that it has released: what the elastic energy has lost by that (J) */
 } sb_cut_info;
 
 /* Makes what cuts a body; one at a time for each body, to be destroyed before or after it. SB_ERROR_ARGUMENT,

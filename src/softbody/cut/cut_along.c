@@ -56,12 +56,27 @@ static int sbi_cut_take_blades(sb_cut *cut, const sbi_crossing_frame *frame, con
     return 1;
 }
 
-/* Cuts the links of a part, or of all parts, in a frame about what lies in the box; 0: no memory. */
-static int sbi_cut_sweep_box(sb_cut *cut, const sbi_cut_box *box, int part, const sb_vec3 *triangles, int count)
+/* Work on a part, or on all parts, in a frame that blades are of; 0: no memory. */
+typedef int sbi_cut_frame_work(sb_cut *cut, const sbi_crossing_frame *frame, int part);
+
+/* Cuts links, and predicts some. */
+static int sbi_cut_sweep_part(sb_cut *cut, const sbi_crossing_frame *frame, int part)
+{
+    int done = sbi_cut_sweep(cut, frame, part);
+    if (done && cut->glues)
+        done = sbi_cut_predict(cut, frame, part);
+    if (done)
+        sbi_cut_forget_struck(cut); /* the next frame has other blades */
+    return done;
+}
+
+/* Does it in a frame about what lies in the box. */
+static int sbi_cut_in_box(sb_cut *cut, const sbi_cut_box *box, int part, const sb_vec3 *triangles, int count,
+                          sbi_cut_frame_work *work)
 {
     sbi_crossing_frame frame;
     sbi_crossing_frame_make(box->low, box->high, &frame);
-    return sbi_cut_take_blades(cut, &frame, triangles, count) && sbi_cut_sweep(cut, &frame, part);
+    return sbi_cut_take_blades(cut, &frame, triangles, count) && work(cut, &frame, part);
 }
 
 SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin)
@@ -76,9 +91,9 @@ SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count,
     sbi_cut_list_near(cut, &now, &reach);
 }
 
-/* Cuts links in one frame for all the body; where parts of it have gone far apart, in one for each part, which no link
+/* Does it in one frame for all the body; where parts of it have gone far apart, in one for each part, which no link
  * leaves: otherwise the distance between them would take the digits that a cut needs. 0: no memory. */
-static int sbi_cut_sweep_body(sb_cut *cut, const sb_vec3 *triangles, int count)
+static int sbi_cut_in_frames(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_frame_work *work)
 {
     const sb_vec3 *x = sb_body_positions(cut->body);
     sbi_cut_box now = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
@@ -86,39 +101,70 @@ static int sbi_cut_sweep_body(sb_cut *cut, const sb_vec3 *triangles, int count)
     if (!cut->near.count)
         return 1;
     if (sbi_cut_size_of(&now) <= SBI_CUT_SPREAD * cut->rest_size)
-        return sbi_cut_sweep_box(cut, &now, SBI_CUT_ALL_PARTS, triangles, count);
+        return sbi_cut_in_box(cut, &now, SBI_CUT_ALL_PARTS, triangles, count, work);
     for (int part = 0; part < parts && swept; part++) {
         now = sbi_cut_box_of(cut, x, part);
-        swept = sbi_cut_sweep_box(cut, &now, part, triangles, count);
+        swept = sbi_cut_in_box(cut, &now, part, triangles, count, work);
     }
     return swept;
 }
 
+/* What of the lips is glued after the call; 0: no memory. */
+static int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
+{
+    sbi_cut_find_parted(cut);
+    return sbi_cut_list_seams(cut) &&
+           (!cut->seam_count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
+           sbi_cut_keep_seams(cut);
+}
+
+/* Links cut in a call, whose first new one is `first`. */
+static int sbi_cut_count_cut(const sb_cut *cut, int first)
+{
+    int count = 0;
+    for (int i = 0; i < cut->crossed.count; i++)
+        count += cut->crossed.items[i] < first;
+    for (int i = first; i < cut->links.count; i++)
+        count += cut->links.items[i].state == SBI_LINK_CUT;
+    return count;
+}
+
+static void sbi_cut_tell_info(const sb_cut *cut, int first, int ringed, sb_cut_info *info)
+{
+    info->links = sbi_cut_count_cut(cut, first);
+    info->ringed = ringed;
+    info->cells = cut->made_cells;
+    info->nodes = cut->made_nodes;
+    info->parts = cut->body->component_count;
+    info->glued = cut->glue_count;
+    info->glued_area = cut->released.glued_area;
+    info->released_area = cut->released.area;
+    info->released_energy = cut->released.energy;
+}
+
 SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
 {
-    int links = cut->links.count, crossed = links, swept = sbi_cut_sweep_body(cut, triangles, count);
+    int links = cut->links.count, ringed = 0, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
     sb_result result;
     if (swept) {
-        crossed = cut->links.count;
+        int before = sbi_cut_count_cut(cut, links);
         swept = cut->keeps_rings || sbi_cut_close_rings(cut, links);
+        ringed = sbi_cut_count_cut(cut, links) - before;
     }
-    if (swept) {
+    if (swept && sbi_cut_settle_seams(cut, triangles, count)) {
         result = sbi_cut_part(cut, error);
     } else {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
         sbi_cut_clear(cut);
     }
     if (result != SB_OK) {
-        sbi_cut_links_truncate(&cut->links, links);
+        sbi_cut_take_back(cut, links);
         return result;
     }
-    if (info) {
-        info->links = cut->links.count - links;
-        info->ringed = cut->links.count - crossed;
-        info->cells = cut->made_cells;
-        info->nodes = cut->made_nodes;
-        info->parts = cut->body->component_count;
-    }
+    if (info)
+        sbi_cut_tell_info(cut, links, ringed, info);
+    cut->crossed.count = 0;
+    sbi_cut_forget_struck(cut);
     return SB_OK;
 }
 

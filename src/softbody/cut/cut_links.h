@@ -9,10 +9,12 @@
 
 typedef struct sbi_cut_link {
     sbi_link_key key;
-    sb_real t; /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
-    int state; /* SBI_LINK_... , not 0 */
+    sb_real t;  /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
+    int state;  /* SBI_LINK_... , not 0 */
+    int struck; /* blade that has cut it, or that it is predicted by, in the frame at work; else -1 */
 } sbi_cut_link;
 
+/* Predicted: it parts pieces like a cut one, but no blade has crossed it yet. */
 enum { SBI_LINK_WHOLE = 0, SBI_LINK_CUT = 1, SBI_LINK_PREDICTED = 2 };
 
 typedef struct sbi_cut_links {

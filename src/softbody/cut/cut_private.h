@@ -46,6 +46,25 @@ typedef struct sbi_cut_hit {
     sb_real t;
 } sbi_cut_hit;
 
+/* A triangle of a lip that is glued: SBI_LIPS times the micro-tet plus its place there. */
+typedef struct sbi_cut_glued {
+    int tet, place;
+} sbi_cut_glued;
+
+/* One that is to be glued, or may stay so, in the call at work. */
+typedef struct sbi_cut_seam {
+    int tet, place;
+    int part;             /* connected part of the body */
+    int is_new, is_swept; /* of this call */
+    sb_real area, energy; /* at rest (m^2); that its glue holds now (J) */
+    sb_vec3 needle[2];    /* through it, from side to side (m, in space) */
+} sbi_cut_seam;
+
+/* What a call has done to lips. */
+typedef struct sbi_cut_released {
+    sb_real area, glued_area, energy;
+} sbi_cut_released;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
@@ -83,6 +102,8 @@ struct sb_cut {
     int changing;    /* 1: the change under way is our own */
     int stale;       /* 1: the body's mesh is not what we know */
     int keeps_rings; /* 1: links in rings stay whole: for tests */
+    int glues;       /* 1: SB_CUT_GLUE */
+    sb_real beta;    /* of the glue */
     sbi_lattice lattice;
 
     int tet_count, node_end;
@@ -93,6 +114,8 @@ struct sb_cut {
     sbi_cut_piece *pieces; /* [piece_capacity] */
     int piece_count, piece_capacity;
     sbi_cut_links links;
+    sbi_cut_glued *glue, *next_glue; /* by tet and place; those of the call at work */
+    int glue_count, glue_capacity, next_glue_count, next_glue_capacity;
     sbi_cut_list origins;  /* [node] of the uncut mesh that it is a copy of, or itself */
     sbi_cut_list elements; /* [cell] tet */
 
@@ -103,6 +126,7 @@ struct sb_cut {
 
     /* of a state that is being loaded */
     sbi_cut_links loaded_links;
+    int loaded_glue_count;                      /* in next_glue */
     sbi_cut_list loaded_cells, loaded_elements; /* pieces' cells, tet after tet; like elements */
 
     /* of a call; marks are 0 between calls */
@@ -117,8 +141,14 @@ struct sb_cut {
     sbi_cut_box reach; /* of the triangles */
     sbi_cut_hit *hits, *sorted_hits;
     int hit_capacity, sorted_capacity;
-    sbi_cut_list around; /* tets around a link */
-    sb_vec3 *strip;      /* triangles of a move */
+    sbi_cut_list around;          /* tets around a link */
+    sbi_cut_list struck, crossed; /* links that blades of the frame have; predicted ones that blades have crossed */
+    sbi_cut_seam *seams;
+    int seam_count, seam_capacity;
+    sbi_cut_released released;
+    sbi_glue_tie *ties;
+    int tie_count, tie_capacity;
+    sb_vec3 *strip; /* triangles of a move */
     int strip_capacity;
     sbi_cut_sample *front, *sorted_front; /* a stroke's next one */
     int front_capacity, sorted_front_capacity;
@@ -163,8 +193,31 @@ SBI_API void sbi_cut_box_widen(sbi_cut_box *box, sb_real by);
 SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count);
 /* Lists the tets around a link in cut->around. */
 SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key);
-/* Cuts a link that is whole, and lists the tets around it as touched; 0: no memory. */
-SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t);
+/* Cuts or predicts (state) a link that is whole, and lists the tets around it as touched. blade: that did, or -1. 0: no
+ * memory. */
+SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t, int state, int blade);
+/* Cuts a predicted link, and lists the tets around it as touched; it stays where it is. 0: no memory. */
+SBI_API int sbi_cut_cross_link(sb_cut *cut, int item, int blade);
+/* No link has been struck any more. */
+SBI_API void sbi_cut_forget_struck(sb_cut *cut);
+/* Takes back all links but the first `count`, and crossings of predicted ones. */
+SBI_API void sbi_cut_take_back(sb_cut *cut, int count);
+/* The piece of a tet that has a lattice point, as it is before the call. */
+SB_INLINE int sbi_cut_piece_with(const sb_cut *cut, int tet, int point)
+{
+    int piece = tet;
+    while (!(cut->pieces[piece].points >> point & 1) && cut->pieces[piece].next >= 0)
+        piece = cut->pieces[piece].next;
+    return piece;
+}
+/* A piece in the present shape. */
+typedef struct sbi_cut_shape {
+    sbi_corner_order order;
+    sb_vec3 corners[4];
+    sbi_int3 places[SBI_LATTICE_POINTS];
+} sbi_cut_shape;
+/* Makes places of all lattice points from corners. */
+SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape);
 /* Lists the tets with a piece whose box meets this one (m, in space) in cut->near. now: the body's box. */
 SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach);
 /* 1 when the box of a piece of a tet meets this one. */
@@ -174,8 +227,34 @@ SBI_API int sbi_cut_reserve_hits(sb_cut *cut, int count);
 /* Cuts the links of near tets of a connected part, or of all, that the blades cross in the body's present shape. 0: no
  * memory, and links are to be taken back. */
 SBI_API int sbi_cut_sweep(sb_cut *cut, const sbi_crossing_frame *frame, int part);
+/* The first of the frame's blades that crosses the link between two points, or -1. */
+SBI_API int sbi_cut_first_crossing(const sb_cut *cut, sbi_int3 from, sbi_int3 to);
 /* Cuts links of touched tets that are ringed by cut ones, among them one cut from number `first` on. 0: no memory. */
 SBI_API int sbi_cut_close_rings(sb_cut *cut, int first);
+
+/* ---- cut_predict.c ---- */
+
+/* Predicts links of tets of a part, or of all, that blades of this frame have come into but not through; 0: no memory,
+ * and links are to be taken back. */
+SBI_API int sbi_cut_predict(sb_cut *cut, const sbi_crossing_frame *frame, int part);
+
+/* ---- cut_glue.c ---- */
+
+/* Room for what comes first; 0: no memory. */
+SBI_API int sbi_cut_take_glue(sb_cut *cut);
+SBI_API int sbi_cut_reserve_glue(sb_cut *cut, int count);
+/* Lists what may be glued after this call: what is, and new lips of tets that have parted where a link beside them is
+ * predicted only. Counts what is released by that. 0: no memory. */
+SBI_API int sbi_cut_list_seams(sb_cut *cut);
+/* Marks those of a part, or of all, that blades of the frame pass through. */
+SBI_API int sbi_cut_sweep_seams(sb_cut *cut, const sbi_crossing_frame *frame, int part);
+/* next_glue = what was not swept of it. 0: no memory. */
+SBI_API int sbi_cut_keep_seams(sb_cut *cut);
+/* The body's ties for next_glue, with the cells that records have, in cut->ties; 0: no memory. */
+SBI_API int sbi_cut_make_ties(sb_cut *cut);
+/* glue = next_glue */
+SBI_API void sbi_cut_take_next_glue(sb_cut *cut);
+SBI_API void sbi_cut_free_glue(sb_cut *cut);
 
 /* ---- cut_tell.c ---- */
 
@@ -199,8 +278,10 @@ SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error);
 
 /* ---- topology.c ---- */
 
-/* Makes pieces, copies and cells of what the touched tets have become, by a change of the body's mesh. On failure
- * nothing has happened. */
+/* Lists touched tets that fall into more pieces than before, and marks their nodes. */
+SBI_API void sbi_cut_find_parted(sb_cut *cut);
+/* Makes pieces, copies and cells of what they have become, and glue of next_glue, by a change of the body's mesh. On
+ * failure nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
 /* The cell of the body whose material is at xi of the tet that `cell` is of, see sb_body_find_cell: user is the cut.
  * Within a change of its own it is as after it. */
@@ -221,4 +302,9 @@ SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, in
 /* The cut becomes a part of its body's state and recordings, or is no longer one. */
 SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error);
 SBI_API void sbi_cut_leave_state(const sb_cut *cut);
+
+/* ---- cut_surface.c ---- */
+struct sb_cut_surface;
+SBI_API struct sb_skin *sbi_cut_surface_get_skin(struct sb_cut_surface *surface);
+
 #endif /* SB_CUT_PRIVATE_H */

@@ -9,13 +9,16 @@
 /* What the rule sees of one tet. */
 typedef struct sbi_cut_ring {
     sbi_parted parted;
+    unsigned char cut[SBI_LATTICE_LINKS]; /* 1: not just predicted, which would run ahead of blades by itself */
     unsigned char ringed[SBI_LATTICE_LINKS];
 } sbi_cut_ring;
 
 static void sbi_cut_ring_make(const sb_cut *cut, int tet, sbi_cut_ring *ring)
 {
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &ring->parted);
-    sbi_lattice_find_ringed(&cut->lattice, ring->parted.cut, ring->ringed);
+    for (int l = 0; l < cut->lattice.link_count; l++)
+        ring->cut[l] = ring->parted.cut[l] == SBI_LINK_CUT;
+    sbi_lattice_find_ringed(&cut->lattice, ring->cut, ring->ringed);
 }
 
 static int sbi_cut_ring_find(const sb_cut *cut, const sbi_cut_ring *ring, int tet, const sbi_link_key *key)
@@ -28,7 +31,16 @@ static int sbi_cut_ring_find(const sb_cut *cut, const sbi_cut_ring *ring, int te
     return -1;
 }
 
-/* 1 when a cut link of the micro-tets around a link is one of those cut from `first` on. */
+/* 1 when a link was cut by this call, whose first new one is `first`, or crossed where it had been predicted. */
+static int sbi_cut_is_new(const sb_cut *cut, int item, int first)
+{
+    int is_new = item >= first;
+    for (int i = 0; i < cut->crossed.count && !is_new; i++)
+        is_new = cut->crossed.items[i] == item;
+    return is_new;
+}
+
+/* 1 when a cut link of the micro-tets around a link was cut by this call. */
 static int sbi_cut_ring_is_new(const sb_cut *cut, const sbi_cut_ring *ring, int link, int first)
 {
     for (int micro = 0; micro < cut->lattice.micro_count; micro++) {
@@ -36,7 +48,7 @@ static int sbi_cut_ring_is_new(const sb_cut *cut, const sbi_cut_ring *ring, int 
         int around = 0, is_new = 0;
         for (int e = 0; e < 6; e++) {
             around |= links[e] == link;
-            is_new |= ring->parted.rank[links[e]] >= first;
+            is_new |= ring->cut[links[e]] && sbi_cut_is_new(cut, ring->parted.rank[links[e]], first);
         }
         if (around && is_new)
             return 1;
@@ -72,12 +84,14 @@ SBI_API int sbi_cut_close_rings(sb_cut *cut, int first)
         sbi_cut_ring_make(cut, tet, &ring);
         for (int l = 0; l < cut->lattice.link_count; l++) {
             sbi_link_key key;
-            if (!ring.ringed[l] || ring.parted.cut[l])
+            int item;
+            if (!ring.ringed[l] || ring.cut[l])
                 continue;
             key = sbi_lattice_key(&cut->lattice, &ring.parted.order, tet, l);
-            if (sbi_cut_links_find(&cut->links, &key) >= 0 || !sbi_cut_is_ringed(cut, &key, first))
+            item = sbi_cut_links_find(&cut->links, &key);
+            if ((item >= 0 && cut->links.items[item].state == SBI_LINK_CUT) || !sbi_cut_is_ringed(cut, &key, first))
                 continue;
-            if (!sbi_cut_add_link(cut, &key, middle))
+            if (item >= 0 ? !sbi_cut_cross_link(cut, item, -1) : !sbi_cut_add_link(cut, &key, middle, SBI_LINK_CUT, -1))
                 return 0;
         }
     }

@@ -8,7 +8,7 @@
 
 #include "../base/bytes.h"
 
-enum { SBI_CUT_STATE_VERSION = 1, SBI_CUT_LINK_BYTES = 5 * 4 + 8, SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8 };
+enum { SBI_CUT_STATE_VERSION = 2, SBI_CUT_LINK_BYTES = 5 * 4 + 8, SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8 };
 
 /* ---- numbers ---- */
 
@@ -71,7 +71,7 @@ static int sbi_cut_get_count(sbi_cut_in *in, int bytes)
 /* ---- saving ---- */
 
 /* What a cut has to be like to take the state of another. */
-enum { SBI_CUT_MAKE = 6 };
+enum { SBI_CUT_MAKE = 8 };
 static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
 {
     uint64_t hash = 0;
@@ -83,6 +83,8 @@ static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
     make[3] = cut->max_strokes;
     make[4] = sbi_int_of(hash & 0xFFFFFFFFu);
     make[5] = sbi_int_of(hash >> 32);
+    make[6] = cut->glues;
+    make[7] = sbi_int_of(sbi_hash_word(0, sbi_real_bits(cut->beta)) & 0xFFFFFFFFu);
 }
 
 static int sbi_cut_count_pieces(const sb_cut *cut, int tet)
@@ -145,6 +147,11 @@ static void sbi_cut_save(const void *user, sbi_state_out *out)
         sbi_cut_put_real(out, link->t);
     }
     sbi_cut_save_pieces(cut, out);
+    sbi_cut_put_int(out, cut->glue_count);
+    for (int i = 0; i < cut->glue_count; i++) {
+        sbi_cut_put_int(out, cut->glue[i].tet);
+        sbi_cut_put_int(out, cut->glue[i].place);
+    }
     for (int i = 0; i < cut->max_strokes; i++)
         sbi_cut_save_stroke(cut->strokes + i, out);
 }
@@ -164,7 +171,7 @@ static sb_result sbi_cut_check_make(const sb_cut *cut, sbi_cut_in *in, sb_error 
         same &= sbi_cut_get_int(in) == make[i];
     if (!same || in->bad)
         return sbi_fail(error, SB_ERROR_STATE,
-                        "the state was saved with a cut of another mesh, lattice or number of strokes");
+                        "the state was saved with a cut of another mesh, lattice, front or number of strokes");
     return SB_OK;
 }
 
@@ -206,9 +213,9 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
         state = sbi_cut_get_int(in);
         t = sbi_cut_get_real(in);
         ends = key.at[1] < 0 ? cut->tet_count : cut->node_end;
-        if (in->bad || state != SBI_LINK_CUT || !(t >= 0) || !(t <= 1) || key.at[0] < 0 || key.at[0] >= ends ||
-            key.at[1] < -1 || key.at[1] >= cut->node_end || key.at[2] < -1 || key.at[2] >= cut->node_end ||
-            sbi_cut_links_find(&cut->loaded_links, &key) >= 0)
+        if (in->bad || (state != SBI_LINK_CUT && state != SBI_LINK_PREDICTED) || !(t >= 0) || !(t <= 1) ||
+            key.at[0] < 0 || key.at[0] >= ends || key.at[1] < -1 || key.at[1] >= cut->node_end || key.at[2] < -1 ||
+            key.at[2] >= cut->node_end || sbi_cut_links_find(&cut->loaded_links, &key) >= 0)
             return sbi_cut_damaged("links", error);
         sbi_cut_links_add(&cut->loaded_links, &key, t, state);
     }
@@ -283,6 +290,24 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
     return result;
 }
 
+/* next_glue: what is glued, by tet and place. */
+static sb_result sbi_cut_check_glue(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+{
+    int count = sbi_cut_get_count(in, 2 * 4), most = SBI_LIPS * cut->lattice.micro_count;
+    if (!sbi_cut_reserve_glue(cut, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the glue of a saved cut");
+    cut->loaded_glue_count = count;
+    for (int i = 0; i < count; i++) {
+        sbi_cut_glued *item = cut->next_glue + i;
+        item->tet = sbi_cut_get_int(in);
+        item->place = sbi_cut_get_int(in);
+        if (in->bad || item->tet < 0 || item->tet >= cut->tet_count || item->place < 0 || item->place >= most ||
+            (i > 0 && (item[-1].tet > item->tet || (item[-1].tet == item->tet && item[-1].place >= item->place))))
+            return sbi_cut_damaged("glue", error);
+    }
+    return in->bad ? sbi_cut_damaged("glue", error) : SB_OK;
+}
+
 static sbi_cut_sample sbi_cut_get_sample(sbi_cut_in *in)
 {
     sbi_cut_sample sample;
@@ -330,6 +355,8 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
         result = sbi_cut_check_links(cut, &in, error);
         if (result == SB_OK)
             result = sbi_cut_check_pieces(cut, body, &in, error);
+        if (result == SB_OK)
+            result = sbi_cut_check_glue(cut, &in, error);
         for (int i = 0; i < cut->max_strokes && result == SB_OK; i++)
             result = sbi_cut_check_stroke(cut, cut->strokes + i, &in, error);
     }
@@ -378,7 +405,7 @@ static void sbi_cut_load_stroke(sbi_cut_stroke *stroke, sbi_cut_in *in)
         stroke->samples[i] = sbi_cut_get_sample(in);
 }
 
-/* Steps over links and pieces, which are in cut->loaded. */
+/* Steps over links, pieces and glue, which are in cut->loaded and next_glue. */
 static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
 {
     int count = sbi_cut_get_int(in);
@@ -389,6 +416,8 @@ static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
         for (int k = sbi_cut_get_int(in); k > 0; k--)
             (void)sbi_cut_get_int(in);
     }
+    for (count = 2 * sbi_cut_get_int(in); count > 0; count--)
+        (void)sbi_cut_get_int(in);
 }
 
 static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
@@ -409,6 +438,8 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
     cut->elements = cut->loaded_elements, cut->loaded_elements = elements;
     sbi_cut_load_pieces(cut);
     sbi_cut_load_origins(cut);
+    cut->next_glue_count = cut->loaded_glue_count;
+    sbi_cut_take_next_glue(cut);
     sbi_cut_skip_to_strokes(&in);
     for (int i = 0; i < cut->max_strokes; i++)
         sbi_cut_load_stroke(cut->strokes + i, &in);

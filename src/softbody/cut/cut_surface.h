@@ -8,7 +8,8 @@
  * The skin is the boundary of the uncut mesh: a face that is not cut is one triangle, one that is cut falls into
  * triangles along the cut. Lips are the two sides of a cut, with the same triangles turned over, and one common edge
  * where the cut ends in the body. Whole and watertight: by points (below), each edge of a triangle is that of just one
- * other, which goes through it the other way, whatever was cut; so each part is a closed surface with its own volume.
+ * other, which goes through it the other way; so each part is a closed surface with its own volume. Where two cuts end
+ * in one line, which fronts that are glued (SB_CUT_GLUE) do now and then, others hardly ever, an edge may have four.
  *
  * Vertices keep their numbers: new ones come behind the others, and those that are not used any more stay, unused. Skin
  * and lips have vertices of their own where they meet, so that normals, which are smooth within each of them, are not

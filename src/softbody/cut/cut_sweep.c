@@ -29,12 +29,14 @@ SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key)
     }
 }
 
-SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t)
+/* A blade has struck a link; 0: no memory. */
+static int sbi_cut_strike(sb_cut *cut, int item, int blade)
 {
-    if (!sbi_cut_reserve_links(cut, 1))
+    if (!sbi_cut_list_grow(cut, &cut->struck, 1))
         return 0;
-    sbi_cut_links_add(&cut->links, key, t, SBI_LINK_CUT);
-    sbi_cut_list_around(cut, key);
+    cut->links.items[item].struck = blade;
+    cut->struck.items[cut->struck.count++] = item;
+    sbi_cut_list_around(cut, &cut->links.items[item].key);
     for (int i = 0; i < cut->around.count; i++) {
         int tet = cut->around.items[i];
         if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
@@ -42,6 +44,39 @@ SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t)
         cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
     }
     return 1;
+}
+
+SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t, int state, int blade)
+{
+    if (!sbi_cut_reserve_links(cut, 1))
+        return 0;
+    sbi_cut_links_add(&cut->links, key, t, state);
+    return sbi_cut_strike(cut, cut->links.count - 1, blade);
+}
+
+SBI_API int sbi_cut_cross_link(sb_cut *cut, int item, int blade)
+{
+    if (!sbi_cut_list_grow(cut, &cut->crossed, 1))
+        return 0;
+    cut->crossed.items[cut->crossed.count++] = item;
+    cut->links.items[item].state = SBI_LINK_CUT;
+    return sbi_cut_strike(cut, item, blade);
+}
+
+SBI_API void sbi_cut_forget_struck(sb_cut *cut)
+{
+    for (int i = 0; i < cut->struck.count; i++)
+        cut->links.items[cut->struck.items[i]].struck = -1;
+    cut->struck.count = 0;
+}
+
+SBI_API void sbi_cut_take_back(sb_cut *cut, int count)
+{
+    sbi_cut_forget_struck(cut);
+    for (int i = 0; i < cut->crossed.count; i++)
+        cut->links.items[cut->crossed.items[i]].state = SBI_LINK_PREDICTED;
+    cut->crossed.count = 0;
+    sbi_cut_links_truncate(&cut->links, count);
 }
 
 /* ---- near tets ---- */
@@ -120,13 +155,6 @@ SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cu
 
 /* ---- one piece ---- */
 
-/* A piece in the present shape. */
-typedef struct sbi_cut_shape {
-    sbi_corner_order order;
-    sb_vec3 corners[4];
-    sbi_int3 places[SBI_LATTICE_POINTS];
-} sbi_cut_shape;
-
 /* The first blade that crosses each link of a piece, and where. */
 typedef struct sbi_cut_crossings {
     int blades[SBI_LATTICE_LINKS]; /* -1: none */
@@ -151,7 +179,7 @@ static sbi_blade_box sbi_cut_shape_box(const sbi_crossing_frame *frame, const sb
     return box;
 }
 
-static void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape)
+SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape)
 {
     const sbi_lattice *lattice = &cut->lattice;
     shape->order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
@@ -212,6 +240,58 @@ static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *f
     return 1;
 }
 
+/* ---- predicted links between pieces ---- */
+
+/* A lattice point as the piece that has it says. */
+static sbi_int3 sbi_cut_point(const sb_cut *cut, const sbi_crossing_frame *frame, int tet, int point)
+{
+    const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[sbi_cut_piece_with(cut, tet, point)].cell;
+    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    sb_vec3 corners[4];
+    sb_real at[4];
+    for (int a = 0; a < 4; a++)
+        corners[a] = cut->body->position[nodes[a]];
+    sbi_lattice_point(&cut->lattice, point, at);
+    return sbi_crossing_round(frame, sbi_lattice_place(&order, at, corners));
+}
+
+SBI_API int sbi_cut_first_crossing(const sb_cut *cut, sbi_int3 from, sbi_int3 to)
+{
+    sbi_blade_box box;
+    sbi_blade_walk walk;
+    int first = -1;
+    box.low.x = sbi_min_int(from.x, to.x), box.high.x = sbi_max_int(from.x, to.x);
+    box.low.y = sbi_min_int(from.y, to.y), box.high.y = sbi_max_int(from.y, to.y);
+    box.low.z = sbi_min_int(from.z, to.z), box.high.z = sbi_max_int(from.z, to.z);
+    sbi_blade_walk_begin(&cut->tree, &box, &walk);
+    for (int blade = sbi_blade_walk_next(&cut->tree, &walk); blade >= 0;
+         blade = sbi_blade_walk_next(&cut->tree, &walk)) {
+        sb_real t;
+        if ((first < 0 || blade < first) && sbi_blade_crosses(cut->blades + blade, from, to, &t))
+            first = blade;
+    }
+    return first;
+}
+
+/* The blade that crosses a predicted link whose ends are in two pieces by now, or -1. */
+static int sbi_cut_cross_predicted(const sb_cut *cut, const sbi_crossing_frame *frame, int tet, int link, int part)
+{
+    const unsigned char *ends = cut->lattice.links[link];
+    int piece = sbi_cut_piece_with(cut, tet, ends[0]), item;
+    sbi_corner_order order;
+    sbi_link_key key;
+    if ((cut->pieces[piece].points >> ends[1] & 1) ||
+        !sbi_cut_is_of(cut, cut->body->domain.cells[4 * (size_t)cut->pieces[piece].cell], part))
+        return -1;
+    order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    key = sbi_lattice_key(&cut->lattice, &order, tet, link);
+    item = sbi_cut_links_find(&cut->links, &key);
+    if (item < 0 || cut->links.items[item].state != SBI_LINK_PREDICTED)
+        return -1;
+    return sbi_cut_first_crossing(cut, sbi_cut_point(cut, frame, tet, ends[0]),
+                                  sbi_cut_point(cut, frame, tet, ends[1]));
+}
+
 /* ---- all pieces ---- */
 
 typedef struct sbi_cut_sweep_work {
@@ -220,6 +300,18 @@ typedef struct sbi_cut_sweep_work {
     int part;
     int fills; /* 0: hits are counted */
 } sbi_cut_sweep_work;
+
+static int sbi_cut_put_hit(const sbi_cut_sweep_work *work, sbi_cut_hit *hits, int count, int blade, int tet, int link,
+                           sb_real t)
+{
+    if (work->fills) {
+        hits[count].blade = blade;
+        hits[count].tet = tet;
+        hits[count].link = link;
+        hits[count].t = t;
+    }
+    return count + 1;
+}
 
 /* Counts the hits of a near tet, or writes them; returns how many. */
 static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hit *hits)
@@ -234,16 +326,14 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
         if (!sbi_cut_is_of(cut, nodes[0], work->part) || !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
             continue;
         for (int l = 0; l < cut->lattice.link_count; l++) {
-            if (found.blades[l] < 0)
-                continue;
-            if (work->fills) {
-                hits[count].blade = found.blades[l];
-                hits[count].tet = tet;
-                hits[count].link = l;
-                hits[count].t = found.t[l];
-            }
-            count++;
+            if (found.blades[l] >= 0)
+                count = sbi_cut_put_hit(work, hits, count, found.blades[l], tet, l, found.t[l]);
         }
+    }
+    for (int l = 0; l < cut->lattice.link_count && cut->glues && cut->pieces[tet].next >= 0; l++) {
+        int blade = sbi_cut_cross_predicted(cut, work->frame, tet, l, work->part);
+        if (blade >= 0)
+            count = sbi_cut_put_hit(work, hits, count, blade, tet, l, 0);
     }
     return count;
 }
@@ -293,7 +383,9 @@ static int sbi_cut_take_hits(sb_cut *cut, int count)
         const sbi_cut_hit *hit = cut->sorted_hits + i;
         sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)hit->tet);
         sbi_link_key key = sbi_lattice_key(&cut->lattice, &order, hit->tet, hit->link);
-        if (sbi_cut_links_find(&cut->links, &key) < 0 && !sbi_cut_add_link(cut, &key, hit->t))
+        int item = sbi_cut_links_find(&cut->links, &key);
+        if (item < 0 ? !sbi_cut_add_link(cut, &key, hit->t, SBI_LINK_CUT, hit->blade)
+                     : cut->links.items[item].state == SBI_LINK_PREDICTED && !sbi_cut_cross_link(cut, item, hit->blade))
             return 0;
     }
     return 1;

@@ -259,6 +259,7 @@ SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SB
                 lip->below = parted->piece_of[corners[v]];
                 lip->above = parted->piece_of[corners[w]];
                 lip->link = link;
+                lip->place = 2 * edge + side;
                 memcpy(lip->corners[0], points.tet[edge], sizeof lip->corners[0]);
                 memcpy(lip->corners[side ? 2 : 1], points.tet[face], sizeof lip->corners[0]);
                 memcpy(lip->corners[side ? 1 : 2], points.tet[SBI_MICRO_CENTRE], sizeof lip->corners[0]);

@@ -48,6 +48,7 @@ typedef struct sbi_flag {
 typedef struct sbi_lip {
     int below, above; /* pieces */
     int link;
+    int place;             /* among all triangles of the micro-tet, [0, SBI_LIPS): the same however often it is cut */
     sb_real corners[3][4]; /* barycentrics */
 } sbi_lip;
 

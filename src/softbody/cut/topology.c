@@ -23,8 +23,7 @@ static int sbi_cut_chain_length(const sb_cut *cut, int tet)
     return count;
 }
 
-/* Lists touched tets that fall into more pieces than before, and marks their nodes. */
-static void sbi_cut_find_parted(sb_cut *cut)
+SBI_API void sbi_cut_find_parted(sb_cut *cut)
 {
     sbi_parted parted;
     for (int i = 0; i < cut->touched.count; i++) {
@@ -424,11 +423,12 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         result = sbi_cut_number_nodes(cut, change, error);
     if (result == SB_OK)
         result = sbi_cut_put_cells(cut, change, error);
-    if (result == SB_OK && !sbi_cut_reserve_pieces(cut))
+    if (result == SB_OK && (!sbi_cut_reserve_pieces(cut) || !sbi_cut_make_ties(cut)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
     for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
         sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
+        sbi_change_set_glue(change, cut->ties, cut->tie_count);
         cut->changing = cut->body->live->find_knows = 1;
         sbi_body_mute(cut->body); /* a recording has the call itself */
         result = sb_body_change_commit(change, error);
@@ -450,12 +450,26 @@ SBI_API void sbi_cut_clear(sb_cut *cut)
     cut->touched.count = cut->parted.count = 0;
 }
 
+/* Where glue has been released between pieces that stay. */
+static sb_result sbi_cut_release(sb_cut *cut, sb_error *error)
+{
+    if (cut->next_glue_count == cut->glue_count)
+        return SB_OK;
+    if (!sbi_cut_make_ties(cut))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the glue of a cut");
+    if (cut->tie_count < cut->body->live->glue.count) /* some hold nothing any more: parts may come apart */
+        return sbi_cut_change(cut, error);
+    sbi_body_set_glue(cut->body, cut->ties, cut->tie_count);
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
 {
     sb_result result = SB_OK;
     cut->cell_count = cut->made_nodes = cut->made_cells = 0;
-    sbi_cut_find_parted(cut);
-    if (cut->parted.count > 0) {
+    if (cut->parted.count == 0) {
+        result = sbi_cut_release(cut, error);
+    } else {
         if (sbi_cut_add_tets(cut)) {
             sbi_cut_join_all(cut);
             result = sbi_cut_change(cut, error);
@@ -464,6 +478,8 @@ SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
         if (result == SB_OK)
             sbi_cut_keep(cut);
     }
+    if (result == SB_OK)
+        sbi_cut_take_next_glue(cut);
     sbi_cut_clear(cut);
     return result;
 }

@@ -688,6 +688,8 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
     bad = sbi_assembly_run(&job);
     if (assembly->rows)
         sbi_rows_add_force(assembly->rows, u, force);
+    if (assembly->glue)
+        sbi_glue_add_force(assembly->glue, u, force);
     return bad;
 }
 
@@ -710,6 +712,8 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
     }
     if (assembly->rows)
         sbi_rows_add_tangent(assembly->rows, factor, matrix);
+    if (assembly->glue)
+        sbi_glue_add_tangent(assembly->glue, factor, matrix);
     return bad;
 }
 
@@ -723,6 +727,8 @@ SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_v
     sbi_assembly_run(&job);
     if (assembly->rows)
         sbi_rows_add_force(assembly->rows, x, y);
+    if (assembly->glue)
+        sbi_glue_add_force(assembly->glue, x, y);
     return 1;
 }
 
@@ -735,6 +741,8 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
         sum += assembly->chunk_energy[c];
     if (assembly->rows)
         sum += sbi_rows_energy(assembly->rows, u);
+    if (assembly->glue)
+        sum += sbi_glue_energy(assembly->glue, u);
     *energy = sum;
     return bad;
 }

@@ -20,6 +20,24 @@ typedef struct sbi_inner_rows {
     void *memory;       /* the one block behind the arrays */
 } sbi_inner_rows;
 
+/* A tie between two cells of one element that stand on copies of its nodes: energy k/2 sum_ab G_ab d_a.d_b with the
+ * jumps d_a of their displacements at corner a. G = sum_q w_q N(q) N(q)^T over points q of the face between them, so
+ * that it is k/2 sum_q w_q |jump at q|^2: nothing in any rigid motion of both together. Corners that both have as one
+ * node have no jump; the others of both cells are coupled in the matrix. */
+enum { SBI_GLUE_NODES = 4, SBI_GLUE_GRAM = 10 };
+typedef struct sbi_glue_tie {
+    int cells[2];
+    int nodes[2][SBI_GLUE_NODES]; /* of the cells */
+    sb_real gram[SBI_GLUE_GRAM];  /* G (m), see sbi_glue_at */
+    sb_real stiffness;            /* k (Pa) */
+} sbi_glue_tie;
+typedef struct sbi_glue {
+    int count, capacity;
+    sbi_glue_tie *ties; /* [capacity] */
+} sbi_glue;
+/* Place of G_ab. */
+SB_INLINE int sbi_glue_at(int a, int b) { return a <= b ? a * (7 - a) / 2 + b : b * (7 - b) / 2 + a; }
+
 typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials; /* [material_count] */
@@ -33,6 +51,7 @@ typedef struct sbi_assembly {
     const sb_jobs *jobs;
     const sb_vec3 *reference;   /* [node_count] (m) */
     const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */
+    const sbi_glue *glue;       /* and what ties cells to each other */
     int unknots;                /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
                                  * energy watches: the rule makes it jump */
     sb_real energy_unit;        /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
@@ -135,6 +154,12 @@ SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *alloc
 SBI_API void sbi_rows_add_force(const sbi_inner_rows *rows, const sb_vec3 *u, sb_vec3 *force);
 SBI_API sb_real sbi_rows_energy(const sbi_inner_rows *rows, const sb_vec3 *u);
 SBI_API void sbi_rows_add_tangent(const sbi_inner_rows *rows, sb_real factor, sb_matrix *matrix);
+
+/* ---- assembly_glue ---- */
+
+SBI_API void sbi_glue_add_force(const sbi_glue *glue, const sb_vec3 *u, sb_vec3 *force);
+SBI_API sb_real sbi_glue_energy(const sbi_glue *glue, const sb_vec3 *u);
+SBI_API void sbi_glue_add_tangent(const sbi_glue *glue, sb_real factor, sb_matrix *matrix);
 
 /* ---- assembly_memory: materials with Prony terms ----
  * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister

@@ -1,0 +1,200 @@
+/* live_glue: what ties pieces of one element to each other while a cut has not come through it.
+ *
+ * Ties are of pairs of cells and stand on whatever nodes these have. They are a part of what the cells hold (internal
+ * force, tangent, elastic energy), and the nodes that they tie are coupled in the matrix besides those of cells. */
+#include "live_change.h"
+
+#include <string.h>
+
+enum { SBI_GLUE_PAIRS = SBI_GLUE_NODES * SBI_GLUE_NODES }; /* couplings of a tie, at most */
+
+/* An array with room for so many ties in place of the one there; 0: no memory. */
+static int sbi_live_grow_ties(const sb_allocator *allocator, sbi_glue *glue, int capacity)
+{
+    sbi_glue_tie *ties = (sbi_glue_tie *)sbi_alloc(allocator, (size_t)capacity, sizeof *ties);
+    if (!ties)
+        return 0;
+    if (glue->count)
+        memcpy(ties, glue->ties, (size_t)glue->count * sizeof *ties);
+    sbi_free(allocator, glue->ties);
+    glue->ties = ties;
+    glue->capacity = capacity;
+    return 1;
+}
+
+SBI_API sb_result sbi_live_take_glue_room(sb_body *body, int count, sb_error *error)
+{
+    sbi_live *live = body->live;
+    int capacity = count;
+    int(*couplings)[2];
+    if (count <= live->glue.capacity && count <= live->next_glue.capacity)
+        return SB_OK;
+    if (capacity > INT32_MAX / (8 * SBI_GLUE_PAIRS))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d ties", count);
+    couplings = (int(*)[2])sbi_alloc(&body->allocator, 2 * (size_t)capacity, SBI_GLUE_PAIRS * sizeof *couplings);
+    if (!couplings || !sbi_live_grow_ties(&body->allocator, &live->next_glue, capacity) ||
+        !sbi_live_grow_ties(&body->allocator, &live->glue, capacity)) {
+        sbi_free(&body->allocator, couplings);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d ties", count);
+    }
+    sbi_free(&body->allocator, live->couplings);
+    live->couplings = couplings;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_reserve_glue(sb_body *body, int count, sb_error *error)
+{
+    int64_t roomy = (int64_t)count + count / 2 + 16;
+    if (count <= sbi_min_int(body->live->glue.capacity, body->live->next_glue.capacity))
+        return SB_OK;
+    return sbi_live_take_glue_room(body, roomy < INT32_MAX ? (int)roomy : INT32_MAX, error);
+}
+
+SBI_API void sbi_live_copy_glue(sbi_glue *glue, const sbi_glue_tie *ties, int count, const int *corners)
+{
+    glue->count = count;
+    for (int k = 0; k < count; k++) {
+        glue->ties[k] = ties[k];
+        for (int side = 0; side < 2; side++)
+            memcpy(glue->ties[k].nodes[side], corners + SBI_GLUE_NODES * (size_t)ties[k].cells[side],
+                   SBI_GLUE_NODES * sizeof(int));
+    }
+}
+
+/* ---- a change ---- */
+
+/* Nodes of a cell after a change. */
+static const int *sbi_live_next_nodes(const sb_body_change *change, int cell)
+{
+    int at = change->cell_at[cell];
+    if (at && !change->made_cells.items[at - 1].dropped)
+        return change->corners.items + change->made_cells.items[at - 1].first;
+    return change->body->domain.cells + SBI_GLUE_NODES * (size_t)cell;
+}
+
+static int sbi_live_goes(const sb_body_change *change, int cell)
+{
+    int goes = 0;
+    for (int i = 0; i < change->removed_cells.count; i++)
+        goes |= change->removed_cells.items[i] == cell;
+    return goes;
+}
+
+SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error *error)
+{
+    sbi_live *live = change->body->live;
+    const sbi_glue_tie *ties = change->glue ? change->glue : live->glue.ties;
+    int count = change->glue ? change->glue_count : live->glue.count;
+    sb_result result = sbi_live_reserve_glue(change->body, count, error);
+    live->next_glue.count = 0;
+    if (result != SB_OK)
+        return result;
+    ties = change->glue ? change->glue : live->glue.ties;
+    for (int k = 0; k < count; k++) {
+        sbi_glue_tie *tie = live->next_glue.ties + live->next_glue.count;
+        if (!change->glue && (sbi_live_goes(change, ties[k].cells[0]) || sbi_live_goes(change, ties[k].cells[1])))
+            continue;
+        *tie = ties[k];
+        for (int side = 0; side < 2; side++)
+            memcpy(tie->nodes[side], sbi_live_next_nodes(change, tie->cells[side]), sizeof tie->nodes[side]);
+        live->next_glue.count++;
+    }
+    return SB_OK;
+}
+
+SBI_API int sbi_live_list_couplings(const sbi_glue *glue, int (*pairs)[2], int count)
+{
+    for (int k = 0; k < glue->count; k++)
+        for (int i = 0; i < SBI_GLUE_PAIRS; i++) {
+            int a = i % SBI_GLUE_NODES, b = i / SBI_GLUE_NODES;
+            const sbi_glue_tie *tie = glue->ties + k;
+            if (tie->nodes[0][a] == tie->nodes[1][a] || tie->nodes[0][b] == tie->nodes[1][b])
+                continue;
+            pairs[count][0] = tie->nodes[0][a];
+            pairs[count++][1] = tie->nodes[1][b];
+        }
+    return count;
+}
+
+/* Leaves out couplings of nodes that go, which go with them; returns how many stay. */
+static int sbi_live_drop_couplings(const sbi_mesh_change *out, int (*pairs)[2], int count)
+{
+    int kept = 0;
+    for (int k = 0; k < count; k++) {
+        int goes = 0;
+        for (int i = 0; i < out->removed_node_count; i++)
+            goes |= out->removed_nodes[i] == pairs[k][0] || out->removed_nodes[i] == pairs[k][1];
+        if (goes)
+            continue;
+        pairs[kept][0] = pairs[k][0];
+        pairs[kept++][1] = pairs[k][1];
+    }
+    return kept;
+}
+
+SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out)
+{
+    sbi_live *live = body->live;
+    sbi_matrix_couplings couplings;
+    int all;
+    memset(&couplings, 0, sizeof couplings);
+    couplings.gone_count = sbi_live_list_couplings(&live->glue, live->couplings, 0);
+    couplings.gone_count = sbi_live_drop_couplings(out, live->couplings, couplings.gone_count);
+    all = sbi_live_list_couplings(&live->next_glue, live->couplings, couplings.gone_count);
+    couplings.made_count = all - couplings.gone_count;
+    if (all) {
+        couplings.gone = live->couplings[0];
+        couplings.made = live->couplings[0] + 2 * couplings.gone_count;
+    }
+    return couplings;
+}
+
+SBI_API void sbi_live_take_glue(sb_body *body)
+{
+    sbi_glue glue = body->live->glue;
+    body->live->glue = body->live->next_glue;
+    body->live->next_glue = glue;
+    body->live->next_glue.count = 0;
+    sbi_live_stiffen_glue(body);
+}
+
+/* ---- values ---- */
+
+SBI_API void sbi_live_stiffen_glue(sb_body *body)
+{
+    sbi_glue *glue = &body->live->glue;
+    for (int k = 0; k < glue->count; k++) {
+        const sb_material *material = body->materials + body->cell_material[glue->ties[k].cells[0]];
+        glue->ties[k].stiffness = material->lambda + 2 * material->mu;
+    }
+}
+
+SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int count)
+{
+    sbi_glue *glue = &body->live->glue;
+    for (int k = 0; k < sbi_min_int(count, glue->count); k++)
+        memcpy(glue->ties[k].gram, ties[k].gram, sizeof ties[k].gram);
+    body->force_current = 0;
+    memset(&body->guard, 0, sizeof body->guard);
+}
+
+SBI_API sb_result sbi_live_check_glue(const sb_body *body, sb_error *error)
+{
+    const sbi_glue *glue = &body->live->glue;
+    for (int k = 0; k < glue->count; k++) {
+        const sbi_glue_tie *tie = glue->ties + k;
+        for (int side = 0; side < 2; side++) {
+            const int *nodes = sb_body_cell_nodes(body, tie->cells[side]);
+            if (!nodes || memcmp(nodes, tie->nodes[side], sizeof tie->nodes[side]) != 0)
+                return sbi_fail_element(error, SB_ERROR_STATE, tie->cells[side], "tie %d has other nodes than cell %d",
+                                        k, tie->cells[side]);
+        }
+        for (int i = 0; i < SBI_GLUE_PAIRS; i++) {
+            int a = i % SBI_GLUE_NODES, b = i / SBI_GLUE_NODES;
+            if (tie->nodes[0][a] != tie->nodes[1][a] && tie->nodes[0][b] != tie->nodes[1][b] &&
+                sb_matrix_find(&body->matrix, tie->nodes[0][a], tie->nodes[1][b]) < 0)
+                return sbi_fail_node(error, SB_ERROR_STATE, tie->nodes[0][a], "the matrix does not have tie %d", k);
+        }
+    }
+    return SB_OK;
+}

@@ -1,0 +1,891 @@
+/* Cuts that end within elements: parted along the blade's plane, and glued where it has not come through yet. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/base/bytes.h"
+
+#include "cut_blade.h"
+
+/* ---- the half-cut beam of Suwelack (2014), 8.1.4 ----------------------------------------------------------------- */
+
+static const sb_vec3 beam_size = {REAL(0.2), REAL(0.03), REAL(0.06)};
+
+static block cantilever(const int cells[3], sb_vec3 size, sb_material material, int lattice, sb_cut_front front)
+{
+    sb_body_def def = sb_default_body_def();
+    block b;
+    memset(&b, 0, sizeof b);
+    b.mesh = scene_box(SB_TET4, cells[0], cells[1], cells[2], size, 0);
+    def.mesh = &b.mesh;
+    def.material = material;
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.slack = 1;
+    b.body = scene_body(&def);
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_cut_create_with(&b, lattice, front);
+    return b;
+}
+
+static block beam_of(const int cells[3], int lattice, sb_cut_front front)
+{
+    return cantilever(cells, beam_size, sb_material_linear(REAL(300e3), REAL(0.35), 1000), lattice, front);
+}
+
+/* A blade across the beam that goes down from above to z, on an arc of radius `bend` (0: straight), in so many frames;
+ * `released`: the sum of all frames. */
+static sb_cut_info beam_cut(block *b, double bend, double to, int frames, double *released)
+{
+    const double top = 0.06, from = 0.065;
+    sb_cut_info info;
+    sb_error error;
+    int stroke = -1;
+    memset(&info, 0, sizeof info);
+    *released = 0;
+    for (int i = 0; i <= frames; i++) {
+        double z = from + (to - from) * i / frames, depth = fmax(top - z, 0);
+        double x = 0.1 + (bend > 0 ? bend - sqrt(bend * bend - depth * depth) : 0);
+        sb_vec3 edge[2];
+        edge[0] = sb_v3(REAL(x), REAL(-0.01), REAL(z));
+        edge[1] = sb_v3(REAL(x), REAL(0.04), REAL(z));
+        if (i == 0)
+            CHECK_OK(sb_cut_begin(b->cut, edge, 2, &stroke, &error));
+        else if (!CHECK_OK(sb_cut_move(b->cut, stroke, edge, &info, &error)))
+            printf("%s\n", error.message);
+        *released += (double)info.released_area;
+    }
+    sb_cut_end(b->cut, stroke);
+    return info;
+}
+
+static double beam_sag(block *b, int *iterations)
+{
+    sb_step_info info;
+    double sum = 0;
+    int count = 0;
+    sb_static_options options = sb_default_static_options();
+    options.tolerance = REAL(scene_tolerance(1e-9, 1e4));
+    if (!CHECK_OK(sb_body_solve_static(b->body, &options, &info)))
+        printf("%s\n", info.error.message);
+    *iterations = info.pcg_iterations;
+    for (int i = 0; i < b->mesh.node_count; i++)
+        if (b->mesh.nodes[i].x > beam_size.x - REAL(1e-6)) {
+            sum += (double)sb_body_displacements(b->body)[i].z;
+            count++;
+        }
+    return sum / count;
+}
+
+/* Rows "tet4" of the design's table, whose glue has three points for each triangle. */
+static void test_half(void)
+{
+    static const int cells[3][3] = {{11, 2, 3}, {21, 4, 7}, {41, 6, 13}};
+    static const double lag[3] = {-1.741e-2, -2.555e-2, -2.972e-2}, glue[3] = {-1.832e-2, -2.659e-2, -3.062e-2};
+    for (int k = 0; k < (check_quick() ? 2 : 3); k++)
+        for (int m = 1; m <= 2; m++) {
+            block whole = beam_of(cells[k], m, SB_CUT_LAG), one = beam_of(cells[k], m, SB_CUT_LAG);
+            block two = beam_of(cells[k], m, SB_CUT_GLUE), many = beam_of(cells[k], m, SB_CUT_GLUE);
+            int uncut, of_lag, of_glue, of_many;
+            double released, all, sag, other;
+            sb_cut_info info;
+            beam_sag(&whole, &uncut);
+            beam_cut(&one, 0, 0.03, 1, &released);
+            CHECK_NEAR(released, 9e-4, 0.05 * 9e-4); /* by elements, at least some of the last one is missing */
+            CHECK_NEAR(beam_sag(&one, &of_lag), lag[k], 1e-3 * fabs(lag[k]));
+            info = beam_cut(&two, 0, 0.03, 1, &released);
+            CHECK(info.glued > 0 && info.glued_area > 0);
+            CHECK_INT(info.parts, 1);
+            beam_cut(&many, 0, 0.03, 36, &all);
+            CHECK_NEAR(all, released, scene_tolerance(1e-12, 100) * released);
+            sag = beam_sag(&two, &of_glue);
+            other = beam_sag(&many, &of_many);
+            CHECK_NEAR(sag, glue[k], 3e-3 * fabs(glue[k]));
+            CHECK_NEAR(other, sag, scene_tolerance(1e-6, 1e5) * fabs(sag));
+            CHECK(of_glue <= 1.15 * of_lag);
+            check_pieces(&two);
+            if (m == 2)
+                printf("   half-cut beam, %d cells: sag %.4e, iterations uncut %d, lag %d, glue %d\n", cells[k][0], sag,
+                       uncut, of_lag, of_glue);
+            block_free(&whole);
+            block_free(&one);
+            block_free(&two);
+            block_free(&many);
+        }
+}
+
+/* Curved strokes open more than those that lag, as far as their blade has come. */
+static void test_curved(void)
+{
+    static const int cells[3] = {21, 4, 7};
+    static const double bends[2] = {0.0331, 0.0302};
+    for (int k = 0; k < 2; k++) {
+        block lag = beam_of(cells, 2, SB_CUT_LAG), glue = beam_of(cells, 2, SB_CUT_GLUE);
+        double released, sag;
+        int iterations;
+        beam_cut(&lag, bends[k], 0.031, 24, &released);
+        beam_cut(&glue, bends[k], 0.031, 24, &released);
+        sag = beam_sag(&lag, &iterations);
+        CHECK(beam_sag(&glue, &iterations) < 1.003 * sag);
+        check_pieces(&glue);
+        block_free(&lag);
+        block_free(&glue);
+    }
+}
+
+/* The blade goes on by a fifth of an element: with glue each advance lets the beam sag some more, and frees no more
+ * than a fraction of all; elements that hold until they are cut through give way all at once. */
+static void test_popping(void)
+{
+    static const int cells[3] = {21, 4, 7};
+    double most[2] = {0, 0}, whole[2] = {0, 0};
+    int still[2] = {0, 0}, iterations;
+    for (int front = 0; front < 2; front++) {
+        block b = beam_of(cells, 2, (sb_cut_front)front);
+        sb_vec3 edge[2];
+        double last = beam_sag(&b, &iterations), first = last;
+        int stroke;
+        for (int i = 0; i <= 15; i++) {
+            double z = 0.045 - i * 0.06 / 7 / 5, sag;
+            edge[0] = sb_v3(REAL(0.1), REAL(-0.01), REAL(i ? z : 0.065));
+            edge[1] = sb_v3(REAL(0.1), REAL(0.04), REAL(i ? z : 0.065));
+            if (i == 0) {
+                CHECK_OK(sb_cut_begin(b.cut, edge, 2, &stroke, NULL));
+                continue;
+            }
+            CHECK_OK(sb_cut_move(b.cut, stroke, edge, NULL, NULL));
+            sag = beam_sag(&b, &iterations);
+            CHECK(sag <= last + 1e-6 * fabs(last));
+            still[front] += i > 1 && !(sag < last - 1e-5 * fabs(last));
+            if (i > 1)
+                most[front] = fmax(most[front], last - sag);
+            last = sag;
+        }
+        whole[front] = first - last;
+        block_free(&b);
+    }
+    printf("   advances by h/5: lag stands still in %d of 14, and opens %.0f %% of all at most; glue %d, %.0f %%\n",
+           still[0], 100 * most[0] / whole[0], still[1], 100 * most[1] / whole[1]);
+    CHECK(still[1] < still[0]);
+    CHECK(most[1] / whole[1] < most[0] / whole[0]);
+}
+
+/* ---- the edge-cracked plate -------------------------------------------------------------------------------------- */
+
+/* Pulls at the faces of the body in the plane y = place by t (N/m^2) along y. */
+static void pull_faces(block *b, double place, double t)
+{
+    const sb_mesh *mesh = &b->mesh;
+    for (int e = 0; e < mesh->element_count; e++)
+        for (int face = 0; face < 4; face++) {
+            int local[SB_MAX_FACE_NODES], nodes[3], on = 0;
+            sb_element_face(SB_TET4, face, local, NULL);
+            for (int k = 0; k < 3; k++) {
+                nodes[k] = mesh->elements[4 * e + local[k]];
+                on += fabs((double)mesh->nodes[nodes[k]].y - place) < 1e-9;
+            }
+            if (on == 3)
+                CHECK_OK(sb_body_add_traction(b->body, nodes, 1, 3, sb_v3(0, REAL(t), 0), NULL));
+        }
+}
+
+/* Elastic energy per thickness of a plate 1 x 2 in plane strain, pulled by 1, with a crack of length a. */
+static double plate_energy(int n, double a, sb_cut_front front)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_static_options options = sb_default_static_options();
+    double depth = 1.0 / n;
+    sb_vec3 size = sb_v3(1, 2, REAL(depth)), edge[2];
+    sb_energy energy;
+    sb_step_info info;
+    block b;
+    int stroke, corner = -1, other = -1;
+    memset(&b, 0, sizeof b);
+    memset(&energy, 0, sizeof energy);
+    b.mesh = scene_box(SB_TET4, n, 2 * n + 1, 1, size, 0);
+    def.mesh = &b.mesh;
+    def.material = sb_material_linear(1, REAL(0.3), 1);
+    def.slack = 1;
+    b.body = scene_body(&def);
+    for (int i = 0; i < b.mesh.node_count; i++) {
+        sb_vec3 x = b.mesh.nodes[i];
+        CHECK_OK(sb_body_fix_nodes(b.body, &i, 1, SB_Z));
+        if (x.z < REAL(1e-9) && x.x > REAL(1 - 1e-9) && x.y < REAL(1e-9))
+            corner = i;
+        if (x.z < REAL(1e-9) && x.x > REAL(1 - 1e-9) && x.y > REAL(2 - 1e-9))
+            other = i;
+    }
+    CHECK_OK(sb_body_fix_nodes(b.body, &corner, 1, SB_X | SB_Y));
+    CHECK_OK(sb_body_fix_nodes(b.body, &other, 1, SB_X));
+    block_cut_create_with(&b, 2, front);
+    pull_faces(&b, 0, -1);
+    pull_faces(&b, 2, 1);
+    edge[0] = sb_v3(REAL(-0.1), 1, REAL(-0.1)), edge[1] = sb_v3(REAL(-0.1), 1, REAL(depth + 0.1));
+    CHECK_OK(sb_cut_begin(b.cut, edge, 2, &stroke, NULL));
+    edge[0].x = edge[1].x = REAL(a);
+    CHECK_OK(sb_cut_move(b.cut, stroke, edge, NULL, NULL));
+    options.tolerance = REAL(1e-9);
+    if (!CHECK_OK(sb_body_solve_static(b.body, &options, &info)))
+        printf("%s\n", info.error.message);
+    CHECK_OK(sb_body_energy(b.body, &energy));
+    block_free(&b);
+    return (double)energy.elastic / depth;
+}
+
+/* Energy release rate at a crack of length a: K = F sqrt(pi a) (Tada, Paris and Irwin), K^2 (1 - nu^2)/E. */
+static double plate_rate(double a)
+{
+    double f = 1.122 - 0.231 * a + 10.55 * a * a - 21.71 * a * a * a + 30.382 * a * a * a * a;
+    return f * f * 3.14159265358979 * a * (1 - 0.3 * 0.3);
+}
+
+/* Error of the stress intensity from energies at a +- 2 h, beside what they would be. */
+static double plate_error(int n, sb_cut_front front)
+{
+    double a = 0.5, h = 1.0 / n, exact = 0;
+    double rate = (plate_energy(n, a + 2 * h, front) - plate_energy(n, a - 2 * h, front)) / (4 * h);
+    for (int i = 0; i < 100; i++)
+        exact += plate_rate(a + (i - 49.5) / 25 * h) / 100;
+    return sqrt(rate / exact) - 1;
+}
+
+static void test_crack(void)
+{
+    double coarse, fine, lag;
+    if (sizeof(sb_real) < 8)
+        return; /* differences of energies */
+    coarse = plate_error(11, SB_CUT_GLUE);
+    fine = plate_error(21, SB_CUT_GLUE);
+    lag = plate_error(21, SB_CUT_LAG);
+    printf("   stress intensity off by %.1f and %.1f %% with glue, by %.1f %% without\n", 100 * coarse, 100 * fine,
+           100 * lag);
+    CHECK(fabs(coarse) < 0.25);
+    CHECK(fabs(fine) < 0.129);
+    CHECK(fabs(lag) > fabs(fine) + 0.03);
+}
+
+/* ---- a plane that is glued altogether ---------------------------------------------------------------------------- */
+
+/* As if all that has been cut was predicted only: glue on all lips. */
+static void glue_all(block *b)
+{
+    sb_cut *cut = b->cut;
+    sb_body_change *change = NULL;
+    for (int l = 0; l < cut->links.count; l++)
+        cut->links.items[l].state = SBI_LINK_PREDICTED;
+    cut->next_glue_count = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        sbi_parted parted;
+        sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * tet, tet, &parted);
+        for (int place = 0; place < SBI_LIPS * cut->lattice.micro_count; place++) {
+            sbi_lip lips[SBI_LIPS];
+            int count = sbi_parted_lips(&parted, place / SBI_LIPS, lips);
+            CHECK(sbi_cut_reserve_glue(cut, cut->next_glue_count + 1));
+            for (int k = 0; k < count; k++)
+                if (lips[k].place == place % SBI_LIPS) {
+                    cut->next_glue[cut->next_glue_count].tet = tet;
+                    cut->next_glue[cut->next_glue_count++].place = place;
+                }
+        }
+    }
+    CHECK(sbi_cut_make_ties(cut));
+    sbi_cut_take_next_glue(cut);
+    CHECK_OK(sb_body_change_begin(b->body, &change, NULL));
+    sbi_change_set_glue(change, cut->ties, cut->tie_count);
+    cut->changing = 1;
+    CHECK_OK(sb_body_change_commit(change, NULL));
+    cut->changing = 0;
+    check_pieces(b);
+}
+
+/* Takes so many triangles of the glue away, at random places. */
+static void release_some(block *b, int count, unsigned long long *seed)
+{
+    sb_cut *cut = b->cut;
+    sb_error error;
+    CHECK(sbi_cut_reserve_glue(cut, cut->glue_count));
+    cut->next_glue_count = cut->glue_count;
+    memcpy(cut->next_glue, cut->glue, (size_t)cut->glue_count * sizeof *cut->glue);
+    for (; count > 0 && cut->next_glue_count > 0; count--) {
+        int at = (int)(check_random(seed) * cut->next_glue_count);
+        for (int k = at; k + 1 < cut->next_glue_count; k++)
+            cut->next_glue[k] = cut->next_glue[k + 1];
+        cut->next_glue_count--;
+    }
+    if (!CHECK_OK(sbi_cut_part(cut, &error)))
+        printf("%s\n", error.message);
+}
+
+static block bar_of(sb_material material, double beta)
+{
+    static const int cells[3] = {5, 3, 4};
+    block b = cantilever(cells, block_size, material, 2, SB_CUT_GLUE);
+    b.cut->beta = REAL(beta);
+    sb_body_set_gravity(b.body, sb_v3(0, 0, 0));
+    return b;
+}
+
+/* Draws the far end by dx along x, the bar being clamped at the other. */
+static void draw(block *b, double dx)
+{
+    for (int i = 0; i < b->mesh.node_count; i++) {
+        sb_vec3 by = sb_v3(REAL(dx), 0, 0);
+        if (b->mesh.nodes[i].x > block_size.x - REAL(1e-6))
+            CHECK_OK(sb_body_prescribe(b->body, &i, 1, SB_XYZ, &by, 1));
+    }
+}
+
+static void solve(block *b, double tolerance)
+{
+    sb_static_options options = sb_default_static_options();
+    sb_step_info info;
+    options.tolerance = REAL(scene_tolerance(tolerance, 1e4));
+    if (!CHECK_OK(sb_body_solve_static(b->body, &options, &info)))
+        printf("%s\n", info.error.message);
+}
+
+static double elastic_energy(const block *b)
+{
+    sb_energy energy;
+    memset(&energy, 0, sizeof energy);
+    CHECK_OK(sb_body_energy(b->body, &energy));
+    return (double)energy.elastic;
+}
+
+/* A constant strain passes through a glued plane but for the jump of the glue, which falls as 1/beta. */
+static void test_patch(void)
+{
+    static const double betas[4] = {10, 1e3, 1e5, 1e6};
+    double whole = 0, errors[4];
+    for (int k = -1; k < (sizeof(sb_real) < 8 ? 2 : 4); k++) {
+        block b = bar_of(sb_material_linear(REAL(5000), 0, 1000), k < 0 ? 10 : betas[k]);
+        draw(&b, 0.001);
+        if (k >= 0) {
+            block_cut_plane(&b, sb_v3(REAL(0.0313), REAL(0.02), REAL(0.025)), sb_v3(1, 0, 0));
+            glue_all(&b);
+            CHECK_INT(b.body->component_count, 1);
+        }
+        solve(&b, 1e-9);
+        if (k < 0)
+            whole = elastic_energy(&b);
+        else /* of two in a row half the work is done where one holds it: energy goes with stress */
+            errors[k] = 1 - elastic_energy(&b) / whole;
+        block_free(&b);
+    }
+    CHECK(errors[0] > 1e-3 && errors[0] < 0.05);
+    CHECK_NEAR(errors[1] * 1e2 / errors[0], 1, 0.05);
+    if (sizeof(sb_real) < 8)
+        return;
+    CHECK_NEAR(errors[2] * 1e4 / errors[0], 1, 0.05);
+    CHECK_NEAR(errors[3], 0, 1e-6);
+}
+
+/* Released piece by piece in any order, a bar that is drawn gives way all the time, and ends as the bar that was cut.
+ */
+static void test_release(void)
+{
+    static const sb_vec3 middle = {REAL(0.0313), REAL(0.02), REAL(0.025)}, normal = {1, REAL(0.2), REAL(0.1)};
+    for (int order = 0; order < 2; order++) {
+        unsigned long long seed = 3 + (unsigned long long)order;
+        block cut = bar_of(sb_material_corotated(REAL(5000), REAL(0.4), 1000), 10);
+        block b = bar_of(sb_material_corotated(REAL(5000), REAL(0.4), 1000), 10);
+        double last, first;
+        block_cut_plane(&cut, middle, normal);
+        block_cut_plane(&b, middle, normal);
+        CHECK_INT(b.body->component_count, 2);
+        glue_all(&b);
+        CHECK_INT(b.body->component_count, 1);
+        draw(&b, 0.002);
+        draw(&cut, 0.002);
+        solve(&b, 1e-11);
+        solve(&cut, 1e-11);
+        first = last = elastic_energy(&b);
+        CHECK(first > 0);
+        while (b.cut->glue_count) {
+            double energy;
+            release_some(&b, 1 + b.cut->glue_count / 3, &seed);
+            check_pieces(&b);
+            solve(&b, 1e-11);
+            energy = elastic_energy(&b);
+            CHECK(energy <= last * (1 + scene_tolerance(1e-9, 1e4)));
+            last = energy;
+        }
+        CHECK_INT(b.body->component_count, 2);
+        CHECK_INT(b.body->live->glue.count, 0);
+        CHECK_NEAR(last, 0, scene_tolerance(1e-12, 1e5) * first);
+        for (int i = 0; i < sb_body_node_count(b.body); i++)
+            CHECK_NEAR(sb_v3_norm(sb_v3_sub(sb_body_positions(b.body)[i], sb_body_positions(cut.body)[i])), 0,
+                       scene_tolerance(1e-8, 1e3) * 0.06);
+        block_free(&cut);
+        block_free(&b);
+    }
+}
+
+/* A block half cut, with glue ahead of the blade. */
+static block half_cut(const block_options *options, unsigned long long seed)
+{
+    block b = block_make(options);
+    blade of = blade_random(&seed);
+    int stroke = begin(&b, &of);
+    move(&b, &of, stroke, 0.1);
+    CHECK(b.cut->glue_count > 0);
+    return b;
+}
+
+/* Forces are the derivative of the energy and the stiffness that of the forces; motions of all together cost nothing,
+ * and turn what there is. */
+static void test_objective(void)
+{
+    block_options options = block_default(2);
+    unsigned long long seed = 8;
+    block b;
+    sb_vec3 *u, *du, *f, *g, *h;
+    sb_quat turn = sb_quat_from_rotation_vector(sb_v3(REAL(0.4), REAL(0.6), REAL(1.1)));
+    sb_vec3 force = {0, 0, 0}, torque = {0, 0, 0};
+    const sbi_glue *glue;
+    double energy, size = 0, work = 0, turned = 0;
+    int n;
+    options.front = SB_CUT_GLUE;
+    b = half_cut(&options, 5);
+    n = sb_body_node_count(b.body);
+    glue = &b.body->live->glue;
+    u = (sb_vec3 *)calloc((size_t)n * 5, sizeof *u), du = u + n, f = du + n, g = f + n, h = g + n;
+    for (int i = 0; i < n; i++) {
+        sb_vec3 x = b.body->reference[i];
+        u[i] = sb_v3_sub(sb_quat_rotate(turn, x), x);
+    }
+    energy = (double)sbi_glue_energy(glue, u);
+    CHECK_NEAR(energy, 0, scene_tolerance(1e-25, 1e9));
+    sbi_glue_add_force(glue, u, f);
+    for (int i = 0; i < n; i++)
+        size = fmax(size, (double)sb_v3_norm(f[i]));
+    CHECK_NEAR(size, 0, scene_tolerance(1e-10, 1e4));
+    for (int i = 0; i < n; i++) {
+        u[i] = vector_in(-0.001, 0.001, &seed);
+        du[i] = vector_in(-1, 1, &seed);
+        f[i] = g[i] = sb_v3(0, 0, 0);
+    }
+    energy = (double)sbi_glue_energy(glue, u);
+    sbi_glue_add_force(glue, u, f);
+    for (int i = 0; i < n; i++) {
+        work += (double)sb_v3_dot(f[i], du[i]);
+        h[i] = sb_v3_madd(u[i], REAL(1e-4), du[i]);
+        force = sb_v3_add(force, f[i]);
+        torque = sb_v3_add(torque, sb_v3_cross(sb_v3_add(b.body->reference[i], u[i]), f[i]));
+        size = fmax(size, (double)sb_v3_norm(f[i]));
+    }
+    CHECK_NEAR(sb_v3_norm(force), 0, scene_tolerance(1e-13, 1e3) * size);
+    CHECK_NEAR(sb_v3_norm(torque), 0, scene_tolerance(1e-13, 1e3) * size);
+    turned = (double)sbi_glue_energy(glue, h);
+    for (int i = 0; i < n; i++)
+        h[i] = sb_v3_madd(u[i], REAL(-1e-4), du[i]);
+    CHECK_NEAR((turned - (double)sbi_glue_energy(glue, h)) / 2e-4, work, scene_tolerance(1e-9, 1e6) * fabs(work));
+    for (int i = 0; i < n; i++) { /* of what is there the jumps turn */
+        sb_vec3 x = b.body->reference[i];
+        h[i] = sb_v3_sub(sb_quat_rotate(turn, sb_v3_add(x, u[i])), x);
+    }
+    CHECK_NEAR(sbi_glue_energy(glue, h), energy, scene_tolerance(1e-11, 1e4) * energy);
+    memset(b.body->matrix.blocks, 0, (size_t)b.body->matrix.block_count * sizeof *b.body->matrix.blocks);
+    sbi_glue_add_tangent(glue, 1, &b.body->matrix);
+    sb_matrix_multiply(&b.body->matrix, &u[0].x, &g[0].x, NULL);
+    for (int i = 0; i < n; i++)
+        CHECK_NEAR(sb_v3_norm(sb_v3_sub(g[i], f[i])), 0, scene_tolerance(1e-12, 1e3) * size);
+    CHECK_NEAR(sb_matrix_asymmetry(&b.body->matrix), 0, 0);
+    free(u);
+    block_free(&b);
+}
+
+/* ---- frame by frame ---------------------------------------------------------------------------------------------- */
+
+/* Shaking blocks part in two as they do without glue, and nothing stays glued between the two. */
+static void test_shaking(void)
+{
+    static const double speeds[3] = {0.02, 0.04, 0.2};
+    int rounds = check_quick() ? 6 : 45;
+    for (int round = 0; round < rounds; round++) {
+        double volumes[64], element = (double)(block_size.x * block_size.y * block_size.z) / 720;
+        block_options options = block_default(round % 3 < 2 ? 1 : 2);
+        unsigned long long seed = 100 + (unsigned long long)round;
+        blade of;
+        block b;
+        int stroke, parts, large = 0;
+        options.front = SB_CUT_GLUE;
+        b = block_make(&options);
+        of = blade_random(&seed);
+        block_shake_at(&b, speeds[round / 3 % 3]);
+        block_step(&b, 2);
+        stroke = begin(&b, &of);
+        sweep(&b, &of, stroke, -1, 1, 24);
+        check_pieces(&b);
+        parts = part_volumes(&b, volumes, 64);
+        for (int k = 0; k < parts; k++)
+            large += volumes[k] > element;
+        if (!CHECK_INT(large, 2))
+            printf("round %d\n", round);
+        block_free(&b);
+    }
+}
+
+/* Area of all lips at rest. */
+static double lip_area(const block *b)
+{
+    double area = 0;
+    for (int tet = 0; tet < b->cut->tet_count; tet++) {
+        sbi_parted parted;
+        sb_vec3 x[4];
+        sbi_parted_make(&b->cut->lattice, &b->cut->links, b->cut->tets + 4 * tet, tet, &parted);
+        for (int a = 0; a < 4; a++)
+            x[a] = b->mesh.nodes[b->cut->tets[4 * tet + a]];
+        for (int micro = 0; micro < b->cut->lattice.micro_count; micro++) {
+            sbi_lip lips[SBI_LIPS];
+            int count = sbi_parted_lips(&parted, micro, lips);
+            for (int k = 0; k < count; k++) {
+                sb_vec3 at[3];
+                for (int c = 0; c < 3; c++)
+                    at[c] = sbi_lattice_place(&parted.order, lips[k].corners[c], x);
+                area += (double)sb_v3_norm(sb_v3_cross(sb_v3_sub(at[1], at[0]), sb_v3_sub(at[2], at[0]))) / 2;
+            }
+        }
+    }
+    return area;
+}
+
+/* Random cuts of a moving block: what glue gives up is all that the elastic energy loses, mass, momentum and kinetic
+ * energy stay; what is released and what is glued are all lips. */
+static void test_totals(void)
+{
+    unsigned long long seed = 21;
+    double freed = 0;
+    for (int i = 0; i < 3; i++)
+        for (int round = 0; round < (check_quick() ? 1 : 4); round++) {
+            block_options options = block_default(intervals_of[i]);
+            double released = 0;
+            block b;
+            options.front = SB_CUT_GLUE;
+            b = block_make(&options);
+            block_shake(&b);
+            for (int k = 0; k < 4; k++) {
+                sb_vec3 triangles[18];
+                int count = strip_random(triangles, &seed);
+                totals before, after;
+                sb_cut_info info;
+                block_step(&b, 2);
+                before = totals_of(&b);
+                info = block_cut(&b, triangles, count);
+                after = totals_of(&b);
+                after.elastic += (double)info.released_energy;
+                check_totals(&before, &after);
+                check_pieces(&b);
+                released += (double)info.released_area;
+                freed += (double)info.released_energy;
+                CHECK(info.released_energy >= 0);
+                CHECK_INT(info.glued, b.cut->glue_count);
+                CHECK_NEAR(released + (double)info.glued_area, lip_area(&b), scene_tolerance(1e-11, 1e3) * released);
+            }
+            block_step(&b, 10);
+            block_free(&b);
+        }
+    CHECK(freed > 0);
+}
+
+/* Steps of all kinds keep the momentum of a block that is glued, and those that are to have it, its energy. */
+static void test_steps(void)
+{
+    for (int kind = 0; kind < 4; kind++) {
+        block_options options = block_default(2);
+        totals before, after;
+        sb_material material = sb_material_stable_neo_hookean(REAL(5000), REAL(0.4), 1000);
+        block b;
+        options.front = SB_CUT_GLUE;
+        options.slack = 1;
+        options.integrator = kind == 3 ? SB_CENTRAL_DIFFERENCE : kind == 2 ? SB_NEWMARK : SB_EULER;
+        b = half_cut(&options, 5);
+        if (kind > 0)
+            CHECK_OK(sb_body_set_material(b.body, &material, NULL));
+        block_shake_at(&b, 0.2);
+        before = totals_of(&b);
+        for (int i = 0; i < 10; i++)
+            CHECK_OK(sb_body_step(b.body, REAL(0.002), NULL));
+        after = totals_of(&b);
+        CHECK_NEAR(sb_v3_norm(sb_v3_sub(after.momentum, before.momentum)), 0,
+                   scene_tolerance(kind == 0 ? 1e-5 : 1e-6, 1e2) * sqrt(2 * before.kinetic * before.mass));
+        CHECK(after.kinetic + after.elastic < 1.01 * before.kinetic);
+        if (kind == 3)
+            CHECK_NEAR(after.kinetic + after.elastic, before.kinetic, 0.02 * before.kinetic);
+        CHECK(sbi_glue_energy(&b.body->live->glue, b.body->displacement) > 0);
+        block_free(&b);
+    }
+}
+
+/* ---- the same again ---------------------------------------------------------------------------------------------- */
+
+/* A stroke goes on from a state, in this body and in another, and what it has glued is taken back with it. */
+static void test_states(void)
+{
+    for (int i = 0; i < 3; i++) {
+        block_options options = block_default(intervals_of[i]);
+        unsigned long long seed = 5;
+        size_t first_size, size;
+        void *first, *middle;
+        uint64_t start, at_middle, end;
+        block b, other, lagging;
+        blade of = blade_random(&seed);
+        sb_error error;
+        int stroke;
+        lagging = block_make(&options);
+        options.front = SB_CUT_GLUE;
+        b = block_make(&options), other = block_make(&options);
+        block_shake(&b);
+        block_step(&b, 2);
+        first = state_of(&b, &first_size);
+        start = sb_body_state_hash(b.body);
+        stroke = begin(&b, &of);
+        at_middle = run_frames(&b, &of, stroke, 0, 8);
+        CHECK(b.cut->glue_count > 0);
+        middle = state_of(&b, &size);
+        end = run_frames(&b, &of, stroke, 8, 16);
+        load(&b, middle, size);
+        CHECK(sb_body_state_hash(b.body) == at_middle);
+        check_pieces(&b);
+        CHECK(run_frames(&b, &of, stroke, 8, 16) == end);
+        load(&b, first, first_size);
+        CHECK(sb_body_state_hash(b.body) == start);
+        CHECK_INT(b.cut->glue_count, 0);
+        CHECK_INT(b.body->live->glue.count, 0);
+        CHECK_INT(begin(&b, &of), stroke);
+        CHECK(run_frames(&b, &of, stroke, 0, 16) == end);
+        load(&other, middle, size);
+        check_pieces(&other);
+        CHECK(run_frames(&other, &of, stroke, 8, 16) == end);
+        CHECK_RESULT(sb_body_state_load(lagging.body, middle, size, &error), SB_ERROR_STATE);
+        free(first);
+        free(middle);
+        block_free(&b);
+        block_free(&other);
+        block_free(&lagging);
+    }
+}
+
+/* States with a byte changed, and sealed again, load or are refused; what loads can be cut and stepped on. */
+static void test_bad_states(void)
+{
+    block_options options = block_default(1);
+    unsigned long long seed = 31;
+    int rounds = check_rounds(check_quick() ? 300 : 1500), loaded = 0;
+    block b;
+    size_t size;
+    unsigned char *state, *damaged;
+    options.nx = options.ny = options.nz = 2;
+    options.front = SB_CUT_GLUE;
+    b = half_cut(&options, 5);
+    state = (unsigned char *)state_of(&b, &size);
+    damaged = (unsigned char *)malloc(size);
+    for (int k = 0; k < rounds; k++) {
+        size_t at = 16 + (size_t)(check_random(&seed) * (double)(size - 32));
+        memcpy(damaged, state, size);
+        damaged[at] = (unsigned char)(damaged[at] ^ 1 << (int)(check_random(&seed) * 8));
+        sbi_image_seal(damaged, size, "SBSTATE\x1a", (uint32_t)sbi_get_bytes(damaged + 8, 4));
+        if (sb_body_state_load(b.body, damaged, size, NULL) != SB_OK)
+            continue;
+        loaded++;
+        (void)sb_body_step(b.body, REAL(0.001), NULL);
+        if (loaded % 16 == 0) {
+            sb_vec3 triangles[6];
+            square_make(sb_v3(REAL(0.03), REAL(0.02), REAL(0.025)), vector_in(-1, 1, &seed), 0.03, triangles);
+            (void)sb_cut_triangles(b.cut, triangles, 2, NULL, NULL);
+        }
+    }
+    CHECK(loaded > 0 && loaded < rounds);
+    load(&b, state, size);
+    check_pieces(&b);
+    free(state);
+    free(damaged);
+    block_free(&b);
+}
+
+static void test_recording(void)
+{
+    block_options options = block_default(2);
+    unsigned long long seed = 9;
+    blade of = blade_random(&seed);
+    sb_recording *recording = NULL;
+    sb_recording_report report;
+    block b, again;
+    uint64_t hash;
+    int stroke;
+    options.front = SB_CUT_GLUE;
+    b = block_make(&options), again = block_make(&options);
+    block_shake(&b);
+    CHECK_OK(sb_recording_start(b.body, 0, NULL, &recording, NULL));
+    stroke = begin(&b, &of);
+    hash = run_frames(&b, &of, stroke, 0, 10);
+    sb_recording_stop(recording);
+    if (!CHECK_OK(sb_recording_replay(recording, again.body, &report)))
+        printf("%s, step %d\n", report.error.message, report.step);
+    CHECK(sb_body_state_hash(again.body) == hash);
+    CHECK(run_frames(&again, &of, stroke, 10, 16) == run_frames(&b, &of, stroke, 10, 16));
+    sb_recording_destroy(recording);
+    block_free(&b);
+    block_free(&again);
+}
+
+static void test_threads(void)
+{
+    static const int workers_of[4] = {1, 2, 3, 16};
+    uint64_t first = 0;
+    for (int k = 0; k < 4; k++) {
+        int workers = workers_of[k], stroke;
+        sb_body_def def = sb_default_body_def();
+        unsigned long long seed = 5;
+        blade of = blade_random(&seed);
+        block b;
+        uint64_t hash;
+        memset(&b, 0, sizeof b);
+        b.mesh = scene_box(SB_TET4, 10, 6, 8, block_size, 0.2);
+        def.mesh = &b.mesh;
+        def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
+        def.slack = 1;
+        def.jobs = scene_jobs(&workers);
+        b.body = scene_body(&def);
+        block_cut_create_with(&b, 2, SB_CUT_GLUE);
+        block_shake_at(&b, 0.3);
+        stroke = begin(&b, &of);
+        hash = run_frames(&b, &of, stroke, 0, check_quick() ? 3 : 8);
+        first = k ? first : hash;
+        CHECK(hash == first);
+        block_free(&b);
+    }
+}
+
+/* A mapping over nodes that glue couples has the body made anew with each change, and keeps its blocks where glue goes.
+ */
+static void test_others(void)
+{
+    block_options options = block_default(2);
+    unsigned long long seed = 5;
+    blade of = blade_random(&seed);
+    block b[2];
+    int stroke = 0;
+    options.front = SB_CUT_GLUE;
+    for (int k = 0; k < 2; k++) {
+        int row_start[2] = {0, 4}, load_id, nodes[4] = {0, 1, 2, 3};
+        sb_real weights[4] = {REAL(0.25), REAL(0.25), REAL(0.25), REAL(0.25)}, stiffness = REAL(0.1);
+        sb_vec3 target = {0, 0, 0};
+        sb_mapping mapping;
+        b[k] = block_make(&options);
+        stroke = begin(b + k, &of);
+        for (int i = 1; i <= 4; i++)
+            move(b + k, &of, stroke, -1 + 0.25 * i);
+        CHECK(b[k].body->live->glue.count > 0);
+        memset(&mapping, 0, sizeof mapping);
+        for (int a = 0; a < 4; a++) { /* of both sides of a tie */
+            const sbi_glue_tie *tie = b[k].body->live->glue.ties;
+            nodes[a] = tie->nodes[a & 1][a];
+            target = sb_v3_madd(target, weights[a], b[k].body->position[nodes[a]]);
+        }
+        mapping.row_count = 1;
+        mapping.row_start = row_start;
+        mapping.nodes = nodes;
+        mapping.weights = weights;
+        if (k == 0)
+            CHECK_OK(sb_body_add_mapping(b[k].body, &mapping, &stiffness, 1, &target, &load_id, NULL));
+        for (int i = 5; i <= 8; i++) {
+            move(b + k, &of, stroke, -1 + 0.25 * i);
+            check_pieces(b + k);
+            block_step(b + k, 1);
+        }
+    }
+    CHECK_INT(b[1].body->component_count, 2);
+    CHECK(b[0].body->live->rebuilds > b[1].body->live->rebuilds);
+    for (int k = 0; k < 2; k++)
+        block_free(b + k);
+}
+
+/* ---- what fails, and what it costs ------------------------------------------------------------------------------- */
+
+/* Every allocation of two calls of a stroke, which glue and release, fails in turn. */
+static void test_no_memory(void)
+{
+    uint64_t expected = 0;
+    for (int fail = 0, done = 0; !done && fail < 900; fail++) {
+        scene_memory memory = {0, 0, 0, 0};
+        block b = counted_block_with(&memory, 3, 0.01, SB_CUT_GLUE);
+        blade of = blade_make(sb_v3(REAL(0.031), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.2), REAL(0.1)), 0.4);
+        sb_result result = SB_OK;
+        int stroke = begin(&b, &of);
+        memory.fail_at = fail ? memory.calls + fail : 0;
+        for (int k = 0; k < 3; k++) {
+            uint64_t before = sb_body_state_hash(b.body);
+            sb_vec3 edge[CORNERS];
+            blade_at(&of, -0.2 + 0.22 * k, edge);
+            result = sb_cut_move(b.cut, stroke, edge, NULL, NULL);
+            if (result != SB_OK) {
+                memory.fail_at = 0;
+                CHECK_RESULT(result, SB_ERROR_MEMORY);
+                CHECK(sb_body_state_hash(b.body) == before);
+                check_pieces(&b);
+                CHECK_OK(sb_cut_move(b.cut, stroke, edge, NULL, NULL));
+            }
+        }
+        done = fail && memory.fail_at > memory.calls;
+        memory.fail_at = 0;
+        CHECK(b.cut->glue_count > 0);
+        check_pieces(&b);
+        expected = fail ? expected : sb_body_state_hash(b.body);
+        CHECK(sb_body_state_hash(b.body) == expected);
+        block_free(&b);
+        CHECK_INT(memory.live, 0);
+        CHECK(done || fail < 899);
+    }
+}
+
+static void test_no_allocation(void)
+{
+    scene_memory memory = {0, 0, 0, 0};
+    block b = counted_block_with(&memory, 6, 20, SB_CUT_GLUE);
+    unsigned long long seed = 3;
+    int strokes = check_quick() ? 2 : 12, calls, rebuilds = b.body->live->rebuilds;
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_step(&b, 1);
+    calls = memory.calls;
+    for (int k = 0; k < strokes; k++) {
+        blade of = blade_random(&seed);
+        int stroke;
+        of.along = sb_v3_scale(REAL(0.2), of.along);
+        stroke = begin(&b, &of);
+        run_frames(&b, &of, stroke, 0, 15);
+        sb_cut_end(b.cut, stroke);
+    }
+    CHECK_INT(b.body->live->rebuilds, rebuilds);
+    CHECK_INT(memory.calls, calls);
+    check_pieces(&b);
+    block_free(&b);
+}
+
+static void test_mistakes(void)
+{
+    block_options options = block_default(1);
+    block b = block_make(&options);
+    sb_cut_def def = sb_default_cut_def();
+    sb_cut *cut = NULL;
+    sb_cut_destroy(b.cut);
+    b.cut = NULL;
+    def.body = b.body;
+    CHECK_INT(def.front, SB_CUT_LAG);
+    CHECK_NEAR(def.glue, 10, 0);
+    def.front = (sb_cut_front)2;
+    CHECK_RESULT(sb_cut_create(&def, &cut, NULL), SB_ERROR_ARGUMENT);
+    def.front = SB_CUT_GLUE;
+    def.glue = 0;
+    CHECK_RESULT(sb_cut_create(&def, &cut, NULL), SB_ERROR_ARGUMENT);
+    check_bad_numbers();
+    def.glue = REAL(NAN);
+    CHECK_RESULT(sb_cut_create(&def, &cut, NULL), SB_ERROR_ARGUMENT);
+    CHECK(cut == NULL);
+    block_free(&b);
+}
+
+CHECK_SUITE(cut_glue, {"half-cut beam", test_half}, {"curved strokes", test_curved}, {"popping", test_popping},
+            {"edge-cracked plate", test_crack}, {"constant strain passes", test_patch},
+            {"released in any order", test_release}, {"forces, stiffness, turns", test_objective},
+            {"shaking blocks part in two", test_shaking}, {"totals", test_totals}, {"steps of all kinds", test_steps},
+            {"states", test_states}, {"damaged states", test_bad_states}, {"recordings", test_recording},
+            {"threads", test_threads}, {"loads across the glue", test_others},
+            {"every allocation fails in turn", test_no_memory}, {"no allocation", test_no_allocation},
+            {"mistakes are named", test_mistakes});
