@@ -530,7 +530,7 @@ static settings default_settings(void)
     s.lift = 0.08;
     s.rate = 60;
     s.lattice = 2;
-    s.cells = 14;
+    s.cells = 12;
     s.every = 10;
     return s;
 }

@@ -200,6 +200,12 @@ static sb_result act_rotations(actor *a)
     free(q);
     return SB_OK;
 }
+static sb_result act_parts(actor *a)
+{
+    sb_part part;
+    int count;
+    return sb_body_parts(a->body, &part, 1, &count, NULL);
+}
 static sb_result act_forces(actor *a)
 {
     sb_vec3 forces[2] = {{REAL(0.01), 0, 0}, {0, 0, REAL(-0.01)}};
@@ -509,6 +515,7 @@ static const act acts[] = {
     {"sb_body_multiply_stiffness", act_multiply, ACTOR_LOADED},
     {"sb_body_multiply_tangent", act_multiply_tangent, ACTOR_LOADED},
     {"sb_body_nodal_rotations", act_rotations, ACTOR_LOADED},
+    {"sb_body_parts", act_parts, ACTOR_LOADED},
     {"sb_body_add_forces", act_forces, ACTOR_LOADED},
     {"sb_body_apply_forces", act_apply, ACTOR_LOADED},
     {"sb_body_add_traction", act_traction, ACTOR_LOADED},
