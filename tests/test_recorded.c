@@ -193,6 +193,12 @@ static sb_result act_multiply_tangent(actor *a)
     free(y);
     return result;
 }
+static sb_result act_parts(actor *a)
+{
+    sb_part parts[2];
+    int count;
+    return sb_body_parts(a->body, parts, 2, &count, NULL);
+}
 static sb_result act_rotations(actor *a)
 {
     sb_quat *q = (sb_quat *)malloc((size_t)a->mesh.node_count * sizeof *q);
