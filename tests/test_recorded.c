@@ -206,12 +206,6 @@ static sb_result act_rotations(actor *a)
     free(q);
     return SB_OK;
 }
-static sb_result act_parts(actor *a)
-{
-    sb_part part;
-    int count;
-    return sb_body_parts(a->body, &part, 1, &count, NULL);
-}
 static sb_result act_forces(actor *a)
 {
     sb_vec3 forces[2] = {{REAL(0.01), 0, 0}, {0, 0, REAL(-0.01)}};
