@@ -61,7 +61,7 @@ SBI_API void sbi_pairs_remember(sb_contact *contact)
                                           (pairs->entries[e].face == s->face && pairs->entries[e].sample < s->sample)))
             e++;
         gap = sb_min((sb_real)0, sb_v3_dot(s->normal, s->start) - pairs->distance);
-        s->left = sbi_pair_leave(contact, gap, gap);
+        s->left = pairs->organs[s->face] == pairs->organs[s->other] ? gap : sbi_pair_leave(contact, gap, gap);
         if (e < pairs->entry_count && pairs->entries[e].face == s->face && pairs->entries[e].sample == s->sample &&
             pairs->entries[e].parts == pairs->patches[s->patch].parts) {
             s->remembered = pairs->entries[e].traction;
