@@ -80125,7 +80125,8 @@ SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
             const sbi_pair_sample *s = contact->pairs.samples + i;
             sb_real slack = SBI_HOLD_SLACK * sbi_pairs_safe_depth(contact, s->other), excess;
             sbi_hold_side sides[2];
-            if (contact->pairs.organs[s->face] == contact->pairs.organs[s->other]) /* whether they overlap is not sure */
+            if (contact->pairs.organs[s->face] ==
+                contact->pairs.organs[s->other]) /* whether they overlap is not sure */
                 continue;
             sbi_hold_sides(contact, s, sides);
             excess = sbi_hold_excess(contact, s, sides, u);
