@@ -736,6 +736,7 @@
 #define sb_cut_surface_destroy sb_cut_surface_destroy_f32
 #define sb_cut_surface_update sb_cut_surface_update_f32
 #define sb_cut_surface_get sb_cut_surface_get_f32
+#define sb_cut_surface_skin sb_cut_surface_skin_f32
 #endif
 #endif
 
@@ -5771,8 +5772,8 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * With `skin` tools touch a surface that the body carries along, in place of the boundary of its mesh: one that was
  * embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: organs do not touch each
  * other (pairs); faces are the skin's triangles; sb_contact_pressures has a number for each of its points; and overlap
- * that the mesh is too coarse to give way to stays. What a needle does (needle.h) and cuts lay open is the mesh's.
- * Where triangles lie across cells, systems take more iterations.
+ * that the mesh is too coarse to give way to stays. Where triangles lie across cells, systems take more iterations. The
+ * surface of a body that is cut, lips and all, is such a skin (sb_cut_surface_skin).
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -6086,8 +6087,9 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   the edge of a body may leave crumbs there of a lattice point or two.
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
  *   than 8 times as large as at rest, of the box around each part.
- * - All pieces of an element have the shape of the whole one. Contact touches that shape, up to an element beyond the
- *   cut.
+ * - All pieces of an element have the shape of the whole one. Contact on the mesh's boundary touches that shape, up to
+ * an element beyond the cut; on the cut's surface (sb_cut_surface_skin) it touches skin and lips where they are. Lips
+ * do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
@@ -6232,6 +6234,31 @@ SB_API sb_result sb_cut_surface_update(sb_cut_surface *surface, sb_error *error)
 SB_API sb_cut_drawing sb_cut_surface_get(const sb_cut_surface *surface); /* of NULL: nothing */
 
 #endif /* SB_CUT_SURFACE_H */
+
+/* ==== src/softbody/cut/cut_skin.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* cut_skin: contact with the surface of a body that is cut, lips and all. Floor 4.
+ *
+ *     sb_cut_surface_create(cut, NULL, &surface, &error);
+ *     contact_def.skin = sb_cut_surface_skin(surface);
+ *     sb_contact_create(&contact_def, &contact, &error);
+ *     ... cuts, steps ... */
+#ifndef SB_CUT_SKIN_H
+#define SB_CUT_SKIN_H
+
+
+/* The surface as a skin, for sb_contact_def.skin: tools touch the skin and the lips of the body where they are, not the
+ * whole elements whose pieces move there. It is the surface's, and nothing of its own is to be destroyed; the contact
+ * goes first.
+ * Contact follows each call that cuts and each state that is loaded in the step that comes next, which may take memory
+ * then, and remembers what it did of triangles that are still there; until then it reads as before. It brings the
+ * surface up to date for that: arrays of sb_cut_surface_get are to be got again after a step, and the next
+ * sb_cut_surface_update still names all that was made since the one before. Where that fails, the step says so. NULL of
+ * NULL. */
+SB_API sb_skin *sb_cut_surface_skin(sb_cut_surface *surface);
+
+#endif /* SB_CUT_SKIN_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 #endif /* SOFTBODY_H */
 
@@ -60882,8 +60909,7 @@ SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding)
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/skin_private.h ==== */
-#if !defined(SB_NO_GEOMETRY)
-/* skin_private: what a skin is to those who act on it. Internal. */
+/* skin_private: what a skin (skin.h) is to those who act on it. Internal. */
 #ifndef SBI_SKIN_PRIVATE_H
 #define SBI_SKIN_PRIVATE_H
 
@@ -60901,14 +60927,13 @@ struct sb_skin {
     int is_late;
     /* Brings it up to the body's mesh; what follows holds until the next time. SB_ERROR_STATE: it is none of this body,
      * or does not follow its changes. SB_ERROR_MEMORY. */
-    sb_result (*update)(sb_skin *skin, const sb_body *body, sb_error *error);
+    sb_result (*update)(struct sb_skin *skin, const sb_body *body, sb_error *error);
     int point_count, face_count;
     const int (*triangles)[3]; /* [face_count] points; three times the same: none */
-    void (*get_point)(const sb_skin *skin, int point, sbi_skin_point *at);
+    void (*get_point)(const struct sb_skin *skin, int point, sbi_skin_point *at);
 };
 
 #endif /* SBI_SKIN_PRIVATE_H */
-#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/skin.c ==== */
 #if !defined(SB_NO_GEOMETRY)
@@ -70908,6 +70933,11 @@ SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, in
 /* The cut becomes a part of its body's state and recordings, or is no longer one. */
 SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error);
 SBI_API void sbi_cut_leave_state(const sb_cut *cut);
+
+/* ---- cut_surface.c ---- */
+struct sb_cut_surface;
+SBI_API struct sb_skin *sbi_cut_surface_get_skin(struct sb_cut_surface *surface);
+
 #endif /* SB_CUT_PRIVATE_H */
 
 /* ==== src/softbody/cut/cut_lists.c ==== */
@@ -73909,8 +73939,8 @@ typedef struct sbi_draw_table {
 
 typedef struct sbi_draw_vertex {
     sb_cut_origin origin;
-    int cell_nodes[4];
-    int stamp; /* of the last rebuild that used it */
+    int cell, cell_nodes[4]; /* of the body, that it moves with */
+    int stamp;               /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
 typedef struct sbi_draw_axes {
@@ -73918,6 +73948,8 @@ typedef struct sbi_draw_axes {
 } sbi_draw_axes;
 
 struct sb_cut_surface {
+    struct sb_skin skin;
+    int pending; /* 1: a skin was brought up to date since the last update, which has not named yet what that made */
     sb_cut *cut;
     sb_allocator allocator;
     int version; /* of the body's mesh that triangles are of; -1: to be made */
@@ -74192,6 +74224,7 @@ static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piec
         made->origin.element = t->tet;
         memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
         memcpy(made->origin.weights, at, sizeof made->origin.weights);
+        made->cell = t->cells[piece];
         memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]), sizeof made->cell_nodes);
         s->origins[vertex] = made->origin;
     }
@@ -74790,17 +74823,17 @@ static sb_result sbi_draw_check(const sb_cut *cut, sb_error *error)
     return SB_OK;
 }
 
-SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
+/* Triangles as the body is cut now. Adds to what was made since the last update where that has not been named yet. */
+static sb_result sbi_draw_refresh(sb_cut_surface *s, sb_error *error)
 {
-    sb_result result;
-    if (!s)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_update needs a surface");
-    result = sbi_draw_check(s->cut, error);
+    sb_result result = sbi_draw_check(s->cut, error);
     if (result != SB_OK)
         return result;
-    s->first_vertex = s->names.count;
-    s->first_triangle = s->triangle_count;
-    s->triangle_end = 0;
+    if (!s->pending) {
+        s->first_vertex = s->names.count;
+        s->first_triangle = s->triangle_count;
+        s->triangle_end = 0;
+    }
     if (s->version != sb_body_mesh_version(s->cut->body)) {
         int made = sbi_draw_rebuild(s);
         s->version = made ? sb_body_mesh_version(s->cut->body) : -1;
@@ -74812,6 +74845,44 @@ SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
     sbi_draw_move(s);
     return result;
 }
+
+SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
+{
+    sb_result result;
+    if (!s)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_update needs a surface");
+    result = sbi_draw_refresh(s, error);
+    s->pending = s->pending && result == SB_ERROR_STATE; /* else it has been named */
+    return result;
+}
+
+/* ---- as a skin ---- */
+
+static sb_result sbi_draw_update_skin(struct sb_skin *skin, const sb_body *body, sb_error *error)
+{
+    sb_cut_surface *s = (sb_cut_surface *)skin->user;
+    sb_result result;
+    if (s->cut->body && s->cut->body != body)
+        return sbi_fail(error, SB_ERROR_STATE, "the skin is the surface of a cut of another body");
+    result = sbi_draw_refresh(s, error);
+    s->pending |= result != SB_ERROR_STATE;
+    skin->point_count = s->names.count;
+    skin->face_count = s->triangle_count;
+    skin->triangles = (const int(*)[3])s->triangles;
+    return result;
+}
+
+static void sbi_draw_get_point(const struct sb_skin *skin, int point, sbi_skin_point *at)
+{
+    const sb_cut_surface *s = (const sb_cut_surface *)skin->user;
+    const sbi_draw_vertex *vertex = s->vertices + point;
+    memset(at, 0, sizeof *at);
+    at->cell = s->origins[point].element < 0 ? -1 : vertex->cell;
+    for (int k = 0; k < 3; k++)
+        at->xi[k] = vertex->origin.weights[k + 1];
+}
+
+SBI_API struct sb_skin *sbi_cut_surface_get_skin(sb_cut_surface *s) { return &s->skin; }
 
 /* ---- creation ---- */
 
@@ -74877,6 +74948,10 @@ SB_API sb_result sb_cut_surface_create(sb_cut *cut, const sb_allocator *allocato
     if (allocator)
         made->allocator = *allocator;
     made->version = -1;
+    made->skin.user = made;
+    made->skin.is_late = 1;
+    made->skin.update = sbi_draw_update_skin;
+    made->skin.get_point = sbi_draw_get_point;
     result = sbi_draw_take_skin(made) ? sb_cut_surface_update(made, error)
                                       : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
     if (result != SB_OK) {
@@ -74938,6 +75013,17 @@ SB_API sb_cut_drawing sb_cut_surface_get(const sb_cut_surface *s)
     drawing.first_vertex = s->first_vertex;
     return drawing;
 }
+
+/* ==== src/softbody/cut/cut_skin.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* cut_skin: hands out the skin that is in a cut's surface. */
+
+
+SB_API sb_skin *sb_cut_surface_skin(sb_cut_surface *surface)
+{
+    return surface ? sbi_cut_surface_get_skin(surface) : NULL;
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/contact/tool_mesh.h ==== */
 #if !defined(SB_NO_GEOMETRY)
@@ -77706,6 +77792,7 @@ typedef struct sbi_contact_cross {
 
 typedef struct sbi_contact_skin {
     sb_skin *source;                /* NULL: faces are the mesh's boundary, and all else is zeros */
+    int point_count;                /* at the last update */
     int point_room, width, corners; /* points; nodes and corners of a cell */
     int *cells;                     /* [point_room] -1: unused */
     unsigned char *counts;          /* [point_room] nodes of a row */
@@ -77725,6 +77812,9 @@ typedef struct sbi_contact_skin {
     int *list, list_count; /* [node_room] nodes in touch: sbi_touch.nodes */
     sb_real *loads;        /* [node_room] by place: tr A_aa / 3 (N/m), or in explicit substeps what loads the node */
 
+    /* Entries of a state that was loaded, in sb_contact.entries, whose triangles are known at the next update; then
+     * entry_count is 0. */
+    int waiting;
     int *found, *next; /* [max_contacts] scratch for entries that follow their faces */
     int cross_count;
     sbi_contact_cross *cross; /* [patch_room] of the system that is solved */
@@ -77737,6 +77827,9 @@ typedef struct sbi_contact_skin {
  * be used before it succeeds. */
 struct sb_contact;
 SBI_API sb_result sbi_contact_skin_update(struct sb_contact *contact, sb_error *error);
+/* 1: after a change of the mesh (or is_load: a state) the skin is not to be asked before the call that made it has
+ * returned; also of an embedding in a body that is cut, whose cuts are loaded later. */
+SBI_API int sbi_contact_skin_is_late(const struct sb_contact *contact, int is_load);
 SBI_API void sbi_contact_skin_free(struct sb_contact *contact);
 /* Areas of the body's nodes, from those of points. */
 SBI_API void sbi_contact_skin_measure(struct sb_contact *contact);
@@ -78227,7 +78320,7 @@ typedef struct sbi_skin_field {
 static void sbi_skin_map_chunk(void *user, int chunk)
 {
     const sbi_skin_field *map = (const sbi_skin_field *)user;
-    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_POINT_CHUNK, map->skin->source->point_count);
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_POINT_CHUNK, map->skin->point_count);
     for (int p = chunk * SBI_CONTACT_POINT_CHUNK; p < last; p++) {
         const sbi_contact_row row = sbi_contact_skin_row(map->skin, p);
         map->out[p] = sbi_contact_mean(row.weights, row.nodes, row.count, map->field);
@@ -78260,7 +78353,7 @@ SBI_API const sb_vec3 *sbi_contact_points_at_rest(const sb_contact *contact)
 
 SBI_API int sbi_contact_point_count(const sb_contact *contact)
 {
-    return contact->skin.source ? contact->skin.source->point_count : sb_body_node_count(contact->body);
+    return contact->skin.source ? contact->skin.point_count : sb_body_node_count(contact->body);
 }
 
 /* ---- nodes in touch ---- */
@@ -78374,7 +78467,7 @@ static void sbi_skin_fill_points(sb_contact *contact)
     sbi_contact_skin *skin = &contact->skin;
     const sb_body *body = contact->body;
     const sb_vec3 none = {0, 0, 0};
-    for (int p = 0; p < skin->source->point_count; p++) {
+    for (int p = 0; p < skin->point_count; p++) {
         sbi_skin_point at;
         sbi_contact_row row;
         skin->source->get_point(skin->source, p, &at);
@@ -78394,10 +78487,10 @@ SBI_API void sbi_contact_skin_measure(sb_contact *contact)
 {
     sbi_contact_skin *skin = &contact->skin;
     memset(skin->node_areas, 0, (size_t)skin->node_room * sizeof *skin->node_areas);
-    for (int p = 0; p < skin->source->point_count; p++) {
-        const sbi_contact_row row = sbi_contact_skin_row(skin, p);
+    for (int k = 0; k < 3 * contact->faces->face_end; k++) { /* by faces: points may have other numbers after a load */
+        const sbi_contact_row row = sbi_contact_skin_row(skin, sbi_contact_face_nodes(contact->faces, k / 3)[k % 3]);
         for (int i = 0; i < row.count; i++)
-            skin->node_areas[row.nodes[i]] += sb_abs(row.weights[i]) * sbi_contact_node_area(contact->faces, p);
+            skin->node_areas[row.nodes[i]] += sb_abs(row.weights[i]) * contact->faces->areas[k / 3] / 3;
     }
 }
 
@@ -78501,6 +78594,20 @@ static void sbi_skin_match_entries(sb_contact *contact, const sbi_contact_faces 
         first[sbi_contact_face_nodes(old, contact->entries[e].face)[0]] = -1;
 }
 
+/* Entries that waited become those of this skin. */
+static void sbi_skin_take_waiting(sb_contact *contact)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int all = contact->skin.waiting;
+    contact->skin.waiting = 0;
+    for (int e = 0; e < all; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        if (entry.face < faces->face_end && faces->areas[entry.face] > 0 &&
+            entry.sample < sbi_contact_face_rule(faces, entry.face, entry.parts)->count)
+            sbi_contact_insert_entry(contact, &entry);
+    }
+}
+
 /* Drops entries of triangles that are no more; the others go where their order wants them. */
 static void sbi_skin_keep_entries(sb_contact *contact)
 {
@@ -78528,9 +78635,19 @@ SBI_API sb_result sbi_contact_skin_update(sb_contact *contact, sb_error *error)
         sbi_skin_keep_entries(contact);
     }
     sbi_contact_faces_destroy(old);
+    skin->point_count = skin->source->point_count;
     sbi_skin_fill_points(contact);
-    return sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles, skin->source->face_count,
-                                       skin->cells, skin->rest, error);
+    result = sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles,
+                                         skin->source->face_count, skin->cells, skin->rest, error);
+    if (result == SB_OK)
+        sbi_skin_take_waiting(contact);
+    return result;
+}
+
+SBI_API int sbi_contact_skin_is_late(const sb_contact *contact, int is_load)
+{
+    const sb_body *body = contact->body;
+    return contact->skin.source && (contact->skin.source->is_late || (is_load && body->live && body->live->find));
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -81300,7 +81417,7 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     if (!contact->skin.source)
         sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
-    if (!contact->skin.source || !contact->skin.source->is_late)
+    if (!sbi_contact_skin_is_late(contact, change == NULL))
         (void)sbi_contact_update_faces(contact, NULL);    /* where it fails the next step says so */
     (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }
@@ -83337,11 +83454,11 @@ static sbi_contact_tool *sbi_contact_find_tool(const sb_contact *contact, int to
 /* Contacts of a tool are no more. */
 static void sbi_contact_forget(sb_contact *contact, int tool)
 {
-    int count = 0;
-    for (int e = 0; e < contact->entry_count; e++)
+    int *kept = contact->skin.waiting > 0 ? &contact->skin.waiting : &contact->entry_count, count = 0;
+    for (int e = 0; e < *kept; e++)
         if (contact->entries[e].tool != tool)
             contact->entries[count++] = contact->entries[e];
-    contact->entry_count = count;
+    *kept = count;
     count = 0;
     for (int i = 0; i < contact->pressure_count; i++)
         if (contact->pressures[i].tool != tool)
@@ -83562,8 +83679,13 @@ static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_e
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_contact_put_int(out, entry->tool);
-    sbi_contact_put_int(out, contact->faces->keys[entry->face] / contact->faces->side_count);
-    sbi_contact_put_int(out, contact->faces->keys[entry->face] % contact->faces->side_count);
+    if (contact->skin.source) {
+        sbi_contact_put_int(out, entry->face);
+        sbi_contact_put_int(out, 0);
+    } else {
+        sbi_contact_put_int(out, contact->faces->elements[entry->face]);
+        sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    }
     sbi_contact_put_int(out, entry->parts);
     sbi_contact_put_int(out, entry->sample);
     sbi_contact_put_int(out, entry->sticks);
@@ -83588,8 +83710,8 @@ static void sbi_contact_save(const void *user, sbi_state_out *out)
     sbi_contact_put_int(out, sbi_contact_skin_size(contact));
     for (int t = 0; t < contact->max_tools; t++)
         sbi_contact_put_tool(contact->tools + t, out);
-    sbi_contact_put_int(out, contact->entry_count);
-    for (int e = 0; e < contact->entry_count; e++)
+    sbi_contact_put_int(out, contact->entry_count + contact->skin.waiting); /* one of them is 0 */
+    for (int e = 0; e < contact->entry_count + contact->skin.waiting; e++)
         sbi_contact_put_entry(contact, contact->entries + e, out);
     sbi_contact_put_int(out, contact->pressure_count);
     for (int i = 0; i < contact->pressure_count; i++) {
@@ -83659,8 +83781,12 @@ SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, i
     return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
-/* entry->face: -1 where the mesh has no such face, or the face no such sample. */
-static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_contact_entry *entry)
+/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that
+ * is not there yet, its number. */
+typedef enum sbi_contact_finding { SBI_CONTACT_CHECKS, SBI_CONTACT_FINDS, SBI_CONTACT_WAITS } sbi_contact_finding;
+
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, sbi_contact_finding finding,
+                                  sbi_contact_entry *entry)
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS];
     int element, side;
@@ -83680,7 +83806,10 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in,
     in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
                element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
                entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
-    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
+    entry->face = finding == SBI_CONTACT_WAITS && !in->bad ? element : -1;
+    if (finding != SBI_CONTACT_FINDS || in->bad)
+        return;
+    entry->face = sbi_contact_find_face(contact->faces, element, side);
     if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
 }
@@ -83727,7 +83856,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
                         contact->max_contacts);
     for (int e = 0; e < count && !in.bad; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, 0, &entry);
+        sbi_contact_get_entry(contact, &in, SBI_CONTACT_CHECKS, &entry);
     }
     pressures = sbi_contact_get_pressure_count(contact, &in, count);
     for (int i = 0; i < pressures && !in.bad; i++)
@@ -83741,7 +83870,7 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
-    int count, pressures;
+    int count, pressures, waits;
     (void)sbi_contact_get_int(&in);
     (void)sbi_contact_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
@@ -83750,12 +83879,16 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
     contact->entry_count = contact->pressure_count = 0;
     contact->is_solved = 0;
     memset(&contact->info, 0, sizeof contact->info);
-    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+    contact->skin.waiting = 0;
+    waits = sbi_contact_skin_is_late(contact, 1) && contact->faces_old;
+    if (!waits && sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
         return;
     for (int e = 0; e < count; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, 1, &entry);
-        if (entry.face >= 0)
+        sbi_contact_get_entry(contact, &in, waits ? SBI_CONTACT_WAITS : SBI_CONTACT_FINDS, &entry);
+        if (entry.face >= 0 && waits)
+            contact->entries[contact->skin.waiting++] = entry;
+        else if (entry.face >= 0)
             sbi_contact_insert_entry(contact, &entry);
     }
     pressures = sbi_contact_get_pressure_count(contact, &in, count);

@@ -10,7 +10,9 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 lane=()
-timed() { lane+=("begin=\$(date +%s); echo \"== \$(date +%T) $1\"; $2; status=\$?; echo \"== \$(date +%T) took \$((\$(date +%s) - begin)) s: $1\"; (exit \$status)"); }
+took='read -r _ && read -r user system && echo "${user%.*} of the processor"'
+timed() { lane+=("begin=\$(date +%s); echo \"== \$(date +%T) $1\"; $2; status=\$?; times >$work/times.\$\$
+    echo \"== \$(date +%T) took \$((\$(date +%s) - begin)) s, \$({ $took; } <$work/times.\$\$): $1\"; (exit \$status)"); }
 counted() { timed "$1" "$2"; } # a command that ends with a closing line of its own
 single() { timed "$1" "{ $2; } && echo '1 passed, 0 failed, 0 skipped'"; }
 skipped() { lane+=("echo 'skip: $1'; echo '0 passed, 0 failed, 1 skipped'"); }

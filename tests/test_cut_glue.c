@@ -30,7 +30,7 @@ static block beam_of(const int cells[3], int lattice, sb_cut_front front)
 }
 
 /* A blade across the beam that goes down from above to z, on an arc of radius `bend` (0: straight), in so many frames;
- * `released`: the sum of all frames. */
+ * `released`: the sum of all frames. A hair off the middles of edges, which rounding would put on either side. */
 static sb_cut_info beam_cut(block *b, double bend, double to, int frames, double *released)
 {
     const double top = 0.06, from = 0.065;
@@ -41,7 +41,7 @@ static sb_cut_info beam_cut(block *b, double bend, double to, int frames, double
     *released = 0;
     for (int i = 0; i <= frames; i++) {
         double z = from + (to - from) * i / frames, depth = fmax(top - z, 0);
-        double x = 0.1 + (bend > 0 ? bend - sqrt(bend * bend - depth * depth) : 0);
+        double x = 0.10002 + (bend > 0 ? bend - sqrt(bend * bend - depth * depth) : 0);
         sb_vec3 edge[2];
         edge[0] = sb_v3(REAL(x), REAL(-0.01), REAL(z));
         edge[1] = sb_v3(REAL(x), REAL(0.04), REAL(z));
@@ -86,17 +86,17 @@ static void test_half(void)
             double released, all, sag, other;
             sb_cut_info info;
             beam_sag(&whole, &uncut);
-            beam_cut(&one, 0, 0.03, 1, &released);
+            beam_cut(&one, 0, 0.02998, 1, &released);
             CHECK_NEAR(released, 9e-4, 0.05 * 9e-4); /* by elements, at least some of the last one is missing */
-            CHECK_NEAR(beam_sag(&one, &of_lag), lag[k], 1e-3 * fabs(lag[k]));
-            info = beam_cut(&two, 0, 0.03, 1, &released);
+            CHECK_NEAR(beam_sag(&one, &of_lag), lag[k], scene_tolerance(1e-3, 4e4) * fabs(lag[k]));
+            info = beam_cut(&two, 0, 0.02998, 1, &released);
             CHECK(info.glued > 0 && info.glued_area > 0);
             CHECK_INT(info.parts, 1);
-            beam_cut(&many, 0, 0.03, 36, &all);
-            CHECK_NEAR(all, released, scene_tolerance(1e-12, 100) * released);
+            beam_cut(&many, 0, 0.02998, 36, &all);
+            CHECK_NEAR(all, released, scene_tolerance(1e-12, 1e3) * released);
             sag = beam_sag(&two, &of_glue);
             other = beam_sag(&many, &of_many);
-            CHECK_NEAR(sag, glue[k], 3e-3 * fabs(glue[k]));
+            CHECK_NEAR(sag, glue[k], scene_tolerance(3e-3, 5e4) * fabs(glue[k]));
             CHECK_NEAR(other, sag, scene_tolerance(1e-6, 1e5) * fabs(sag));
             CHECK(of_glue <= 1.15 * of_lag);
             check_pieces(&two);

@@ -40,4 +40,66 @@ static void test_golden(void)
     }
 }
 
-CHECK_SUITE(golden, {"golden scenes", test_golden});
+/* ---- a body that is cut ------------------------------------------------------------------------------------------ */
+
+/* A plane through two thirds of a beam that sags, and a blade that goes into it frame by frame; lattice: intervals. */
+static unsigned long long play_cut(int lattice)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 8, 3, 3, sb_v3(REAL(0.2), REAL(0.06), REAL(0.06)), 0.1);
+    sb_body_def def = sb_default_body_def();
+    sb_cut_def cut_def = sb_default_cut_def();
+    const sb_vec3 plane[3] = {
+        {REAL(0.07), REAL(-0.1), REAL(0.02)}, {REAL(0.07), REAL(0.2), REAL(0.02)}, {REAL(0.08), REAL(0.05), REAL(0.3)}};
+    unsigned long long hash;
+    size_t nodes;
+    sb_cut *cut = NULL;
+    int stroke = 0;
+    def.mesh = &mesh;
+    def.material = sb_material_corotated(REAL(2e4), REAL(0.4), REAL(1000));
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.slack = 4;
+    cut_def.body = scene_body(&def);
+    cut_def.lattice = lattice;
+    scene_fix_plane(cut_def.body, &mesh, 0, 0, SB_XYZ);
+    CHECK_OK(sb_cut_create(&cut_def, &cut, NULL));
+    for (int frame = 0; frame < 12; frame++) {
+        const sb_real depth = REAL(0.07) - REAL(0.005) * REAL(frame), bent = REAL(0.13) + REAL(0.001) * REAL(frame);
+        const sb_vec3 edge[2] = {{bent, REAL(-0.1), depth}, {bent, REAL(0.2), depth + REAL(0.004)}};
+        if (frame == 2)
+            CHECK_OK(sb_cut_triangles(cut, plane, 1, NULL, NULL));
+        if (frame == 4)
+            CHECK_OK(sb_cut_begin(cut, edge, 2, &stroke, NULL));
+        if (frame > 4)
+            CHECK_OK(sb_cut_move(cut, stroke, edge, NULL, NULL));
+        CHECK_OK(sb_body_step(cut_def.body, REAL(0.01), NULL));
+    }
+    CHECK(sb_body_node_count(cut_def.body) > mesh.node_count);
+    nodes = (size_t)sb_body_node_count(cut_def.body);
+    hash = scene_hash(sb_body_displacements(cut_def.body), nodes * sizeof(sb_vec3)) ^
+           scene_hash(sb_body_velocities(cut_def.body), nodes * sizeof(sb_vec3));
+    sb_cut_destroy(cut);
+    sb_body_destroy(cut_def.body);
+    sb_mesh_free(&mesh);
+    return hash;
+}
+
+static void test_golden_cut(void)
+{
+    static const struct {
+        int lattice;
+        unsigned long long expected; /* of double */
+    } cuts[] = {{1, 0x6d3d2982936522a7ULL}, {2, 0xfe80d7070776c35dULL}, {4, 0x7f438d0be83286c0ULL}};
+    if (SB_REAL_IS_FLOAT) {
+        CHECK_SKIP("golden hashes are of double");
+        return;
+    }
+    for (size_t i = 0; i < sizeof cuts / sizeof cuts[0]; i++) {
+        unsigned long long hash = play_cut(cuts[i].lattice);
+        if (getenv("GOLDEN"))
+            printf("  cut, lattice %d 0x%016llxULL\n", cuts[i].lattice, hash);
+        if (!CHECK(hash == cuts[i].expected))
+            printf("  cut, lattice %d: 0x%016llx\n", cuts[i].lattice, hash);
+    }
+}
+
+CHECK_SUITE(golden, {"golden scenes", test_golden}, {"golden cuts", test_golden_cut});

@@ -193,6 +193,12 @@ static sb_result act_multiply_tangent(actor *a)
     free(y);
     return result;
 }
+static sb_result act_parts(actor *a)
+{
+    sb_part parts[2];
+    int count;
+    return sb_body_parts(a->body, parts, 2, &count, NULL);
+}
 static sb_result act_rotations(actor *a)
 {
     sb_quat *q = (sb_quat *)malloc((size_t)a->mesh.node_count * sizeof *q);
@@ -509,6 +515,7 @@ static const act acts[] = {
     {"sb_body_multiply_stiffness", act_multiply, ACTOR_LOADED},
     {"sb_body_multiply_tangent", act_multiply_tangent, ACTOR_LOADED},
     {"sb_body_nodal_rotations", act_rotations, ACTOR_LOADED},
+    {"sb_body_parts", act_parts, ACTOR_LOADED},
     {"sb_body_add_forces", act_forces, ACTOR_LOADED},
     {"sb_body_apply_forces", act_apply, ACTOR_LOADED},
     {"sb_body_add_traction", act_traction, ACTOR_LOADED},

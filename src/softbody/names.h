@@ -344,6 +344,7 @@
 #define sb_cut_surface_destroy sb_cut_surface_destroy_f32
 #define sb_cut_surface_update sb_cut_surface_update_f32
 #define sb_cut_surface_get sb_cut_surface_get_f32
+#define sb_cut_surface_skin sb_cut_surface_skin_f32
 #endif
 #endif
 

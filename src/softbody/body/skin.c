@@ -1,10 +1,11 @@
 /* skin: triangles between embedded points. */
-#include "skin_private.h"
+#include "skin.h"
 
 #include <string.h>
 
 #include "../geometry/embed_follow.h"
 #include "body_private.h"
+#include "skin_private.h"
 
 /* The skin, and what it is of. */
 typedef struct sbi_skin_embedded {

@@ -1,9 +1,8 @@
-/* skin_private: what a skin is to those who act on it. Internal. */
+/* skin_private: what a skin (skin.h) is to those who act on it. Internal. */
 #ifndef SBI_SKIN_PRIVATE_H
 #define SBI_SKIN_PRIVATE_H
 
 #include "body.h"
-#include "skin.h"
 
 /* Where a point is in the body: sum (N_a(xi) + dN_a/dxi . step) x_a over the nodes of a cell. */
 typedef struct sbi_skin_point {
@@ -18,10 +17,10 @@ struct sb_skin {
     int is_late;
     /* Brings it up to the body's mesh; what follows holds until the next time. SB_ERROR_STATE: it is none of this body,
      * or does not follow its changes. SB_ERROR_MEMORY. */
-    sb_result (*update)(sb_skin *skin, const sb_body *body, sb_error *error);
+    sb_result (*update)(struct sb_skin *skin, const sb_body *body, sb_error *error);
     int point_count, face_count;
     const int (*triangles)[3]; /* [face_count] points; three times the same: none */
-    void (*get_point)(const sb_skin *skin, int point, sbi_skin_point *at);
+    void (*get_point)(const struct sb_skin *skin, int point, sbi_skin_point *at);
 };
 
 #endif /* SBI_SKIN_PRIVATE_H */

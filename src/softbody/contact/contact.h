@@ -54,8 +54,8 @@
  * With `skin` tools touch a surface that the body carries along, in place of the boundary of its mesh: one that was
  * embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: organs do not touch each
  * other (pairs); faces are the skin's triangles; sb_contact_pressures has a number for each of its points; and overlap
- * that the mesh is too coarse to give way to stays. What a needle does (needle.h) and cuts lay open is the mesh's.
- * Where triangles lie across cells, systems take more iterations.
+ * that the mesh is too coarse to give way to stays. Where triangles lie across cells, systems take more iterations. The
+ * surface of a body that is cut, lips and all, is such a skin (sb_cut_surface_skin).
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations

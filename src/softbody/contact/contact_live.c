@@ -218,7 +218,7 @@ static void sbi_contact_follow(void *user, const sb_body *body, const sb_mesh_ch
     if (!contact->skin.source)
         sbi_contact_faces_follow(contact->faces, body, change);
     contact->faces_old = 1;
-    if (!contact->skin.source || !contact->skin.source->is_late)
+    if (!sbi_contact_skin_is_late(contact, change == NULL))
         (void)sbi_contact_update_faces(contact, NULL);    /* where it fails the next step says so */
     (void)sbi_body_reserve_substeps(contact->body, NULL); /* or a step that divides itself tries again */
 }

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "../body/body_private.h"
+#include "../body/live_private.h"
 #include "contact_private.h"
 
 enum { SBI_CONTACT_POINT_CHUNK = 512 }; /* points that one thread takes at a time */
@@ -17,7 +18,7 @@ typedef struct sbi_skin_field {
 static void sbi_skin_map_chunk(void *user, int chunk)
 {
     const sbi_skin_field *map = (const sbi_skin_field *)user;
-    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_POINT_CHUNK, map->skin->source->point_count);
+    int last = sbi_min_int((chunk + 1) * SBI_CONTACT_POINT_CHUNK, map->skin->point_count);
     for (int p = chunk * SBI_CONTACT_POINT_CHUNK; p < last; p++) {
         const sbi_contact_row row = sbi_contact_skin_row(map->skin, p);
         map->out[p] = sbi_contact_mean(row.weights, row.nodes, row.count, map->field);
@@ -50,7 +51,7 @@ SBI_API const sb_vec3 *sbi_contact_points_at_rest(const sb_contact *contact)
 
 SBI_API int sbi_contact_point_count(const sb_contact *contact)
 {
-    return contact->skin.source ? contact->skin.source->point_count : sb_body_node_count(contact->body);
+    return contact->skin.source ? contact->skin.point_count : sb_body_node_count(contact->body);
 }
 
 /* ---- nodes in touch ---- */
@@ -164,7 +165,7 @@ static void sbi_skin_fill_points(sb_contact *contact)
     sbi_contact_skin *skin = &contact->skin;
     const sb_body *body = contact->body;
     const sb_vec3 none = {0, 0, 0};
-    for (int p = 0; p < skin->source->point_count; p++) {
+    for (int p = 0; p < skin->point_count; p++) {
         sbi_skin_point at;
         sbi_contact_row row;
         skin->source->get_point(skin->source, p, &at);
@@ -184,10 +185,10 @@ SBI_API void sbi_contact_skin_measure(sb_contact *contact)
 {
     sbi_contact_skin *skin = &contact->skin;
     memset(skin->node_areas, 0, (size_t)skin->node_room * sizeof *skin->node_areas);
-    for (int p = 0; p < skin->source->point_count; p++) {
-        const sbi_contact_row row = sbi_contact_skin_row(skin, p);
+    for (int k = 0; k < 3 * contact->faces->face_end; k++) { /* by faces: points may have other numbers after a load */
+        const sbi_contact_row row = sbi_contact_skin_row(skin, sbi_contact_face_nodes(contact->faces, k / 3)[k % 3]);
         for (int i = 0; i < row.count; i++)
-            skin->node_areas[row.nodes[i]] += sb_abs(row.weights[i]) * sbi_contact_node_area(contact->faces, p);
+            skin->node_areas[row.nodes[i]] += sb_abs(row.weights[i]) * contact->faces->areas[k / 3] / 3;
     }
 }
 
@@ -291,6 +292,20 @@ static void sbi_skin_match_entries(sb_contact *contact, const sbi_contact_faces 
         first[sbi_contact_face_nodes(old, contact->entries[e].face)[0]] = -1;
 }
 
+/* Entries that waited become those of this skin. */
+static void sbi_skin_take_waiting(sb_contact *contact)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    int all = contact->skin.waiting;
+    contact->skin.waiting = 0;
+    for (int e = 0; e < all; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        if (entry.face < faces->face_end && faces->areas[entry.face] > 0 &&
+            entry.sample < sbi_contact_face_rule(faces, entry.face, entry.parts)->count)
+            sbi_contact_insert_entry(contact, &entry);
+    }
+}
+
 /* Drops entries of triangles that are no more; the others go where their order wants them. */
 static void sbi_skin_keep_entries(sb_contact *contact)
 {
@@ -318,7 +333,17 @@ SBI_API sb_result sbi_contact_skin_update(sb_contact *contact, sb_error *error)
         sbi_skin_keep_entries(contact);
     }
     sbi_contact_faces_destroy(old);
+    skin->point_count = skin->source->point_count;
     sbi_skin_fill_points(contact);
-    return sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles, skin->source->face_count,
-                                       skin->cells, skin->rest, error);
+    result = sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles,
+                                         skin->source->face_count, skin->cells, skin->rest, error);
+    if (result == SB_OK)
+        sbi_skin_take_waiting(contact);
+    return result;
+}
+
+SBI_API int sbi_contact_skin_is_late(const sb_contact *contact, int is_load)
+{
+    const sb_body *body = contact->body;
+    return contact->skin.source && (contact->skin.source->is_late || (is_load && body->live && body->live->find));
 }

@@ -16,6 +16,7 @@
 #ifndef SB_CONTACT_SKIN_H
 #define SB_CONTACT_SKIN_H
 
+#include "../body/skin.h"
 #include "../body/skin_private.h"
 #include "contact_faces.h"
 
@@ -27,6 +28,7 @@ typedef struct sbi_contact_cross {
 
 typedef struct sbi_contact_skin {
     sb_skin *source;                /* NULL: faces are the mesh's boundary, and all else is zeros */
+    int point_count;                /* at the last update */
     int point_room, width, corners; /* points; nodes and corners of a cell */
     int *cells;                     /* [point_room] -1: unused */
     unsigned char *counts;          /* [point_room] nodes of a row */
@@ -46,6 +48,9 @@ typedef struct sbi_contact_skin {
     int *list, list_count; /* [node_room] nodes in touch: sbi_touch.nodes */
     sb_real *loads;        /* [node_room] by place: tr A_aa / 3 (N/m), or in explicit substeps what loads the node */
 
+    /* Entries of a state that was loaded, in sb_contact.entries, whose triangles are known at the next update; then
+     * entry_count is 0. */
+    int waiting;
     int *found, *next; /* [max_contacts] scratch for entries that follow their faces */
     int cross_count;
     sbi_contact_cross *cross; /* [patch_room] of the system that is solved */
@@ -58,6 +63,9 @@ typedef struct sbi_contact_skin {
  * be used before it succeeds. */
 struct sb_contact;
 SBI_API sb_result sbi_contact_skin_update(struct sb_contact *contact, sb_error *error);
+/* 1: after a change of the mesh (or is_load: a state) the skin is not to be asked before the call that made it has
+ * returned; also of an embedding in a body that is cut, whose cuts are loaded later. */
+SBI_API int sbi_contact_skin_is_late(const struct sb_contact *contact, int is_load);
 SBI_API void sbi_contact_skin_free(struct sb_contact *contact);
 /* Areas of the body's nodes, from those of points. */
 SBI_API void sbi_contact_skin_measure(struct sb_contact *contact);

@@ -90,8 +90,13 @@ static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_e
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_contact_put_int(out, entry->tool);
-    sbi_contact_put_int(out, contact->faces->keys[entry->face] / contact->faces->side_count);
-    sbi_contact_put_int(out, contact->faces->keys[entry->face] % contact->faces->side_count);
+    if (contact->skin.source) {
+        sbi_contact_put_int(out, entry->face);
+        sbi_contact_put_int(out, 0);
+    } else {
+        sbi_contact_put_int(out, contact->faces->elements[entry->face]);
+        sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+    }
     sbi_contact_put_int(out, entry->parts);
     sbi_contact_put_int(out, entry->sample);
     sbi_contact_put_int(out, entry->sticks);
@@ -116,8 +121,8 @@ static void sbi_contact_save(const void *user, sbi_state_out *out)
     sbi_contact_put_int(out, sbi_contact_skin_size(contact));
     for (int t = 0; t < contact->max_tools; t++)
         sbi_contact_put_tool(contact->tools + t, out);
-    sbi_contact_put_int(out, contact->entry_count);
-    for (int e = 0; e < contact->entry_count; e++)
+    sbi_contact_put_int(out, contact->entry_count + contact->skin.waiting); /* one of them is 0 */
+    for (int e = 0; e < contact->entry_count + contact->skin.waiting; e++)
         sbi_contact_put_entry(contact, contact->entries + e, out);
     sbi_contact_put_int(out, contact->pressure_count);
     for (int i = 0; i < contact->pressure_count; i++) {
@@ -187,8 +192,12 @@ SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, i
     return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
-/* entry->face: -1 where the mesh has no such face, or the face no such sample. */
-static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_contact_entry *entry)
+/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that
+ * is not there yet, its number. */
+typedef enum sbi_contact_finding { SBI_CONTACT_CHECKS, SBI_CONTACT_FINDS, SBI_CONTACT_WAITS } sbi_contact_finding;
+
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, sbi_contact_finding finding,
+                                  sbi_contact_entry *entry)
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS];
     int element, side;
@@ -208,7 +217,10 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in,
     in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
                element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
                entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
-    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, element, side) : -1;
+    entry->face = finding == SBI_CONTACT_WAITS && !in->bad ? element : -1;
+    if (finding != SBI_CONTACT_FINDS || in->bad)
+        return;
+    entry->face = sbi_contact_find_face(contact->faces, element, side);
     if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
 }
@@ -255,7 +267,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
                         contact->max_contacts);
     for (int e = 0; e < count && !in.bad; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, 0, &entry);
+        sbi_contact_get_entry(contact, &in, SBI_CONTACT_CHECKS, &entry);
     }
     pressures = sbi_contact_get_pressure_count(contact, &in, count);
     for (int i = 0; i < pressures && !in.bad; i++)
@@ -269,7 +281,7 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_contact_in in = {bytes, size, 0};
-    int count, pressures;
+    int count, pressures, waits;
     (void)sbi_contact_get_int(&in);
     (void)sbi_contact_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
@@ -278,12 +290,16 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
     contact->entry_count = contact->pressure_count = 0;
     contact->is_solved = 0;
     memset(&contact->info, 0, sizeof contact->info);
-    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+    contact->skin.waiting = 0;
+    waits = sbi_contact_skin_is_late(contact, 1) && contact->faces_old;
+    if (!waits && sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
         return;
     for (int e = 0; e < count; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, 1, &entry);
-        if (entry.face >= 0)
+        sbi_contact_get_entry(contact, &in, waits ? SBI_CONTACT_WAITS : SBI_CONTACT_FINDS, &entry);
+        if (entry.face >= 0 && waits)
+            contact->entries[contact->skin.waiting++] = entry;
+        else if (entry.face >= 0)
             sbi_contact_insert_entry(contact, &entry);
     }
     pressures = sbi_contact_get_pressure_count(contact, &in, count);

@@ -118,11 +118,11 @@ static sbi_contact_tool *sbi_contact_find_tool(const sb_contact *contact, int to
 /* Contacts of a tool are no more. */
 static void sbi_contact_forget(sb_contact *contact, int tool)
 {
-    int count = 0;
-    for (int e = 0; e < contact->entry_count; e++)
+    int *kept = contact->skin.waiting > 0 ? &contact->skin.waiting : &contact->entry_count, count = 0;
+    for (int e = 0; e < *kept; e++)
         if (contact->entries[e].tool != tool)
             contact->entries[count++] = contact->entries[e];
-    contact->entry_count = count;
+    *kept = count;
     count = 0;
     for (int i = 0; i < contact->pressure_count; i++)
         if (contact->pressures[i].tool != tool)

@@ -302,4 +302,9 @@ SBI_API int sbi_cut_stroke_reserve(const sb_cut *cut, sbi_cut_stroke *stroke, in
 /* The cut becomes a part of its body's state and recordings, or is no longer one. */
 SBI_API sb_result sbi_cut_join_state(sb_cut *cut, sb_error *error);
 SBI_API void sbi_cut_leave_state(const sb_cut *cut);
+
+/* ---- cut_surface.c ---- */
+struct sb_cut_surface;
+SBI_API struct sb_skin *sbi_cut_surface_get_skin(struct sb_cut_surface *surface);
+
 #endif /* SB_CUT_PRIVATE_H */

@@ -9,6 +9,7 @@
 
 #include <string.h>
 
+#include "../body/skin_private.h"
 #include "cut_private.h"
 
 enum { SBI_DRAW_WHOLE = 0, SBI_DRAW_SPLIT = 1, SBI_DRAW_FAN = 2 }; /* faces of the skin */
@@ -34,8 +35,8 @@ typedef struct sbi_draw_table {
 
 typedef struct sbi_draw_vertex {
     sb_cut_origin origin;
-    int cell_nodes[4];
-    int stamp; /* of the last rebuild that used it */
+    int cell, cell_nodes[4]; /* of the body, that it moves with */
+    int stamp;               /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
 typedef struct sbi_draw_axes {
@@ -43,6 +44,8 @@ typedef struct sbi_draw_axes {
 } sbi_draw_axes;
 
 struct sb_cut_surface {
+    struct sb_skin skin;
+    int pending; /* 1: a skin was brought up to date since the last update, which has not named yet what that made */
     sb_cut *cut;
     sb_allocator allocator;
     int version; /* of the body's mesh that triangles are of; -1: to be made */
@@ -317,6 +320,7 @@ static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piec
         made->origin.element = t->tet;
         memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
         memcpy(made->origin.weights, at, sizeof made->origin.weights);
+        made->cell = t->cells[piece];
         memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]), sizeof made->cell_nodes);
         s->origins[vertex] = made->origin;
     }
@@ -915,17 +919,17 @@ static sb_result sbi_draw_check(const sb_cut *cut, sb_error *error)
     return SB_OK;
 }
 
-SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
+/* Triangles as the body is cut now. Adds to what was made since the last update where that has not been named yet. */
+static sb_result sbi_draw_refresh(sb_cut_surface *s, sb_error *error)
 {
-    sb_result result;
-    if (!s)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_update needs a surface");
-    result = sbi_draw_check(s->cut, error);
+    sb_result result = sbi_draw_check(s->cut, error);
     if (result != SB_OK)
         return result;
-    s->first_vertex = s->names.count;
-    s->first_triangle = s->triangle_count;
-    s->triangle_end = 0;
+    if (!s->pending) {
+        s->first_vertex = s->names.count;
+        s->first_triangle = s->triangle_count;
+        s->triangle_end = 0;
+    }
     if (s->version != sb_body_mesh_version(s->cut->body)) {
         int made = sbi_draw_rebuild(s);
         s->version = made ? sb_body_mesh_version(s->cut->body) : -1;
@@ -937,6 +941,44 @@ SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
     sbi_draw_move(s);
     return result;
 }
+
+SB_API sb_result sb_cut_surface_update(sb_cut_surface *s, sb_error *error)
+{
+    sb_result result;
+    if (!s)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_surface_update needs a surface");
+    result = sbi_draw_refresh(s, error);
+    s->pending = s->pending && result == SB_ERROR_STATE; /* else it has been named */
+    return result;
+}
+
+/* ---- as a skin ---- */
+
+static sb_result sbi_draw_update_skin(struct sb_skin *skin, const sb_body *body, sb_error *error)
+{
+    sb_cut_surface *s = (sb_cut_surface *)skin->user;
+    sb_result result;
+    if (s->cut->body && s->cut->body != body)
+        return sbi_fail(error, SB_ERROR_STATE, "the skin is the surface of a cut of another body");
+    result = sbi_draw_refresh(s, error);
+    s->pending |= result != SB_ERROR_STATE;
+    skin->point_count = s->names.count;
+    skin->face_count = s->triangle_count;
+    skin->triangles = (const int(*)[3])s->triangles;
+    return result;
+}
+
+static void sbi_draw_get_point(const struct sb_skin *skin, int point, sbi_skin_point *at)
+{
+    const sb_cut_surface *s = (const sb_cut_surface *)skin->user;
+    const sbi_draw_vertex *vertex = s->vertices + point;
+    memset(at, 0, sizeof *at);
+    at->cell = s->origins[point].element < 0 ? -1 : vertex->cell;
+    for (int k = 0; k < 3; k++)
+        at->xi[k] = vertex->origin.weights[k + 1];
+}
+
+SBI_API struct sb_skin *sbi_cut_surface_get_skin(sb_cut_surface *s) { return &s->skin; }
 
 /* ---- creation ---- */
 
@@ -1002,6 +1044,10 @@ SB_API sb_result sb_cut_surface_create(sb_cut *cut, const sb_allocator *allocato
     if (allocator)
         made->allocator = *allocator;
     made->version = -1;
+    made->skin.user = made;
+    made->skin.is_late = 1;
+    made->skin.update = sbi_draw_update_skin;
+    made->skin.get_point = sbi_draw_get_point;
     result = sbi_draw_take_skin(made) ? sb_cut_surface_update(made, error)
                                       : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
     if (result != SB_OK) {
