@@ -28,6 +28,7 @@ typedef enum case_type {
     CASE_TYPE_FRACTION,     /* a number in (0, 1) */
     CASE_TYPE_POISSON,      /* a number in (-1, 0.5) */
     CASE_TYPE_COUNT,        /* an integer >= 1 */
+    CASE_TYPE_LATTICE,      /* 1, 2 or 4 */
     CASE_TYPE_INTEGER       /* any integer */
 } case_type;
 
@@ -58,6 +59,7 @@ typedef enum case_key {
     CASE_COUNT,
     CASE_PRESSURE_VALUE,
     CASE_CENTRAL_DT,
+    CASE_LATTICE,
     CASE_KEY_COUNT
 } case_key;
 
@@ -75,7 +77,7 @@ static const case_key_rule case_keys[CASE_KEY_COUNT] = {
     {"tol", CASE_TYPE_FRACTION},     {"iterations", CASE_TYPE_COUNT},   {"dt", CASE_TYPE_POSITIVE},
     {"end", CASE_TYPE_POSITIVE},     {"alpha", CASE_TYPE_NOT_NEGATIVE}, {"beta", CASE_TYPE_NOT_NEGATIVE},
     {"newton", CASE_TYPE_COUNT},     {"count", CASE_TYPE_COUNT},        {"value", CASE_TYPE_NUMBER},
-    {"dt", CASE_TYPE_STEP},
+    {"dt", CASE_TYPE_STEP},          {"lattice", CASE_TYPE_LATTICE},
 };
 
 typedef enum case_kind {
@@ -89,6 +91,7 @@ typedef enum case_kind {
     CASE_TRACTION,
     CASE_PRESSURE,
     CASE_SPRING,
+    CASE_CUT,
     CASE_SOLVE,
     CASE_OUTPUT
 } case_kind;
@@ -96,6 +99,8 @@ typedef enum case_kind {
 /* Codes of the solves that are no time integration; the others have that of an sb_integrator, which is > 0. */
 enum { CASE_STATIC = 0, CASE_MODES = -1 };
 enum { CASE_OUTPUT_DISPLACEMENT, CASE_OUTPUT_REACTION, CASE_OUTPUT_STRESS, CASE_OUTPUT_PROBE, CASE_OUTPUT_FREQUENCIES };
+
+enum { CASE_CUT_PLANE, CASE_CUT_POLYGON, CASE_CUT_SURFACE };
 
 /* One way to write a statement. Forms with the same keyword and variant differ in their options only. */
 typedef struct case_form {
@@ -140,6 +145,9 @@ static const case_form case_forms[] = {
     {"traction", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_VALUE), 0, CASE_TRACTION, 0, 0},
     {"pressure", NULL, "", CASE_BIT(CASE_FACES) | CASE_BIT(CASE_PRESSURE_VALUE), 0, CASE_PRESSURE, 0, 0},
     {"spring", NULL, "", CASE_BIT(CASE_FILE), 0, CASE_SPRING, 0, 0},
+    {"cut", "plane", "nnnnnn", 0, CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_PLANE, 0},
+    {"cut", "polygon", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_POLYGON, 0},
+    {"cut", "surface", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_SURFACE, 0},
     {"solve", "static", "", CASE_BIT(CASE_STEPS) | CASE_BIT(CASE_TOL), CASE_BIT(CASE_ITERATIONS), CASE_SOLVE,
      CASE_STATIC, 1},
     {"solve", "euler", "", CASE_TIMES, CASE_DAMPED, CASE_SOLVE, SB_EULER, 1},
@@ -180,7 +188,7 @@ typedef struct case_statement {
     int axes;                        /* word AXES, as SB_X | SB_Y | SB_Z */
     int node;                        /* word NODE */
     int number_count;
-    double numbers[3]; /* number words */
+    double numbers[6]; /* number words */
     unsigned given;    /* options, as bits */
     const char *text[CASE_KEY_COUNT];
     double number[CASE_KEY_COUNT];
@@ -188,10 +196,11 @@ typedef struct case_statement {
     unsigned prony_g, prony_tau; /* given relaxation terms, as bits */
     sb_real g[SB_MAX_PRONY_TERMS], tau[SB_MAX_PRONY_TERMS];
 
-    int count; /* nodes or faces */
+    int count; /* nodes, faces or corners of triangles */
     int capacity;
     int *nodes;         /* [count] */
-    sb_vec3 *vectors;   /* [count] displacement (m), force (N) or spring point (m) of each node */
+    sb_vec3 *vectors;   /* [count] displacement (m), force (N) or spring point (m) of each node; corners (m) of what
+                         * cuts, three for each triangle */
     sb_real *stiffness; /* [count] of springs (N/m) */
     sb_vec3 *scaled;    /* [count] scratch: vectors times the ramp's share */
     int *faces;         /* [count][corners of a face] */
@@ -214,6 +223,10 @@ typedef struct case_file {
     int region_material_count; /* 0: the one material has no region */
     sb_material material;
     unsigned char *supports; /* [node_count] axes that statements support */
+
+    int lattice; /* of cuts; 0: there are none */
+    sb_cut *cut; /* of the body made last; or NULL */
+    int crumbs;  /* that its cuts left, and that are held */
 
     int mass; /* an sb_mass_kind, or -1 (unless changed): what suits the solve, see case_mass */
 
@@ -284,6 +297,7 @@ static inline void case_free(case_file *c)
 {
     for (int i = 0; i < c->statement_count; i++)
         case_free_statement(c->statements + i);
+    sb_cut_destroy(c->cut);
     free(c->statements);
     free(c->region_materials);
     free(c->supports);
@@ -557,6 +571,7 @@ static inline int case_is_in_range(case_type type, double x, const char **expect
     case CASE_TYPE_FRACTION: *expected = "a number between 0 and 1"; return (sb_real)x > 0 && (sb_real)x < 1;
     case CASE_TYPE_POISSON: *expected = "a number between -1 and 0.5"; return x > -1 && (sb_real)x < (sb_real)0.5;
     case CASE_TYPE_COUNT: *expected = "an integer >= 1"; return x >= 1;
+    case CASE_TYPE_LATTICE: *expected = "1, 2 or 4"; return x == 1 || x == 2 || x == 4;
     default: return 1;
     }
 }
@@ -575,7 +590,7 @@ static inline int case_parse_value(case_file *c, case_statement *s, int key, cha
                case_fail(c, s->line, "%s= must be three finite numbers X,Y,Z", name);
     if (type == CASE_TYPE_STEP && strcmp(value, "auto") == 0)
         return 1;
-    if (type == CASE_TYPE_COUNT || type == CASE_TYPE_INTEGER) {
+    if (type == CASE_TYPE_COUNT || type == CASE_TYPE_INTEGER || type == CASE_TYPE_LATTICE) {
         if (!case_scan_integer(value, &integer))
             return case_fail(c, s->line, "%s=%.80s is no integer", name, value);
         s->number[key] = integer;
@@ -943,7 +958,8 @@ static inline int case_load_lists(case_file *c)
     for (int i = 0; i < c->statement_count; i++)
         for (int k = 0; k < 3; k++) {
             case_statement *s = c->statements + i;
-            if ((s->given & CASE_BIT(lists[k])) && !case_load_list(c, s, s->text[lists[k]]))
+            if (s->form->kind != CASE_CUT && (s->given & CASE_BIT(lists[k])) &&
+                !case_load_list(c, s, s->text[lists[k]]))
                 return 0;
         }
     return 1;
@@ -1085,6 +1101,142 @@ static inline int case_load_materials(case_file *c)
     return case_check_regions(c);
 }
 
+/* ---- loading: cuts ------------------------------------------------------------------------------------- */
+
+static inline int case_add_corner(case_file *c, case_statement *s, sb_vec3 x)
+{
+    void *vectors = s->vectors;
+    if (!case_reserve(&vectors, s->count, &s->capacity, sizeof *s->vectors))
+        return case_fail_memory(c, s->line);
+    s->vectors = (sb_vec3 *)vectors;
+    s->vectors[s->count++] = x;
+    return 1;
+}
+
+/* A square of two triangles that is larger than the mesh. */
+static inline int case_load_plane(case_file *c, case_statement *s)
+{
+    static const signed char corners[6][2] = {{-1, -1}, {1, -1}, {1, 1}, {-1, -1}, {1, 1}, {-1, 1}};
+    sb_vec3 point = sb_v3((sb_real)s->numbers[0], (sb_real)s->numbers[1], (sb_real)s->numbers[2]), low, high, middle;
+    sb_vec3 normal = sb_v3((sb_real)s->numbers[3], (sb_real)s->numbers[4], (sb_real)s->numbers[5]), u, v;
+    sb_real size;
+    sb_mesh_bounds(&c->mesh, &low, &high);
+    middle = sb_v3_scale((sb_real)0.5, sb_v3_add(low, high));
+    size = sb_v3_norm(sb_v3_sub(high, low));
+    normal = sb_v3_scale(1 / sb_max(sb_max(sb_abs(normal.x), sb_abs(normal.y)), sb_abs(normal.z)), normal);
+    normal = sb_v3_scale(1 / sb_v3_norm(normal), normal);
+    if (!sb_v3_is_finite(normal))
+        return case_fail(c, s->line, "the normal of the plane has no length");
+    u = sb_v3_perpendicular(normal);
+    u = sb_v3_scale(size / sb_v3_norm(u), u);
+    v = sb_v3_cross(normal, u);
+    middle = sb_v3_madd(middle, sb_v3_dot(normal, sb_v3_sub(point, middle)), normal);
+    for (int k = 0; k < 6; k++)
+        if (!case_add_corner(c, s, sb_v3_madd(sb_v3_madd(middle, corners[k][0], u), corners[k][1], v)))
+            return 0;
+    return 1;
+}
+
+/* One corner `X Y Z`: from the third on it makes a triangle with the first and the one before. */
+static inline int case_take_corner(case_file *c, case_statement *s, char *line)
+{
+    double x[3];
+    sb_vec3 at;
+    for (int i = 0; i < 3; i++) {
+        const char *word = case_next_word(&line);
+        if (!word || !case_scan_number(word, x + i))
+            return case_fail(c, 0, "the line must hold three finite numbers");
+    }
+    if (case_next_word(&line))
+        return case_fail(c, 0, "the line holds more than it should");
+    at = sb_v3((sb_real)x[0], (sb_real)x[1], (sb_real)x[2]);
+    if (s->count < 3)
+        return case_add_corner(c, s, at);
+    return case_add_corner(c, s, s->vectors[0]) && case_add_corner(c, s, s->vectors[s->count - 2]) &&
+           case_add_corner(c, s, at);
+}
+
+static inline int case_take_corners(case_file *c, case_statement *s, const char *path, char *text)
+{
+    char *line, message[sizeof c->message];
+    for (int number = 1; (line = case_next_line(&text)) != NULL; number++)
+        if (line[strspn(line, " \t\r")] && !case_take_corner(c, s, line)) {
+            memcpy(message, c->message, sizeof message);
+            return case_fail(c, s->line, "%.500s:%d: %.400s", path, number, message);
+        }
+    return s->count >= 3 || case_fail(c, s->line, "%.500s: a polygon needs three corners", path);
+}
+
+static inline int case_load_polygon(case_file *c, case_statement *s, const char *path)
+{
+    const char *reason;
+    char *text = case_read_text(path, &reason);
+    int ok = text ? case_take_corners(c, s, path, text) : case_fail(c, s->line, "%.500s: %s", path, reason);
+    free(text);
+    return ok;
+}
+
+static inline int case_take_triangles(case_file *c, case_statement *s, const sb_mesh *triangles)
+{
+    for (int k = 0; k < 3 * triangles->element_count; k++)
+        if (!case_add_corner(c, s, triangles->nodes[triangles->elements[k]]))
+            return 0;
+    return 1;
+}
+
+static inline int case_load_surface(case_file *c, case_statement *s, const char *path)
+{
+    sb_mesh surface, triangles;
+    sb_error error;
+    int ok = 0;
+    memset(&triangles, 0, sizeof triangles);
+    if (sb_mesh_load(&surface, path, NULL, &error) != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    if (sb_element_dimension(surface.element_type) != 2)
+        case_fail(c, s->line, "%.500s has %s; a surface is needed", path, sb_element_name(surface.element_type));
+    else if (sb_surface_triangulate(&surface, NULL, &triangles, &error) != SB_OK)
+        case_fail_library(c, s->line, &error);
+    else
+        ok = case_take_triangles(c, s, &triangles);
+    sb_mesh_free(&triangles);
+    sb_mesh_free(&surface);
+    return ok;
+}
+
+static inline int case_load_cut(case_file *c, case_statement *s)
+{
+    int lattice = s->given & CASE_BIT(CASE_LATTICE) ? (int)s->number[CASE_LATTICE] : 0, ok;
+    char *path;
+    if (c->mesh.element_type != SB_TET4)
+        return case_fail(c, s->line, "elements of type %s cannot be cut, only tet4",
+                         sb_element_name(c->mesh.element_type));
+    if (lattice && c->lattice && lattice != c->lattice)
+        return case_fail(c, s->line, "lattice=%d differs from that of a cut before, %d", lattice, c->lattice);
+    c->lattice = lattice ? lattice : c->lattice;
+    if (s->form->code == CASE_CUT_PLANE)
+        return case_load_plane(c, s);
+    path = case_input_path(c, s->text[CASE_FILE]);
+    ok = !path                               ? case_fail_memory(c, s->line)
+         : s->form->code == CASE_CUT_POLYGON ? case_load_polygon(c, s, path)
+                                             : case_load_surface(c, s, path);
+    free(path);
+    return ok;
+}
+
+static inline int case_load_cuts(case_file *c)
+{
+    int any = 0;
+    for (int i = 0; i < c->statement_count; i++)
+        if (c->statements[i].form->kind == CASE_CUT) {
+            any = 1;
+            if (!case_load_cut(c, c->statements + i))
+                return 0;
+        }
+    if (any && !c->lattice)
+        c->lattice = sb_default_cut_def().lattice;
+    return 1;
+}
+
 /* ---- loading: supports and the rest -------------------------------------------------------------------- */
 
 static inline sb_real case_component(sb_vec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
@@ -1178,7 +1330,8 @@ static inline int case_free_axes(const case_file *c)
 
 static inline int case_load(case_file *c)
 {
-    int ok = case_load_mesh(c) && case_load_materials(c) && case_load_lists(c) && case_load_supports(c);
+    int ok =
+        case_load_mesh(c) && case_load_materials(c) && case_load_lists(c) && case_load_supports(c) && case_load_cuts(c);
     for (int i = 0; i < c->statement_count && ok; i++)
         ok = case_check_statement(c, c->statements + i);
     if (ok && case_is_dynamic(c) && case_dt(c) > 0 && !(c->solve->number[CASE_END] / case_dt(c) < 1e9))
@@ -1254,6 +1407,21 @@ static inline sb_result case_add_loads(const case_file *c, sb_body *body, sb_err
     return result;
 }
 
+/* Copies that a cut made of prescribed nodes go with them, along the axes that they are supported along. */
+static inline sb_result case_move_copies(const case_file *c, sb_body *body, const case_statement *s)
+{
+    sb_result result = SB_OK;
+    for (int i = c->mesh.node_count; c->cut && i < sb_body_node_count(body) && result == SB_OK; i++) {
+        int origin = sb_cut_node_origin(c->cut, i), axes = origin < 0 ? 0 : sb_body_supports(body)[i] & s->axes;
+        for (int k = 0; axes && k < s->count; k++)
+            if (s->nodes[k] == origin) {
+                result = sb_body_prescribe(body, &i, 1, axes, s->scaled + k, 1);
+                break;
+            }
+    }
+    return result;
+}
+
 /* Puts the supports where the case wants them at time t (s); a static solve or a ramp of 0 wants the whole
  * way. */
 static inline sb_result case_move_supports(const case_file *c, sb_body *body, double t)
@@ -1269,11 +1437,91 @@ static inline sb_result case_move_supports(const case_file *c, sb_body *body, do
         for (int k = 0; k < s->count; k++)
             s->scaled[k] = sb_v3_scale((sb_real)share, s->vectors[k]);
         result = sb_body_prescribe(body, s->nodes, s->count, s->axes, s->scaled, 0);
+        if (result == SB_OK)
+            result = case_move_copies(c, body, s);
     }
     return result;
 }
 
-/* Loads, supports at time 0, and whether they are enough for a static solve. */
+/* Cuts the body, which has its loads and supports: they follow. */
+static inline int case_cut_body(case_file *c, sb_body *body)
+{
+    sb_cut_def def = sb_default_cut_def();
+    sb_cut_info info;
+    sb_error error;
+    def.body = body;
+    def.lattice = c->lattice;
+    def.max_strokes = 0;
+    for (int i = 0; i < c->statement_count; i++) {
+        const case_statement *s = c->statements + i;
+        if (s->form->kind != CASE_CUT)
+            continue;
+        if (!c->cut && sb_cut_create(&def, &c->cut, &error) != SB_OK)
+            return case_fail_library(c, s->line, &error);
+        if (sb_cut_triangles(c->cut, s->vectors, s->count / 3, &info, &error) != SB_OK)
+            return case_fail_library(c, s->line, &error);
+        if (info.links == 0)
+            return case_fail(c, s->line, "the cut meets nothing of the mesh that was whole before it");
+    }
+    return 1;
+}
+
+/* The parts of a body; NULL: no memory. The caller frees them; numbers [nodes] or NULL. */
+static inline sb_part *case_list_parts(sb_body *body, int *count, int *numbers)
+{
+    sb_part *parts;
+    sb_body_parts(body, NULL, 0, count, NULL);
+    parts = (sb_part *)calloc((size_t)*count + 1, sizeof *parts);
+    if (parts)
+        sb_body_parts(body, parts, *count, count, numbers);
+    return parts;
+}
+
+/* Holds what cuts that meet leave of elements: free parts smaller than one (in the mean). */
+static inline int case_hold_crumbs(case_file *c, sb_body *body)
+{
+    int nodes = sb_body_node_count(body), count = 0, ok;
+    int *numbers = (int *)malloc((size_t)nodes * sizeof *numbers);
+    sb_part *parts = numbers ? case_list_parts(body, &count, numbers) : NULL;
+    double least = 0;
+    for (int e = 0; e < c->mesh.element_count; e++)
+        least += (double)sb_mesh_element_volume(&c->mesh, e) / c->mesh.element_count;
+    c->crumbs = 0;
+    for (int k = 0; parts && k < count; k++) {
+        parts[k].node_count = (double)parts[k].volume < least; /* 1: a crumb, from here on */
+        c->crumbs += parts[k].node_count;
+    }
+    ok = parts != NULL;
+    for (int i = 0; ok && c->crumbs && i < nodes; i++)
+        if (numbers[i] >= 0 && parts[numbers[i]].node_count)
+            ok = sb_body_hold(body, &i, 1, SB_XYZ, NULL) == SB_OK;
+    free(parts);
+    free(numbers);
+    return ok || case_fail_memory(c, c->solve->line);
+}
+
+/* Says which part a static solve would find free; returns 0. */
+static inline int case_fail_part(case_file *c, sb_body *body, int node)
+{
+    int count = 0, at = 0, nodes = sb_body_node_count(body);
+    int *numbers = (int *)malloc((size_t)nodes * sizeof *numbers);
+    sb_part *parts = numbers && c->cut ? case_list_parts(body, &count, numbers) : NULL;
+    if (parts && numbers[node] >= 0) {
+        sb_part *p = parts + (at = numbers[node]);
+        case_fail(c, c->solve->line,
+                  "part %d of the %d that the cuts leave can move freely: support it. It has %.4g m^3 about (%.4g, "
+                  "%.4g, %.4g) and node %d",
+                  at + 1, count, (double)p->volume, (double)p->centre.x, (double)p->centre.y, (double)p->centre.z,
+                  p->node);
+    } else {
+        case_fail(c, c->solve->line, "the part of the mesh with node %d can move freely: support it", node);
+    }
+    free(parts);
+    free(numbers);
+    return 0;
+}
+
+/* Loads, supports at time 0, cuts, and whether the supports are enough for a static solve. */
 static inline int case_prepare_body(case_file *c, sb_body *body)
 {
     sb_check_report report;
@@ -1283,13 +1531,14 @@ static inline int case_prepare_body(case_file *c, sb_body *body)
     result = case_add_loads(c, body, &error);
     if (result == SB_OK)
         result = case_move_supports(c, body, 0);
+    if (result == SB_OK && c->lattice && (!case_cut_body(c, body) || !case_hold_crumbs(c, body)))
+        return 0;
     if (result == SB_OK)
         result = sb_body_check(body, &report);
     if (result != SB_OK)
         return case_fail(c, c->solve->line, "%s", error.message[0] ? error.message : sb_result_string(result));
     if (c->solve->form->code == CASE_STATIC && report.unsupported_component_node >= 0)
-        return case_fail(c, c->solve->line, "the part of the mesh with node %d can move freely: support it",
-                         report.unsupported_component_node);
+        return case_fail_part(c, body, report.unsupported_component_node);
     return 1;
 }
 
@@ -1313,6 +1562,10 @@ static inline int case_create_body(case_file *c, sb_body **out)
             sb_v3((sb_real)c->gravity->numbers[0], (sb_real)c->gravity->numbers[1], (sb_real)c->gravity->numbers[2]);
     if (case_is_dynamic(c))
         case_set_dynamics(c, &def);
+    if (c->lattice)
+        def.slack = (sb_real)0.5;
+    sb_cut_destroy(c->cut);
+    c->cut = NULL;
     if (sb_body_create(&def, &body, &error) != SB_OK)
         return case_fail_library(c, c->mesh_statement->line, &error);
     if (!case_prepare_body(c, body)) {

@@ -10,6 +10,7 @@
 #include "softbody.h"
 
 #include "case_reader.h"
+#include "cut_file.h"
 
 static const char help[] =
     "case_solve CASE.case [OUT.vtk] [-p PREFIX] [--mass consistent|reduced|lumped]\n"
@@ -40,6 +41,11 @@ static const char help[] =
     "  traction  faces=FILE value=TX,TY,TZ   Pa on the undeformed area; lines: the nodes of a face\n"
     "  pressure  faces=FILE value=P          Pa, follows the faces, positive pushes inwards\n"
     "  spring    file=FILE                   lines: NODE K X Y Z, N/m to a point in space\n"
+    "  cut       plane PX PY PZ NX NY NZ     through a point across a normal, at rest, before the solve; tet4 only\n"
+    "  cut       polygon file=FILE           lines: X Y Z, corners of a polygon: triangles from the first\n"
+    "  cut       surface file=FILE           a surface, e.g. one closed around what is to come loose. Each of the "
+    "three\n"
+    "                                        with [lattice=1|2|4]: places along an element's edge that come apart (2)\n"
     "  solve     static  steps=N tol=T [iterations=N]\n"
     "  solve     euler   dt=S end=S [tol=T] [alpha=A] [beta=B]\n"
     "  solve     newmark dt=S end=S [tol=T] [alpha=A] [beta=B] [newton=N]\n"
@@ -48,7 +54,9 @@ static const char help[] =
     "  output    displacement|reaction|stress FILE\n"
     "  output    frequencies FILE            lines: MODE F_HZ, ascending, rigid modes included\n"
     "  output    probe NODE FILE             one line per step: time (static: share of the load) and "
-    "displacement\n"
+    "displacement\n";
+
+static const char help_notes[] =
     "\n"
     "Static: load steps grow and shrink with Newton's success, beginning with N equal ones; iterations (30) "
     "is the\n"
@@ -58,6 +66,12 @@ static const char help[] =
     "(default of modes); lumped is diagonal (what central needs). central: a dt above the stable step is cut into\n"
     "substeps. Relaxing materials: moduli are those of sudden motion, changes of volume do not relax, and a static\n"
     "solve finds the state after infinite time. -o of modes writes the mode shapes as fields.\n"
+    "Cut bodies: supports, tractions and pressures stay with their parts; a part that nothing holds is refused by a\n"
+    "static solve, with its volume and place; parts smaller than an element are held. Outputs are of the mesh's "
+    "nodes,\n"
+    "which keep their material (a reaction is that of a node and its copies), a stress has a line for each piece of "
+    "an\n"
+    "element, and OUT.vtk has skin and lips (field lip) instead of the mesh.\n"
     "Integration points: tet4 1, tet10 4 (8 when its sides are curved), hex8 8, hex20 and hex27 27.\n"
     "\n"
     "Prints `converged steps=N newton=N pcg=N seconds=S` and exits with 0. A wrong case: 2, and nothing is "
@@ -88,9 +102,9 @@ typedef struct run {
     const char *case_path, *vtk_path, *prefix, *mass;
     probe *probes;
     int probe_count;
-    sb_vec3 *displacement, *reaction; /* [node_count] of the last converged state */
+    sb_vec3 *displacement, *reaction; /* [nodes of the body] of the last converged state */
     sb_real *frequencies;             /* [mode_count] (Hz), or NULL */
-    sb_vec3 *shapes;                  /* [mode_count][node_count] */
+    sb_vec3 *shapes;                  /* [mode_count][nodes of the body] */
     int mode_count;
     int steps, newton, pcg;
     int mass_kind;     /* place in mass_names, or -1: what suits the solve */
@@ -135,16 +149,22 @@ static int take_probes(run *r, double time)
 /* Keeps the state that has just converged. */
 static void take_state(run *r)
 {
-    size_t bytes = (size_t)r->file.mesh.node_count * sizeof(sb_vec3);
-    memcpy(r->displacement, sb_body_displacements(r->body), bytes);
-    memcpy(r->reaction, sb_body_reactions(r->body), bytes);
+    int nodes = sb_body_node_count(r->body);
+    memcpy(r->displacement, sb_body_displacements(r->body), (size_t)nodes * sizeof(sb_vec3));
+    memcpy(r->reaction, sb_body_reactions(r->body), (size_t)nodes * sizeof(sb_vec3));
+    for (int i = r->file.mesh.node_count; i < nodes; i++) { /* copies that a cut made */
+        int origin = sb_cut_node_origin(r->file.cut, i);
+        if (origin >= 0)
+            r->reaction[origin] = sb_v3_add(r->reaction[origin], r->reaction[i]);
+    }
 }
 
 static int prepare(run *r)
 {
     case_file *c = &r->file;
-    r->displacement = (sb_vec3 *)calloc((size_t)c->mesh.node_count, sizeof(sb_vec3));
-    r->reaction = (sb_vec3 *)calloc((size_t)c->mesh.node_count, sizeof(sb_vec3));
+    size_t nodes = (size_t)sb_body_node_count(r->body);
+    r->displacement = (sb_vec3 *)calloc(nodes, sizeof(sb_vec3));
+    r->reaction = (sb_vec3 *)calloc(nodes, sizeof(sb_vec3));
     r->probes = (probe *)calloc((size_t)c->statement_count, sizeof(probe));
     if (!r->displacement || !r->reaction || !r->probes)
         return case_fail_memory(c, 0);
@@ -248,7 +268,7 @@ static void solve_modes(run *r)
     sb_modes_options options = sb_default_modes_options();
     sb_modes_info info = {0, 0, 0, 0, 0};
     sb_error error;
-    size_t count = (size_t)r->file.solve->number[CASE_COUNT], nodes = (size_t)r->file.mesh.node_count;
+    size_t count = (size_t)r->file.solve->number[CASE_COUNT], nodes = (size_t)sb_body_node_count(r->body);
     options.mass = case_mass(&r->file);
     r->frequencies = (sb_real *)calloc(count, sizeof *r->frequencies);
     r->shapes = (sb_vec3 *)calloc(count, nodes * sizeof *r->shapes);
@@ -294,9 +314,10 @@ static void write_stress(const run *r, const case_statement *s, FILE *file)
     for (int e = 0; e < sb_body_element_count(r->body); e++)
         for (int p = 0; p < sb_body_point_count(r->body); p++) {
             sb_mat3 t;
-            if (sb_body_stress(r->body, e, p, &t) == SB_OK)
-                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", e, p, (double)t.m[0][0], (double)t.m[1][1],
-                        (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2], (double)t.m[0][2]);
+            int element = r->file.cut ? sb_cut_cell_element(r->file.cut, e) : e;
+            if (element >= 0 && sb_body_stress(r->body, e, p, &t) == SB_OK)
+                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", element, p, (double)t.m[0][0],
+                        (double)t.m[1][1], (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2], (double)t.m[0][2]);
         }
 }
 
@@ -433,12 +454,41 @@ static sb_result write_modes(const run *r, sb_error *error)
         fields[i].name = names[i];
         fields[i].location = SB_FIELD_NODES;
         fields[i].components = 3;
-        fields[i].values = &r->shapes[(size_t)i * (size_t)r->file.mesh.node_count].x;
+        fields[i].values = &r->shapes[(size_t)i * (size_t)sb_body_node_count(r->body)].x;
     }
     if (fields && names)
         result = sb_mesh_save_vtk(r->vtk_path, &r->file.mesh, fields, r->mode_count, error);
     free(fields);
     free(names);
+    return result;
+}
+
+/* Skin and lips of a cut body with displacement, von Mises stress of their cells, and which are lips. */
+static sb_result write_cut(const run *r, sb_error *error)
+{
+    sb_real *cells = (sb_real *)calloc((size_t)sb_body_element_count(r->body), sizeof(sb_real)), *von_mises = NULL;
+    sb_field fields[3] = {{"displacement", SB_FIELD_NODES, 3, NULL},
+                          {"von_mises", SB_FIELD_ELEMENTS, 1, NULL},
+                          {"lip", SB_FIELD_ELEMENTS, 1, NULL}};
+    sb_cut_surface *surface = NULL;
+    sb_result result = sb_cut_surface_create(r->file.cut, NULL, &surface, error);
+    sb_cut_drawing d = sb_cut_surface_get(surface);
+    cut_file file;
+    memset(&file, 0, sizeof file);
+    von_mises = (sb_real *)calloc((size_t)d.triangle_count + 1, sizeof(sb_real));
+    if (result == SB_OK && (!cells || !von_mises || !cut_file_make(&file, &d, NULL)))
+        result = SB_ERROR_MEMORY;
+    if (result == SB_OK) {
+        sb_body_von_mises(r->body, cells);
+        for (int i = 0; i < file.mesh.element_count; i++)
+            von_mises[i] = d.cells[file.triangles[i]] < 0 ? 0 : cells[d.cells[file.triangles[i]]];
+        fields[0].values = file.displacement, fields[1].values = von_mises, fields[2].values = file.lip;
+        result = sb_mesh_save_vtk(r->vtk_path, &file.mesh, fields, 3, error);
+    }
+    cut_file_free(&file);
+    free(cells);
+    free(von_mises);
+    sb_cut_surface_destroy(surface);
     return result;
 }
 
@@ -466,7 +516,9 @@ static sb_result write_deformed(const run *r, sb_error *error)
 static int write_vtk(run *r)
 {
     sb_error error;
-    sb_result result = r->file.solve->form->code == CASE_MODES ? write_modes(r, &error) : write_deformed(r, &error);
+    sb_result result = r->file.solve->form->code == CASE_MODES ? write_modes(r, &error)
+                       : r->file.cut                           ? write_cut(r, &error)
+                                                               : write_deformed(r, &error);
     if (result == SB_ERROR_MEMORY)
         return case_fail_memory(&r->file, 0);
     return result == SB_OK || case_fail_library(&r->file, 0, &error);
@@ -489,6 +541,17 @@ static void print_notes(const run *r)
         fprintf(stderr, "%s:%d: note: %s\n", r->case_path, r->file.mesh_statement->line, r->file.mesh_report.notes[i]);
 }
 
+/* What became of the cuts. */
+static void print_crumbs(const run *r)
+{
+    for (int i = 0; i < r->file.statement_count && r->file.crumbs; i++)
+        if (r->file.statements[i].form->kind == CASE_CUT) {
+            fprintf(stderr, "%s:%d: note: the cuts leave parts smaller than an element, which are held: %d\n",
+                    r->case_path, r->file.statements[i].line, r->file.crumbs);
+            return;
+        }
+}
+
 static int solve_and_write(run *r)
 {
     clock_t begin = clock();
@@ -499,6 +562,7 @@ static int solve_and_write(run *r)
     r->file.mass = r->mass_kind;
     if (!case_create_body(&r->file, &r->body) || !prepare(r) || !check_outputs(r))
         return complain(r);
+    print_crumbs(r);
     if (r->file.solve->form->code == CASE_STATIC)
         solve_static(r);
     else if (r->file.solve->form->code == CASE_MODES)
@@ -526,8 +590,8 @@ static void release(run *r)
     free(r->reaction);
     free(r->frequencies);
     free(r->shapes);
-    sb_body_destroy(r->body);
     case_free(&r->file);
+    sb_body_destroy(r->body);
 }
 
 /* Where the value of an option goes; NULL: no such option. */
@@ -569,6 +633,7 @@ static int program(int argc, char **argv)
     memset(&r, 0, sizeof r);
     if (argc == 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0)) {
         fputs(help, stdout);
+        fputs(help_notes, stdout);
         return EXIT_CONVERGED;
     }
     if (!take_arguments(&r, argc, argv)) {

@@ -530,7 +530,7 @@ static settings default_settings(void)
     s.lift = 0.08;
     s.rate = 60;
     s.lattice = 2;
-    s.cells = 14;
+    s.cells = 12;
     s.every = 10;
     return s;
 }
@@ -568,8 +568,8 @@ static void list_options(settings *s, option options[OPTION_COUNT])
 
 static int check_settings(const settings *s)
 {
-    if (strlen(s->out) > ORGAN_PATH)
-        return options_complain(program_name, "-o", "needs a shorter name");
+    if (!organ_check_name(program_name, "-o", s->out))
+        return 0;
     if (s->lattice == 3)
         return options_complain(program_name, "--lattice", "needs 1, 2 or 4");
     return 1;

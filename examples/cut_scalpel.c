@@ -591,10 +591,10 @@ static void list_options(settings *s, option options[OPTION_COUNT])
 
 static int check_settings(const settings *s)
 {
-    if (strlen(s->out) > ORGAN_PATH)
-        return options_complain(program_name, "-o", "needs a shorter name");
-    if (s->stroke && strlen(s->stroke) > ORGAN_PATH)
-        return options_complain(program_name, "--stroke", "needs a shorter name");
+    if (!organ_check_name(program_name, "-o", s->out))
+        return 0;
+    if (!organ_check_name(program_name, "--stroke", s->stroke))
+        return 0;
     if (s->lattice == 3)
         return options_complain(program_name, "--lattice", "needs 1, 2 or 4");
     return 1;

@@ -17,6 +17,7 @@
 #ifndef CUT_SCENE_H
 #define CUT_SCENE_H
 
+#include "cut_file.h"
 #include "organ_scene.h"
 
 enum { CUT_SCENE_PARTS = 64 };
@@ -196,73 +197,36 @@ static inline void cut_scene_draw(const cut_scene *c, picture *p, const sb_real 
 
 /* ---- files ----------------------------------------------------------------------------------------------------- */
 
-/* Arrays of a file of the surface. */
-typedef struct cut_scene_file {
-    sb_mesh mesh;
-    sb_real *displacement, *lip, *part;
-    int *number; /* [vertices of the drawing] in the file, -1: not in it */
-} cut_scene_file;
-
-static inline void cut_scene_fill(const cut_scene *c, const sb_cut_drawing *d, cut_scene_file *file)
-{
-    for (int i = 0; i < d->vertex_count; i++)
-        file->number[i] = -1;
-    for (int i = 0; i < d->triangle_count; i++) {
-        const int *corners = d->triangles[i];
-        int part = cut_scene_part_of(c, d, i);
-        if (part < 0)
-            continue;
-        for (int k = 0; k < 3; k++) {
-            int *number = &file->number[corners[k]];
-            if (*number < 0) {
-                sb_vec3 u = sb_v3_sub(d->positions[corners[k]], d->rest[corners[k]]);
-                *number = file->mesh.node_count++;
-                file->mesh.nodes[*number] = d->positions[corners[k]];
-                memcpy(file->displacement + 3 * (size_t)*number, &u, sizeof u);
-            }
-            file->mesh.elements[3 * file->mesh.element_count + k] = *number;
-        }
-        file->lip[file->mesh.element_count] = (sb_real)(d->tags[i] == SB_CUT_LIP);
-        file->part[file->mesh.element_count++] = (sb_real)part;
-    }
-}
-
 /* The next file of the series PREFIX_0000.vtk, ...: skin and lips, with displacement, `lip` (0 or 1) and `part`. */
 static inline int cut_scene_write_frame(cut_scene *c, const char *prefix)
 {
     char path[ORGAN_PATH + 32];
     sb_cut_drawing d = sb_cut_surface_get(c->surface);
-    size_t vertices = (size_t)d.vertex_count + 1, triangles = (size_t)d.triangle_count + 1;
-    int status = 0;
-    cut_scene_file file;
+    unsigned char *crumbs = (unsigned char *)calloc((size_t)d.triangle_count + 1, 1);
+    sb_real *part = (sb_real *)calloc((size_t)d.triangle_count + 1, sizeof *part);
     sb_error error;
+    cut_file file;
+    int status = 0;
     memset(&file, 0, sizeof file);
-    file.mesh.element_type = SB_TRI3;
-    file.mesh.nodes = (sb_vec3 *)malloc(vertices * sizeof(sb_vec3));
-    file.mesh.elements = (int *)malloc(3 * triangles * sizeof(int));
-    file.displacement = (sb_real *)malloc(3 * vertices * sizeof(sb_real));
-    file.lip = (sb_real *)malloc(triangles * sizeof(sb_real));
-    file.part = (sb_real *)malloc(triangles * sizeof(sb_real));
-    file.number = (int *)malloc(vertices * sizeof(int));
+    for (int i = 0; crumbs && i < d.triangle_count; i++)
+        crumbs[i] = cut_scene_part_of(c, &d, i) < 0;
     snprintf(path, sizeof path, "%s_%04d.vtk", prefix, c->scene.frames);
-    if (file.mesh.nodes && file.mesh.elements && file.displacement && file.lip && file.part && file.number) {
+    if (crumbs && part && cut_file_make(&file, &d, crumbs)) {
         sb_field fields[3] = {{"displacement", SB_FIELD_NODES, 3, NULL},
                               {"lip", SB_FIELD_ELEMENTS, 1, NULL},
                               {"part", SB_FIELD_ELEMENTS, 1, NULL}};
-        fields[0].values = file.displacement, fields[1].values = file.lip, fields[2].values = file.part;
-        cut_scene_fill(c, &d, &file);
+        fields[0].values = file.displacement, fields[1].values = file.lip, fields[2].values = part;
+        for (int i = 0; i < file.mesh.element_count; i++)
+            part[i] = (sb_real)cut_scene_part_of(c, &d, file.triangles[i]);
         if (sb_mesh_save_vtk_binary(path, &file.mesh, fields, 3, &error) != SB_OK)
             status = organ_complain_of(&c->scene, path, &error, ORGAN_USAGE);
         c->scene.frames += !status;
     } else {
         status = organ_complain_memory(&c->scene);
     }
-    free(file.mesh.nodes);
-    free(file.mesh.elements);
-    free(file.displacement);
-    free(file.lip);
-    free(file.part);
-    free(file.number);
+    cut_file_free(&file);
+    free(crumbs);
+    free(part);
     return status;
 }
 

@@ -48,15 +48,6 @@ typedef struct work {
 
 /* ---- organs ---------------------------------------------------------------------------------------------------- */
 
-/* Evenly spread in [0, 1), the same on every machine. */
-static double chance(unsigned long long *seed)
-{
-    unsigned long long z = *seed += 0x9e3779b97f4a7c15ull; /* splitmix64 */
-    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9ull;
-    z = (z ^ z >> 27) * 0x94d049bb133111ebull;
-    return (double)((z ^ z >> 31) >> 11) / 9007199254740992.0;
-}
-
 /* A cube becomes nearly a ball, then an organ's three widths, and one end thinner than the other. */
 static sb_vec3 rounded(sb_vec3 cube, const double widths[3], double taper)
 {
@@ -72,10 +63,10 @@ static sb_vec3 rounded(sb_vec3 cube, const double widths[3], double taper)
 
 static int make_organ(work *w, unsigned long long *seed, sb_mesh *mesh)
 {
-    double widths[3], taper = 0.5 * chance(seed);
+    double widths[3], taper = 0.5 * organ_chance(seed);
     sb_error error;
     for (int k = 0; k < 3; k++)
-        widths[k] = 0.04 + 0.04 * chance(seed);
+        widths[k] = 0.04 + 0.04 * organ_chance(seed);
     if (sb_mesh_beam(SB_TET4, w->set->cells, w->set->cells, w->set->cells, sb_v3(1, 1, 1), NULL, mesh, &error) != SB_OK)
         return organ_complain_of(&w->scene, "an organ", &error, ORGAN_USAGE);
     for (int i = 0; i < mesh->node_count; i++)
@@ -89,7 +80,8 @@ static void place_organ(work *w, unsigned long long *seed, double height, sb_mes
     sb_vec3 low, high, middle, axis;
     sb_quat turn;
     double size, gap;
-    axis.x = REAL(6 * chance(seed) - 3), axis.y = REAL(6 * chance(seed) - 3), axis.z = REAL(6 * chance(seed) - 3);
+    axis.x = REAL(6 * organ_chance(seed) - 3), axis.y = REAL(6 * organ_chance(seed) - 3),
+    axis.z = REAL(6 * organ_chance(seed) - 3);
     turn = sb_quat_from_rotation_vector(axis);
     for (int i = 0; i < mesh->node_count; i++)
         mesh->nodes[i] = sb_quat_rotate(turn, mesh->nodes[i]);
@@ -97,8 +89,8 @@ static void place_organ(work *w, unsigned long long *seed, double height, sb_mes
     size = (double)sb_v3_norm(sb_v3_sub(high, low));
     gap = 0.05 * size;
     middle = sb_v3_scale(REAL(0.5), sb_v3_add(low, high));
-    middle.x += REAL(0.15 * size * (chance(seed) - 0.5));
-    middle.y += REAL(0.15 * size * (chance(seed) - 0.5));
+    middle.x += REAL(0.15 * size * (organ_chance(seed) - 0.5));
+    middle.y += REAL(0.15 * size * (organ_chance(seed) - 0.5));
     middle.z = low.z - REAL(height + gap);
     for (int i = 0; i < mesh->node_count; i++)
         mesh->nodes[i] = sb_v3_sub(mesh->nodes[i], middle);
@@ -364,10 +356,10 @@ static void list_options(settings *s, option options[OPTION_COUNT])
 
 static int check_settings(const settings *s)
 {
-    if (strlen(s->out) > ORGAN_PATH)
-        return options_complain(program_name, "-o", "needs a shorter name");
-    if (s->series && strlen(s->series) > ORGAN_PATH)
-        return options_complain(program_name, "--series", "needs a shorter name");
+    if (!organ_check_name(program_name, "-o", s->out))
+        return 0;
+    if (!organ_check_name(program_name, "--series", s->series))
+        return 0;
     return 1;
 }
 

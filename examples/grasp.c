@@ -583,8 +583,8 @@ static void list_options(settings *s, option options[OPTION_COUNT])
 
 static int check_settings(const settings *s)
 {
-    if (strlen(s->out) > ORGAN_PATH)
-        return options_complain(program_name, "-o", "needs a shorter name");
+    if (!organ_check_name(program_name, "-o", s->out))
+        return 0;
     return 1;
 }
 

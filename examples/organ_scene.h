@@ -19,6 +19,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "options.h"
 #include "picture.h"
 #include "system.h"
 
@@ -85,6 +86,23 @@ static inline int organ_complain_memory(const organ *o)
 static inline int organ_complain_file(const organ *o, const char *path)
 {
     return organ_complain(o, path, "cannot be written", ORGAN_USAGE);
+}
+
+/* 1 when the name (or NULL) leaves room for what is put behind it; else says so. */
+static inline int organ_check_name(const char *program, const char *about, const char *name)
+{
+    if (!name || strlen(name) <= ORGAN_PATH)
+        return 1;
+    return options_complain(program, about, "needs a shorter name");
+}
+
+/* Evenly spread in [0, 1), the same on every machine. */
+static inline double organ_chance(unsigned long long *seed)
+{
+    unsigned long long z = *seed += 0x9e3779b97f4a7c15ull; /* splitmix64 */
+    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9ull;
+    z = (z ^ z >> 27) * 0x94d049bb133111ebull;
+    return (double)((z ^ z >> 31) >> 11) / 9007199254740992.0;
 }
 
 /* ---- the organ ------------------------------------------------------------------------------------------------- */

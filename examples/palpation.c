@@ -74,15 +74,6 @@ static int make_mesh(work *w)
     return organ_make_skin(&w->scene);
 }
 
-/* Evenly spread in [0, 1), the same on every machine. */
-static double chance(unsigned long long *seed)
-{
-    unsigned long long z = *seed += 0x9e3779b97f4a7c15ull; /* splitmix64 */
-    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9ull;
-    z = (z ^ z >> 27) * 0x94d049bb133111ebull;
-    return (double)((z ^ z >> 31) >> 11) / 9007199254740992.0;
-}
-
 /* The skin below (x, y), seen from above: where, its normal, and how thick the organ is there. 0: nothing is there. */
 static int look_down(const organ *o, double x, double y, sb_vec3 *at, sb_vec3 *out, double *thickness)
 {
@@ -115,10 +106,10 @@ static int choose_place(work *w)
         double thickness;
         sb_vec3 at, out;
         if (s->seed) {
-            w->x = 0.2 + 0.6 * chance(&seed);
-            w->y = 0.2 + 0.6 * chance(&seed);
-            w->size = s->size * (0.8 + 0.5 * chance(&seed));
-            w->depth = s->depth * (0.8 + 0.4 * chance(&seed));
+            w->x = 0.2 + 0.6 * organ_chance(&seed);
+            w->y = 0.2 + 0.6 * organ_chance(&seed);
+            w->size = s->size * (0.8 + 0.5 * organ_chance(&seed));
+            w->depth = s->depth * (0.8 + 0.4 * organ_chance(&seed));
         }
         at = in_box(&w->scene, w->x, w->y);
         if (look_down(&w->scene, (double)at.x, (double)at.y, &at, &out, &thickness) && thickness > w->depth + w->size &&
@@ -555,8 +546,8 @@ static void list_options(settings *s, option options[OPTION_COUNT])
 
 static int check_settings(const settings *s)
 {
-    if (strlen(s->out) > ORGAN_PATH)
-        return options_complain(program_name, "-o", "needs a shorter name");
+    if (!organ_check_name(program_name, "-o", s->out))
+        return 0;
     if (!(s->indentation < 2 * s->probe))
         return options_complain(program_name, "--indent", "needs to be less than the probe's diameter");
     return 1;

@@ -392,6 +392,119 @@ run crushed.case
 result 'a crushed cube fails' $?
 lines u 8 '$1 < 4 ? near($4, 0) : $4 < -0.3 && $4 > -1'
 
+# ---- cuts ----
+# A bar of 6 x 2 x 2 m of 144 tets; its ends; a polygon half through it; a box inside it; its sides as quads.
+awk 'BEGIN {
+    print "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 63 double"
+    for (n = 0; n < 63; n++) print n % 7, int(n / 7) % 3, int(n / 21)
+    print "CELLS 144 720"
+    split("0 1 3 7 0 3 2 7 0 2 6 7 0 6 4 7 0 4 5 7 0 5 1 7", tet, " ")
+    for (c = 0; c < 24; c++) {
+        at = c % 6 + 7 * (int(c / 6) % 2) + 21 * int(c / 12)
+        for (t = 0; t < 24; t += 4) {
+            printf "4"
+            for (a = 1; a <= 4; a++) {
+                v = tet[t + a]
+                printf " %d", at + v % 2 + 7 * (int(v / 2) % 2) + 21 * int(v / 4)
+            }
+            print ""
+        }
+    }
+    print "CELL_TYPES 144"
+    for (c = 0; c < 144; c++) print 10
+}' >bar.vtk
+seq 0 7 62 >bar0
+seq 6 7 62 >bar6
+printf '3.3 -1 1\n3.3 3 1 # the edge\n\n3.3 3 3\n3.3 -1 3\n' >half
+printf '3.3 -1 1\n3.3 3 1\n' >line
+printf '3.3 -1 1\n3.3 3\n' >twonumbers
+printf '3.3 -1 1\n3.3 3 1 1\n' >fournumbers
+printf '3.3 -1 1\n3.3 3 inf\n' >infinite
+awk 'BEGIN {
+    for (i = 0; i < 8; i++) print "v", 3 + 1.7 * (i % 2 - 0.5), 1 + 1.2 * (int(i / 2) % 2 - 0.5), 1 + 1.2 * (int(i / 4) - 0.5)
+    print "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6"
+}' >box.obj
+bar='mesh bar.vtk
+material linear E=1e5 nu=0.3 density=10
+fix xyz nodes=bar0'
+wrong_cut() { # wrong_cut NAME STATEMENT PATTERN [LINE]
+    say "$bar" "$2" 'solve static steps=1 tol=1e-9' >wrong.case
+    refused "$1" "${4:-4}" "$3"
+}
+wrong_cut 'an unknown cut' 'cut sphere' "unknown cut 'sphere'; known: plane polygon surface"
+wrong_cut 'a cut of nothing' 'cut' 'cut what? known: plane'
+wrong_cut 'a plane with five numbers' 'cut plane 3 0 0 1 0' 'word is missing; expected: cut plane NUMBER'
+wrong_cut 'a plane with a letter' 'cut plane 3 0 0 1 0 x' "'x' is no finite number"
+wrong_cut 'a plane without a normal' 'cut plane 3 0 0 0 0 0' 'normal of the plane has no length'
+wrong_cut 'a plane beside the mesh' 'cut plane 9 0 0 1 0 0' 'the cut meets nothing'
+wrong_cut 'a plane cut twice' 'cut plane 3.3 0 0 1 0 0
+cut plane 3.3 0 0 1 0 0' 'the cut meets nothing of the mesh that was whole' 5
+wrong_cut 'a lattice of 3' 'cut plane 3 0 0 1 0 0 lattice=3' 'lattice=3 must be 1, 2 or 4'
+wrong_cut 'two lattices' 'cut plane 3.3 0 0 1 0 0 lattice=1
+cut plane 4.3 0 0 1 0 0 lattice=2' 'lattice=2 differs from that of a cut before, 1' 5
+wrong_cut 'a plane with a file' 'cut plane 3 0 0 1 0 0 file=half' 'no place here for option file'
+wrong_cut 'a polygon without a file' 'cut polygon' 'missing option file; expected: cut polygon file='
+wrong_cut 'a polygon that is not there' 'cut polygon file=nowhere' 'nowhere: '
+wrong_cut 'a polygon of two corners' 'cut polygon file=line' 'line: a polygon needs three corners'
+wrong_cut 'a corner of two numbers' 'cut polygon file=twonumbers' 'twonumbers:2: .*three finite numbers'
+wrong_cut 'a corner of four numbers' 'cut polygon file=fournumbers' 'fournumbers:2: .*more than it should'
+wrong_cut 'an infinite corner' 'cut polygon file=infinite' 'infinite:2: .*three finite numbers'
+wrong_cut 'a surface that is not there' 'cut surface file=nowhere.obj' 'nowhere.obj'
+wrong_cut 'a surface that is a volume' 'cut surface file=bar.vtk' 'bar.vtk has tet4; a surface is needed'
+wrong_cut 'a part that nothing holds' 'cut plane 2.5 0 0 1 0 0' \
+    'part 2 of the 2 that the cuts leave can move freely: .* 14 m^3 about (4.25, 1, 1)' 5
+wrong_cut 'a box that nothing holds' 'cut surface file=box.obj lattice=4' 'part 2 of the 2 that the cuts leave' 5
+wrong_line 'cuts of other elements' 'cut plane 0.5 0 0 1 0 0' 'elements of type hex8 cannot be cut, only tet4'
+say 'mesh bar.vtk' "$material" 'fix xyz nodes=bar0' 'cut polygon file=half' 'solve static steps=1 tol=1e-9' \
+    'output displacement half' >overwriting.case
+"$program" overwriting.case >../stdout 2>../stderr
+[ $? = 2 ] && grep -q '^overwriting.case:6: half is read by this case' ../stderr && grep -q 'the edge' half
+result 'refuses to overwrite a polygon' $?
+
+# Cut through, an end that is drawn away pulls at nothing; the weight of each part hangs on its own end.
+say "$bar" 'cut plane 3.3 0 0 1 0.2 0.1' 'gravity 0 0 -10' 'prescribe xyz nodes=bar6 value=0.01,0,0' \
+    'solve static steps=1 tol=1e-11' 'output reaction r' 'output displacement u' >through.case
+good 'a bar cut through' through.case
+awk '{ at = $1 % 7 ? 1 : 0; x[at] += $2; z[at] += $4 }
+    function near(a, b) { return (a - b) ^ 2 < 1e-12 }
+    END { print x[0], x[1], z[0], z[1]; exit !(near(x[0], 0) && near(x[1], 0) && near(z[0] + z[1], 2400) && z[0] > 1200) }' \
+    out/r >../stdout
+result 'each end carries its part' $?
+lines r 18
+rm -f out/u
+# Half through: it bends more, has skin and lips, and a stress for each piece.
+say "$bar" 'gravity 0 0 -10' 'solve static steps=1 tol=1e-9' 'output displacement whole' >whole.case
+good 'a whole bar' whole.case
+say "$bar" 'gravity 0 0 -10' 'cut polygon file=half' 'solve static steps=1 tol=1e-9' 'output displacement u' \
+    'output stress s' >half.case
+good 'a bar cut half through' half.case case/out/all.vtk
+awk 'NR == FNR { if ($1 == 62) a = $4; next } $1 == 62 { exit !($4 < 1.02 * a) }' out/whole out/u
+result 'it bends more' $?
+rm -f out/whole out/u
+grep -q '^SCALARS lip' out/all.vtk && grep -q '^VECTORS displacement' out/all.vtk && grep -q '^SCALARS von_mises' out/all.vtk
+result 'all.vtk has skin and lips' $?
+awk '{ n[$1]++ } END { for (e in n) { pieces += n[e] > 1; most = e > most ? e : most } exit !(NR > 144 && pieces > 5 && most + 0 < 144) }' out/s
+result 'a stress for each piece' $?
+rm -f out/s out/all.vtk
+# Planes that meet leave a crumb, which is held and told.
+say "$bar" 'fix xyz nodes=bar6' 'cut plane 3.3 1 1.1 1 0 0.15' 'cut plane 3.3 1 1.1 1 0.1 -0.15' \
+    'solve static steps=1 tol=1e-9' 'output displacement u' >crumbs.case
+run crumbs.case
+[ "$run_status" = 0 ] && grep -q '^converged' ../stdout &&
+    grep -q '^case/crumbs.case:5: note: the cuts leave parts smaller than an element, which are held: 1' ../stderr
+result 'crumbs are held' $?
+rm -f out/u
+# What is cut off falls freely; copies of prescribed nodes go with them.
+say "$bar" 'gravity 0 0 -10' 'cut plane 3.3 0 0 1 0 0' 'solve euler dt=0.1 end=0.3 tol=1e-9' 'output displacement u' \
+    >falling.case
+good 'a part falls' falling.case
+lines u 63 '$1 % 7 < 4 || near($4, -0.6)'
+say 'mesh bar.vtk' 'material linear E=1e5 nu=0.3 density=10' 'prescribe xyz nodes=bar0 value=0,0.1,0 ramp=0.5' \
+    'prescribe xyz nodes=bar6 value=0,0.1,0 ramp=0.5' 'cut plane 0 0 0.9 0 0 1' \
+    'solve euler dt=0.1 end=4 tol=1e-9 alpha=5' 'output displacement u' >carried.case
+good 'copies follow a ramp' carried.case
+lines u 63 '($3 - 0.1) ^ 2 < 1e-8 && $4 ^ 2 < 1e-8'
+
 # ---- a reference case through the program ----
 if [ -r "$shared/reference/nh_cantilever_tet4/case.case" ]; then
     (cd .. && "$program" "$shared/reference/nh_cantilever_tet4/case.case" -p case/out/ >stdout 2>stderr)

@@ -606,9 +606,9 @@ check "a row for each frame" [ "$(wc -l <cut_scalpel.csv | tr -d ' ')" = "$(($(l
 check "the series names its files" \
     [ "$(grep -c '"name": "cut_scalpel_00' cut_scalpel.vtk.series)" = "$(($(last frames) / 10))" ]
 check "skin and lips in a file" grep -a -q '^SCALARS lip' cut_scalpel_0010.vtk
-cut="cut_scalpel --cells 6 --every 20 --rest 0.1"
-expect 0 '^parts=2 .* frames=81$' $cut --depth 1 --speed 0.2 --write-stroke through.txt --frames 81 -o through
-expect 0 '^parts=2 .* frames=81$' $cut --stroke through.txt --frames 81 -o again
+cut="cut_scalpel --cells 6 --every 10 --rate 30 --rest 0.1"
+expect 0 '^parts=2 .* frames=41$' $cut --depth 1 --speed 0.2 --write-stroke through.txt --frames 41 -o through
+expect 0 '^parts=2 .* frames=41$' $cut --stroke through.txt --frames 41 -o again
 for file in .csv .png _0003.vtk; do
     check "the same stroke from a file: $file" cmp -s through$file again$file
 done

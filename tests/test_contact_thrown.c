@@ -187,7 +187,7 @@ static double energy_of(sb_body *body)
 /* ---- thrown at each other -------------------------------------------------------------------------------------- */
 
 /* Of a cell's edge: how deep nodes of the skin may come. */
-#define DEEPEST 0.7
+#define DEEPEST 0.5
 
 /* Speeds stay below those at which the tissue itself is turned inside out: rho v^2 = 2 E. */
 static void throw_organs(unsigned long long number)

@@ -314,22 +314,44 @@ SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *con
 }
 
 /* Motion is taken out of the end of the step. */
-static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
+static sb_result sbi_step_take_motion(sbi_step *step)
 {
     sb_body *b = step->body;
-    if (!step->touch->mend(step->touch->user, b->displacement, whole))
-        return SB_OK;
-    step->touch->mended = 1;
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, step->load_factor);
     b->force_current = step->energy_known = 0;
     return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
 }
 
+static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
+{
+    if (!step->touch->mend(step->touch->user, step->body->displacement, whole))
+        return SB_OK;
+    step->touch->mended = 1;
+    return sbi_step_take_motion(step);
+}
+
+/* Where the material does not admit the rest all motion stays. */
+static sb_result sbi_step_hold_touch(sbi_step *step)
+{
+    sbi_touch *touch = step->touch;
+    sb_body *b = step->body;
+    size_t size = (size_t)b->domain.node_count * sizeof(sb_vec3);
+    memcpy(b->previous, b->displacement, size);
+    if (!touch->hold(touch->user, b->displacement) || sbi_step_take_motion(step) == SB_OK)
+        return SB_OK;
+    memcpy(b->displacement, b->previous, size);
+    sbi_step_forget_error(step->info);
+    return sbi_step_take_motion(step);
+}
+
 static sb_result sbi_step_accept_touch(sbi_step *step)
 {
     sbi_touch *touch = step->touch;
-    int is_safe = touch->accept(touch->user, step->body->displacement);
+    sb_result held = sbi_step_hold_touch(step);
+    int is_safe = held == SB_OK && touch->accept(touch->user, step->body->displacement);
+    if (held != SB_OK)
+        return held;
     if (!is_safe && touch->apart && touch->is_last) {
         sb_result result = sbi_step_mend_touch(step, 0);
         if (result != SB_OK)

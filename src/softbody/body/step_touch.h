@@ -86,6 +86,9 @@ typedef struct sbi_touch {
     void (*add_done)(void *user, sb_real factor, sb_vec3 *out);
     /* 1: displacements u [rows] may stand as the end of the step; 0: something may have passed through. */
     int (*accept)(void *user, const sb_vec3 *u);
+    /* Takes out of u [rows], momentum left as it is, the motion by which parts of the body come too deep into each
+     * other. 1: u has changed. */
+    int (*hold)(void *user, sb_vec3 *u);
     /* Takes out of u [rows] the motion by which parts of the body pass through each other, momentum left as it is, so
      * that accept refuses it only for tools; whole: that of whole organs, which changes no shapes. 1: u has changed. */
     int (*mend)(void *user, sb_vec3 *u, int whole);

@@ -9,8 +9,10 @@
 #include "../body/body_private.h"
 #include "contact_private.h"
 
-/* Faces look at each other when their normals have a product below this. */
+/* Faces look at each other when their normals have a product below this. Those of two organs may touch unless they look
+ * the same way: an edge that has come into an organ has flanks along its way. */
 #define SBI_NEAR_FACING ((sb_real)-0.25)
+#define SBI_NEAR_TURNED ((sb_real)0.5)
 /* Faces of one organ do not touch when their middles are nearer than this at rest, in lengths of a face. */
 #define SBI_NEAR_APART ((sb_real)2)
 /* Thickness matters up to so many lengths of the organ's faces. */
@@ -174,8 +176,14 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
 
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other)
 {
-    return sb_v3_dot(contact->pairs.normals[face], contact->pairs.normals[other]) < SBI_NEAR_FACING &&
-           sbi_pairs_are_apart(contact, face, other);
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real least = pairs->organs[face] == pairs->organs[other] ? SBI_NEAR_FACING : SBI_NEAR_TURNED;
+    return sb_v3_dot(pairs->normals[face], pairs->normals[other]) < least && sbi_pairs_are_apart(contact, face, other);
+}
+
+SBI_API int sbi_pairs_face(const sb_contact *contact, int face, int other)
+{
+    return sb_v3_dot(contact->pairs.normals[face], contact->pairs.normals[other]) < SBI_NEAR_FACING;
 }
 
 SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
@@ -318,6 +326,7 @@ static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_re
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
 static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
 {
+    int same = a->first_organ == a->last_organ && a->first_organ == b->first_organ && a->first_organ == b->last_organ;
     float sum = 0;
     for (int axis = 0; axis < 3; axis++) {
         float ll = a->low[axis] * b->low[axis], lh = a->low[axis] * b->high[axis];
@@ -325,7 +334,7 @@ static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
         float first = ll < lh ? ll : lh, second = hl < hh ? hl : hh;
         sum += first < second ? first : second;
     }
-    return sum < (float)SBI_NEAR_FACING + 16 * FLT_EPSILON;
+    return sum < (float)(same ? SBI_NEAR_FACING : SBI_NEAR_TURNED) + 16 * FLT_EPSILON;
 }
 
 /* ---- the walk ---- */

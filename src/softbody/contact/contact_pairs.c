@@ -109,6 +109,8 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
         search->nearest_away = away;
         search->nearest_height = height;
     }
+    if (!(-height > SBI_PAIR_DEEP * length) && !sbi_pairs_face(contact, search->face, other))
+        return;
     lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
     if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
@@ -129,7 +131,8 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
     const sb_vec3 against = sb_v3_sub(search->way, contact->pairs.ways[other]);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
-    if (sbi_pair_is_far(search, other, sb_v3_norm(against) + contact->pairs.spreads[other]))
+    if (!sbi_pairs_face(contact, search->face, other) ||
+        sbi_pair_is_far(search, other, sb_v3_norm(against) + contact->pairs.spreads[other]))
         return;
     sbi_pair_gather(contact, other, x);
     for (int a = 0; a < kind->nodes; a++)

@@ -56,14 +56,16 @@ SBI_API void sbi_pairs_remember(sb_contact *contact)
     int e = 0;
     for (int i = 0; i < pairs->sample_count; i++) { /* both lists ascend by face and sample */
         sbi_pair_sample *s = pairs->samples + i;
+        sb_real gap;
         while (e < pairs->entry_count && (pairs->entries[e].face < s->face ||
                                           (pairs->entries[e].face == s->face && pairs->entries[e].sample < s->sample)))
             e++;
-        s->left = sb_min((sb_real)0, sb_v3_dot(s->normal, s->start) - pairs->distance);
+        gap = sb_min((sb_real)0, sb_v3_dot(s->normal, s->start) - pairs->distance);
+        s->left = pairs->organs[s->face] == pairs->organs[s->other] ? gap : sbi_pair_leave(contact, gap, gap);
         if (e < pairs->entry_count && pairs->entries[e].face == s->face && pairs->entries[e].sample == s->sample &&
             pairs->entries[e].parts == pairs->patches[s->patch].parts) {
             s->remembered = pairs->entries[e].traction;
-            s->left = sbi_pair_leave(contact, s->left, pairs->entries[e].left);
+            s->left = sbi_pair_leave(contact, gap, pairs->entries[e].left);
         }
     }
     sbi_pairs_remember_pressures(contact);

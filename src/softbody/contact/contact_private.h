@@ -225,6 +225,9 @@ SBI_API sb_real sbi_pairs_closing(const sb_contact *contact, int face, int other
 /* 1: the two faces may touch, as far as organs and distances at rest go; and they look at each other, too. */
 SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other);
 SBI_API int sbi_pairs_may_touch(const sb_contact *contact, int face, int other);
+/* 1: their normals do. Of faces of two organs which may touch one may be a flank of an edge that comes into the other.
+ */
+SBI_API int sbi_pairs_face(const sb_contact *contact, int face, int other);
 /* Unit normals out of the body where faces were looked at: of a face, and of the smooth surface at a point of it. */
 SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face);
 SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares);
@@ -270,6 +273,10 @@ SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec
 SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u);
 /* As sbi_touch.mend. */
 SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole);
+
+/* ---- contact_hold.c ---- */
+/* As sbi_touch.hold. */
+SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u);
 
 /* ---- contact_pairs_keep.c ---- */
 SBI_API void sbi_pairs_remember(sb_contact *contact);

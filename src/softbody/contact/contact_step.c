@@ -628,6 +628,8 @@ static int sbi_contact_accept(void *user, const sb_vec3 *u)
     return !contact->touch.apart;
 }
 
+static int sbi_contact_hold(void *user, sb_vec3 *u) { return sbi_pairs_hold((sb_contact *)user, u); }
+
 static int sbi_contact_mend(void *user, sb_vec3 *u, int whole) { return sbi_pairs_mend((sb_contact *)user, u, whole); }
 
 /* A sample in touch becomes an entry. */
@@ -889,6 +891,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->restore_blocks = sbi_contact_restore_blocks;
     touch->multiply_links = sbi_contact_multiply_links;
     touch->accept = sbi_contact_accept;
+    touch->hold = sbi_contact_hold;
     touch->mend = sbi_contact_mend;
     touch->share = 1;
     touch->is_last = 1;

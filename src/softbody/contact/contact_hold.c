@@ -1,0 +1,110 @@
+/* contact_hold: samples of organs that lie deep at the end of a step come no deeper in it.
+ *
+ * What a pressure of limited stiffness lets through in one step, a hit of fast organs or a load on a corner, is taken
+ * out of the motion: of a sample and of the point that it is paired with just so much along the normal that the overlap
+ * ends where it began, or at the share of a face's length that is let be. Nodes share it by their masses: momentum
+ * stays, and kinetic energy is only lost, as in an impact without rebound. Samples follow each other, a few times over;
+ * what is left is contact_apart.c's to judge.
+ * Source: Bridson, Fedkiw, Anderson 2002 (inelastic impulses); Mueller et al. 2007 (positions corrected by masses). */
+#include "../body/body_private.h"
+#include "contact_private.h"
+
+/* Of what is safe: how deep samples may come before they are held. */
+#define SBI_HOLD_FROM ((sb_real)0.6)
+/* Of that: what is left of a sample's way too deep. */
+#define SBI_HOLD_SLACK ((sb_real)0.02)
+enum { SBI_HOLD_ROUNDS = 10 };
+
+/* A side of a pair: nodes of its face and their weights; 1 or -1. */
+typedef struct sbi_hold_side {
+    const int *nodes;
+    const sb_real *weights;
+    int count;
+    sb_real sign;
+} sbi_hold_side;
+
+static void sbi_hold_sides(const sb_contact *contact, const sbi_pair_sample *s, sbi_hold_side sides[2])
+{
+    sides[0].nodes = sbi_contact_face_nodes(contact->faces, s->face);
+    sides[0].weights = s->weights;
+    sides[0].count = contact->faces->sizes[s->face];
+    sides[0].sign = 1;
+    sides[1].nodes = sbi_contact_face_nodes(contact->faces, s->other);
+    sides[1].weights = s->shares;
+    sides[1].count = contact->faces->sizes[s->other];
+    sides[1].sign = -1;
+}
+
+/* How far x - y goes along the normal at displacements u [rows], over the whole step (m). */
+static sb_real sbi_hold_way(const sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2],
+                            const sb_vec3 *u)
+{
+    const sb_vec3 *rest = sb_body_rest_positions(contact->body), *x = sb_body_positions(contact->body);
+    sb_real sum = 0;
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < sides[k].count; a++) {
+            int node = sides[k].nodes[a];
+            sb_vec3 way = sb_v3_sub(sb_v3_add(rest[node], u[node]), x[node]);
+            sum += sides[k].sign * sides[k].weights[a] * sb_v3_dot(s->normal, way);
+        }
+    return sum / contact->level;
+}
+
+/* The normal without the axes on which supports hold a node. */
+static sb_vec3 sbi_hold_free(const sb_body *body, int node, sb_vec3 n)
+{
+    return sbi_body_pick_axes(sbi_body_held(body, node), sb_v3(0, 0, 0), n);
+}
+
+/* u += what pushes x from y by `way` (m, over the whole step) along the normal. 0: nothing of both can move. */
+static int sbi_hold_push(const sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2], sb_real way,
+                         sb_vec3 *u)
+{
+    const sb_body *body = contact->body;
+    sb_real sum = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        for (int k = 0; k < 2; k++)
+            for (int a = 0; a < sides[k].count; a++) {
+                int node = sides[k].nodes[a];
+                sb_vec3 n = sbi_hold_free(body, node, s->normal);
+                sb_real ease = body->lumped_mass[node] > 0 ? sides[k].weights[a] / body->lumped_mass[node] : 0;
+                if (pass == 0)
+                    sum += sides[k].weights[a] * ease * sb_v3_dot(n, n);
+                else
+                    u[node] = sb_v3_madd(u[node], sides[k].sign * ease * contact->level * way / sum, n);
+            }
+        if (!(sum > 0))
+            return 0;
+    }
+    return 1;
+}
+
+/* How much too deep a sample ends (m). */
+static sb_real sbi_hold_excess(sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2],
+                               const sb_vec3 *u)
+{
+    sb_real before = -sb_v3_dot(s->normal, s->start);
+    sb_real most = sb_max(before, SBI_HOLD_FROM * sbi_pairs_safe_depth(contact, s->other));
+    return before - sbi_hold_way(contact, s, sides, u) - most;
+}
+
+SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
+{
+    int changed = 0, again = 1;
+    for (int round = 0; again && round < SBI_HOLD_ROUNDS; round++) {
+        again = 0;
+        for (int i = 0; i < contact->pairs.sample_count; i++) {
+            const sbi_pair_sample *s = contact->pairs.samples + i;
+            sb_real slack = SBI_HOLD_SLACK * sbi_pairs_safe_depth(contact, s->other), excess;
+            sbi_hold_side sides[2];
+            if (contact->pairs.organs[s->face] ==
+                contact->pairs.organs[s->other]) /* whether they overlap is not sure */
+                continue;
+            sbi_hold_sides(contact, s, sides);
+            excess = sbi_hold_excess(contact, s, sides, u);
+            if (excess > slack && sbi_hold_push(contact, s, sides, excess, u))
+                again = changed = 1;
+        }
+    }
+    return changed;
+}
