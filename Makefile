@@ -206,7 +206,8 @@ SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoi
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
-	-viscoelastic/violence -load/1,000 -bbar/violence -contact_sweep
+	-viscoelastic/violence -load/1,000 -bbar/violence -contact_sweep -contact_pairs/folded -contact_pairs/weight \
+	-contact_hung/dragged -multigrid/bodies -needle_programs/a -parts/parts
 LINKED = mesh body load constraint record
 
 SNIPPET_CFLAGS = -O0

@@ -57,7 +57,7 @@ links "C caller, C++ implementation" declarations.o implementation_cpp.o
 links "declarations before the implementation in one unit" declarations.o late.o
 links "SB_STATIC twice, two precisions" static_first.o static_second.o
 links "double and float in one program" both_reals.o both_reals_float.o implementation.o
-for element in SB_TET4 SB_TET10 SB_HEX27 SB_CUSTOM; do
+for element in SB_TET10 ${CHECK_ALL:+SB_TET4 SB_HEX27 SB_CUSTOM}; do
     c pinned.o tests/implementation.c -DSB_ELEMENT=$element
     links "SB_ELEMENT $element" declarations.o pinned.o
     rm -f "$folder/pinned.o"
