@@ -315,7 +315,7 @@ LINT_clang = $(CLANG) $(LINT_STD) $(C_WARNINGS)
 LINT_gxx = $(GXX) -std=c++11 $(WARNINGS) -x c++
 LINT_clangxx = $(CLANGXX) -std=c++11 $(WARNINGS) -x c++
 
-# $(call lint,COMPILER,REAL): the implementation is optimised, since some warnings need that
+# $(call lint,COMPILER,REAL): gcc optimises the implementation, since some of its warnings need that
 define lint
 build/lint/$(1)-$(2)/%.ok: %.c $(HEADERS) build/suites.h build/calls.h $(wildcard tests/*.h tests/*/*.h examples/*.h)
 	@mkdir -p $$(@D)
@@ -328,7 +328,7 @@ build/lint/$(1)-$(2)/src/%.ok: src/%.c $(HEADERS)
 build/lint/$(1)-$(2)/tests/implementation.ok build/lint/$(1)-$(2)/tests/link/declarations.ok: \
 build/lint/$(1)-$(2)/tests/%.ok: tests/%.c $(HEADERS)
 	@mkdir -p $$(@D)
-	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) -O2 -c $$< -o $$(@:.ok=.o)
+	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) $(if $(filter gcc gxx,$(1)),-O2 -c -o $$(@:.ok=.o),-fsyntax-only) $$<
 	@touch $$@
 LINT_OK += $(patsubst %.c,build/lint/$(1)-$(2)/%.ok,$(LINT_UNITS) $(LINT_UNITS_$(2)))
 endef
