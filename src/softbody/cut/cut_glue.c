@@ -13,7 +13,8 @@
 
 #include <string.h>
 
-enum { SBI_CUT_GLUED = 2048 }; /* triangles that there is room for from the start */
+/* Triangles and tets that there is room for from the start. */
+enum { SBI_CUT_GLUED_TETS = 170, SBI_CUT_GLUED = SBI_CUT_GLUED_TETS * (int)SBI_LIPS };
 
 /* ---- memory ---- */
 
@@ -50,8 +51,8 @@ SBI_API int sbi_cut_take_glue(sb_cut *cut)
     if (!cut->glues) /* triangles of one tet at a time are looked at */
         return sbi_cut_reserve_seams(cut, SBI_LIPS * cut->lattice.micro_count);
     return sbi_cut_reserve_glue(cut, SBI_CUT_GLUED) && sbi_cut_reserve_seams(cut, SBI_CUT_GLUED) &&
-           sbi_cut_reserve_ties(cut, SBI_CUT_GLUED / SBI_LIPS) &&
-           sbi_live_reserve_glue(cut->body, SBI_CUT_GLUED / SBI_LIPS, NULL) == SB_OK;
+           sbi_cut_reserve_ties(cut, SBI_CUT_GLUED_TETS) &&
+           sbi_live_reserve_glue(cut->body, SBI_CUT_GLUED_TETS, NULL) == SB_OK;
 }
 
 SBI_API void sbi_cut_free_glue(sb_cut *cut)
@@ -283,7 +284,7 @@ static void sbi_cut_add_facet(sbi_glue_tie *tie, const sbi_cut_facet *facet)
 /* Ties of the triangles of one tet, next_glue[first .. end). */
 static void sbi_cut_tie_tet(sb_cut *cut, int first, int end)
 {
-    int tet = cut->next_glue[first].tet, begin = cut->tie_count, pieces[SBI_LATTICE_MICROS * SBI_LIPS];
+    int tet = cut->next_glue[first].tet, begin = cut->tie_count, pieces[SBI_LATTICE_MICROS * (int)SBI_LIPS];
     sbi_parted parted;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
     for (int i = first; i < end; i++) {
