@@ -41378,6 +41378,17 @@ static sb_mat3 sbi_domain_tet_jacobian(const sb_vec3 x[4])
     return jacobian;
 }
 
+/* det Je; 0 of an element that is so thin or so large that gradients would be no numbers. */
+static sb_real sbi_domain_det(sb_mat3 jacobian)
+{
+    sb_mat3 cofactor = sb_m3_cofactor(jacobian);
+    sb_real det = sb_m3_det(jacobian), largest = 1;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            largest = sb_max(largest, sb_abs(cofactor.m[i][j]));
+    return det > 0 && !(det > 4 / SB_REAL_MAX * largest) ? 0 : det;
+}
+
 /* Gradients g_a = Je^-T dN_a/dxi at one point; det: of Je, > 0. */
 SBI_FORCE_INLINE void sbi_domain_gradients(const int node_count, sb_mat3 jacobian, sb_real det,
                                            const sb_real (*local_gradient)[3], sb_real *gradient)
@@ -41392,11 +41403,11 @@ SBI_FORCE_INLINE void sbi_domain_gradients(const int node_count, sb_mat3 jacobia
     }
 }
 
-/* Gradients at one point where det Je > 0; returns det Je. */
+/* Gradients at one point where sbi_domain_det is > 0; returns it. */
 static sb_real sbi_domain_point(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3], sb_real *gradient)
 {
     sb_mat3 jacobian = sbi_domain_jacobian(node_count, x, local_gradient);
-    sb_real det = sb_m3_det(jacobian);
+    sb_real det = sbi_domain_det(jacobian);
     if (det > 0)
         sbi_domain_gradients(node_count, jacobian, det, local_gradient, gradient);
     return det;
@@ -41811,7 +41822,7 @@ static void sbi_domain_shape(sb_domain *domain, const sbi_tet_rule *rule, int e,
 
 SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share, int is_piece)
 {
-    sb_real volume = sb_m3_det(sbi_domain_tet_jacobian(x)) * rule->volume;
+    sb_real volume = sbi_domain_det(sbi_domain_tet_jacobian(x)) * rule->volume;
     return (is_piece ? volume : share * volume) > 0;
 }
 
@@ -41820,7 +41831,7 @@ SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb
 {
     if (sbi_domain_is_upright(rule, x, share, is_piece))
         return SB_OK;
-    return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_tet_jacobian(x)), error);
+    return sbi_domain_refuse(e, 0, sbi_domain_det(sbi_domain_tet_jacobian(x)), error);
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
