@@ -193,7 +193,7 @@ static int make_scene(work *w)
     def.region_material_count = has_stiff_element(&o->mesh);
     def.gravity = sb_v3(0, 0, REAL(-gravity));
     def.damping_stiffness = REAL(0.03);
-    status = cut_scene_make(&w->c, &def, s->lattice, 0);
+    status = cut_scene_make(&w->c, &def, s->lattice, SB_CUT_LAG, 0);
     if (!status)
         status = cut_scene_hold_below(&w->c, (double)o->low.x, (double)o->high.x);
     if (!status)

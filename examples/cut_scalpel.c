@@ -29,7 +29,7 @@ static const double density = 1060; /* kg/m^3 */
 enum { MOST_STROKES = 64, MOST_CORNERS = 8, MOST_LINE = 1024 };
 
 typedef struct settings {
-    const char *organ, *out, *stroke, *write_stroke;
+    const char *organ, *out, *stroke, *write_stroke, *front;
     double scale, young, poisson, depth, speed, ridge, rest, rate;
     int lattice, cells, frames, every, help;
 } settings;
@@ -91,7 +91,8 @@ static int make_scene(work *w)
     def.material = sb_material_corotated(REAL(s->young), REAL(s->poisson), REAL(density));
     def.gravity = sb_v3(0, 0, REAL(-gravity));
     def.damping_stiffness = REAL(0.02);
-    status = cut_scene_make(&w->c, &def, s->lattice, MOST_STROKES);
+    status =
+        cut_scene_make(&w->c, &def, s->lattice, strcmp(s->front, "glue") == 0 ? SB_CUT_GLUE : SB_CUT_LAG, MOST_STROKES);
     if (!status)
         status = cut_scene_hold_below(&w->c, middle - half, middle + half);
     if (status)
@@ -545,6 +546,7 @@ static settings default_settings(void)
     settings s;
     memset(&s, 0, sizeof s);
     s.out = program_name;
+    s.front = "lag";
     s.scale = 1;
     s.young = 10000;
     s.poisson = 0.4;
@@ -559,7 +561,7 @@ static settings default_settings(void)
     return s;
 }
 
-enum { OPTION_COUNT = 17 };
+enum { OPTION_COUNT = 18 };
 static void list_options(settings *s, option options[OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
@@ -568,6 +570,8 @@ static void list_options(settings *s, option options[OPTION_COUNT])
         {"--write-stroke", "FILE", OPTION_TEXT, NULL, NULL, &s->write_stroke, 0, 0, "writes the strokes, to be edited"},
         {"--lattice", "M", OPTION_INTEGER, &s->lattice, NULL, NULL, 1, 4,
          "places along an element's edge that are cut apart: 1, 2 or 4"},
+        {"--front", "KIND", OPTION_TEXT, NULL, NULL, &s->front, 0, 0,
+         "lag: elements hold until they are cut through; glue: the cut opens with the blade"},
         {"--frames", "N", OPTION_INTEGER, &s->frames, NULL, NULL, 0, 100000,
          "how many; 0 (default): to the end of the strokes, and --rest"},
         {"--rest", "S", OPTION_NUMBER, NULL, &s->rest, NULL, 0, 100, "time after the last stroke (s)"},
@@ -597,6 +601,8 @@ static int check_settings(const settings *s)
         return 0;
     if (s->lattice == 3)
         return options_complain(program_name, "--lattice", "needs 1, 2 or 4");
+    if (strcmp(s->front, "lag") != 0 && strcmp(s->front, "glue") != 0)
+        return options_complain(program_name, "--front", "needs lag or glue");
     return 1;
 }
 

@@ -5,7 +5,7 @@
  *     memset(&c, 0, sizeof c);
  *     c.scene = organ_named("program");
  *     ... organ_load and organ_make_skin ...
- *     status = cut_scene_make(&c, &body_def, lattice, strokes);
+ *     status = cut_scene_make(&c, &body_def, lattice, SB_CUT_LAG, strokes);
  *     ... sb_cut_triangles(c.cut, ...), organ_step(&c.scene, dt) ...
  *     status = cut_scene_look(&c);             the surface and the parts as they are now
  * Crumbs, which cuts leave that meet, are free parts smaller than an element. They stay where they came loose, and are
@@ -46,7 +46,7 @@ static inline void cut_scene_free(cut_scene *c)
 }
 
 /* A body of the organ's mesh, and what cuts it; strokes: at once. */
-static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lattice, int strokes)
+static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lattice, sb_cut_front front, int strokes)
 {
     sb_body_def def = *given;
     sb_cut_def cut = sb_default_cut_def();
@@ -61,6 +61,7 @@ static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lat
         return status;
     cut.body = c->scene.body;
     cut.lattice = lattice;
+    cut.front = front;
     cut.max_strokes = strokes;
     c->least = 0;
     for (int e = 0; e < c->scene.mesh.element_count; e++)

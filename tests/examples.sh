@@ -632,6 +632,7 @@ bad_stroke ':2: has more than 8 corners' "stroke\n$(seq 0 27 | tr '\n' ' ')\n"
 bad_stroke ':2: is longer than' "stroke\n$(seq 0 900 | tr '\n' ' ')\n"
 expect 2 'no-such.txt: cannot be read' cut_scalpel --cells 4 --stroke no-such.txt
 expect 2 '--lattice needs 1, 2 or 4' cut_scalpel --lattice 3
+expect 2 '--front needs lag or glue' cut_scalpel --front lead
 expect 2 '--depth needs a number from' cut_scalpel --depth 2
 expect 2 '--deep is no option' cut_scalpel --deep 2
 expect 2 'no-such.vtk' cut_scalpel no-such.vtk
