@@ -189,11 +189,12 @@ SLOW = -step/10,000 -step/1,000 -reference -contact_series $(patsubst tests/test
 QUICK = $(or $(FILTER),$(SLOW))
 # Long too, and left to make check by make test.
 SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoint/continues -checkpoint/forged \
-	-cloud/smooth -contact/balance -contact/grip -contact/hertz -contact/slide -contact_hostile/fall \
+	-cloud/smooth -contact/balance -contact/grip -contact/hertz -contact/slide -contact_explicit/crowd \
+	-contact_explicit/rest -contact_hostile/fall \
 	-contact_hostile/materials -contact_hostile/squeezed -contact_hung/dragged -contact_hung/springs \
 	-contact_needle/balance -contact_organ -contact_pairs/folded -contact_pairs/incline -contact_pairs/patch \
-	-contact_pairs/threads -contact_pairs/thrown -contact_pairs/undo -contact_pairs/weight -contact_state/forged \
-	-contact_state/no -contact_state/recorded -contact_state/saved -contact_state/threads -contact_state/undo \
+	-contact_pairs/threads -contact_pairs/thrown -contact_pairs/undo -contact_pairs/weight -contact_skin/equilibrium \
+	-contact_skin/Hertz -contact_state/forged -contact_state/no -contact_state/recorded -contact_state/saved -contact_state/threads -contact_state/undo \
 	-contact_static/Hertz -contact_substeps/random -contact_substeps/squeezed -contact_sweep/on -couple/rest \
 	-cpd/truncated -cut_lattice/planes -forged/changed -guest/joint -integrators/explicit -integrators/orders \
 	-live_mesh/iterations -live_pieces/slivers -load/1,000 -mesh/hostile -modes/leaves -modes/references \
