@@ -190,20 +190,20 @@ QUICK = $(or $(FILTER),$(SLOW))
 # Long too, and left to make check by make test.
 SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoint/continues -checkpoint/forged \
 	-cloud/smooth -contact/balance -contact/grip -contact/hertz -contact/slide -contact_explicit/crowd \
-	-contact_explicit/rest -contact_hostile/fall \
-	-contact_hostile/materials -contact_hostile/squeezed -contact_hung/dragged -contact_hung/springs \
-	-contact_needle/balance -contact_organ -contact_pairs/folded -contact_pairs/incline -contact_pairs/patch \
-	-contact_pairs/threads -contact_pairs/thrown -contact_pairs/undo -contact_pairs/weight -contact_skin/equilibrium \
-	-contact_skin/Hertz -contact_state/forged -contact_state/no -contact_state/recorded -contact_state/saved -contact_state/threads -contact_state/undo \
-	-contact_static/Hertz -contact_substeps/random -contact_substeps/squeezed -contact_sweep/on -couple/rest \
-	-cpd/truncated -cut_lattice/planes -forged/changed -guest/joint -integrators/explicit -integrators/orders \
+	-contact_explicit/rest -contact_hostile/fall -contact_hostile/materials -contact_hostile/squeezed \
+	-contact_hung/dragged -contact_hung/springs -contact_needle/balance -contact_organ -contact_pairs/folded \
+	-contact_pairs/incline -contact_pairs/patch -contact_pairs/threads -contact_pairs/thrown -contact_pairs/undo \
+	-contact_pairs/weight -contact_skin/equilibrium -contact_skin/Hertz -contact_state/forged -contact_state/no \
+	-contact_state/recorded -contact_state/saved -contact_state/threads -contact_state/undo -contact_static/Hertz \
+	-contact_substeps/random -contact_substeps/squeezed -contact_sweep/on -couple/rest -cpd/truncated \
+	-cut_lattice/planes -forged/changed -guest/joint -integrators/explicit -integrators/orders \
 	-live_mesh/iterations -live_pieces/slivers -load/1,000 -mesh/hostile -modes/leaves -modes/references \
-	-multigrid/bodies -multigrid/jumps -multigrid/slivers -multigrid/weighted -needle/capacity -needle/no -needle/steps \
-	-needle_control/random -needle_entry/entries -needle_materials -needle_programs/a -needle_programs/the -parts/of \
-	-parts/parts -remesh/allocations -schemes/300 -schemes/one -state/continues -steer/no -step/Newmark -step/linearised \
-	-step/momentum -step/same -step/scale -step_guest/elements -step_guest/materials -stuffing/plates -stuffing/random \
-	-stuffing/side -stuffing/surfaces -stuffing/thin -stuffing/threads -surface/check -viscoelastic/static \
-	-viscoelastic/violence
+	-multigrid/bodies -multigrid/jumps -multigrid/slivers -multigrid/weighted -needle/capacity -needle/no \
+	-needle/steps -needle_control/random -needle_entry/entries -needle_materials -needle_programs/a \
+	-needle_programs/the -parts/of -parts/parts -remesh/allocations -schemes/300 -schemes/one -state/continues \
+	-steer/no -step/Newmark -step/linearised -step/momentum -step/same -step/scale -step_guest/elements \
+	-step_guest/materials -stuffing/plates -stuffing/random -stuffing/side -stuffing/surfaces -stuffing/thin \
+	-stuffing/threads -surface/check -viscoelastic/static -viscoelastic/violence
 # Long loops that the sanitizers would make longer still (the fuzz target `body` runs random ones under them), and the
 # suites that touch most of what rooms ask of each other.
 VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -schemes/one \
