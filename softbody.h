@@ -4850,6 +4850,7 @@ SB_API const char *sb_check_string(unsigned warning);
  *   has it. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
  *   (SB_ERROR_ARGUMENT).
+ * - Glue of a cut (cut.h) goes with a cell that is replaced or removed, and with a node that moves, and its energy too.
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
  *   are wrong.
  * - Others may follow (sb_body_listen). Registrations do not: their next step says so (SB_ERROR_STATE), and they are
@@ -5255,7 +5256,8 @@ SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);
 typedef struct sb_skin sb_skin;
 
 /* A skin of triangles between the points of an embedding.
- * embedding  borrowed: destroy the skin first. Follows the body (sb_embedding_follow) where its mesh may change
+ * embedding  borrowed: destroy the skin first. Follows the body (sb_embedding_follow) where its mesh may change, since
+ *            before what acts on the skin was made, and until after that is destroyed
  * surface    tri3, whose nodes are the embedding's points; triangles counter-clockwise seen from outside. Copied
  * allocator  NULL: malloc
  * SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (other faces than tri3), SB_ERROR_INDEX (error->element: a triangle with a
@@ -5761,10 +5763,11 @@ SB_API sb_tool_def sb_default_tool_def(void);
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
  * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
  * surface that is folded from the start, do not. What would come deeper into an organ than 0.24 of its thickness or of
- * a face's length in a step is held, momentum kept, kinetic energy lost. A step in which a point would yet end deeper
- * in an organ than 0.4 of its thickness or of a face's length, or pass through it, is divided like one with tools, at
- * once into parts as short as the organs' speed asks for. In parts of a sixteenth, what would still pass moves
- * together, as far as it would have on the mean: momentum stays, kinetic energy is lost (sb_contact_info.mended).
+ * a face's length in a step of implicit Euler is held, momentum kept, kinetic energy lost. A step in which a point
+ * would yet end deeper in an organ than 0.4 of its thickness or of a face's length, or pass through it, is divided like
+ * one with tools, at once into parts as short as the organs' speed asks for. In parts of a sixteenth, what would still
+ * pass moves together, as far as it would have on the mean: momentum stays, kinetic energy is lost, but for Newmark and
+ * generalised alpha, which turn part of what was taken back into speed (sb_contact_info.mended).
  * Overlap that was there without having been pressed in is let out by a fifth a step, so that it throws nothing out. It
  * is not certain yet: of 189 random scenes with rho v^2 up to 2 E points came deeper than half a cell into an organ in
  * 9, from 0.8 E on, up to 0.9 cells; none ended entangled.
@@ -6091,6 +6094,10 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
+ * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
+ *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
+ *   goes exactly along the boundary, glue may tie material to nodes that have none, which stand still. With parts so
+ * far apart that each has a box of its own, glue of pieces without volume may stay.
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the
@@ -52259,11 +52266,17 @@ static const int *sbi_live_next_nodes(const sb_body_change *change, int cell)
     return change->body->domain.cells + SBI_GLUE_NODES * (size_t)cell;
 }
 
-static int sbi_live_goes(const sb_body_change *change, int cell)
+/* 1 when a change of others takes a tie with it: one of its cells goes, or of its nodes moves in the material, so that
+ * it would tie points that are no longer one. */
+static int sbi_live_tie_goes(const sb_body_change *change, const sbi_glue_tie *tie)
 {
     int goes = 0;
     for (int i = 0; i < change->removed_cells.count; i++)
-        goes |= change->removed_cells.items[i] == cell;
+        goes |= change->removed_cells.items[i] == tie->cells[0] || change->removed_cells.items[i] == tie->cells[1];
+    for (int i = 0; i < change->moved_nodes.count; i++)
+        for (int a = 0; a < SBI_GLUE_NODES; a++)
+            goes |= change->moved_nodes.items[i].node == tie->nodes[0][a] ||
+                    change->moved_nodes.items[i].node == tie->nodes[1][a];
     return goes;
 }
 
@@ -52279,7 +52292,7 @@ SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error
     ties = change->glue ? change->glue : live->glue.ties;
     for (int k = 0; k < count; k++) {
         sbi_glue_tie *tie = live->next_glue.ties + live->next_glue.count;
-        if (!change->glue && (sbi_live_goes(change, ties[k].cells[0]) || sbi_live_goes(change, ties[k].cells[1])))
+        if (!change->glue && sbi_live_tie_goes(change, ties + k))
             continue;
         *tie = ties[k];
         for (int side = 0; side < 2; side++)
@@ -52339,6 +52352,8 @@ SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_me
 SBI_API void sbi_live_take_glue(sb_body *body)
 {
     sbi_glue glue = body->live->glue;
+    if (glue.count) /* what it held may be let go: forces jump */
+        body->acceleration_known = 0;
     body->live->glue = body->live->next_glue;
     body->live->next_glue = glue;
     body->live->next_glue.count = 0;
@@ -52362,6 +52377,7 @@ SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int coun
     for (int k = 0; k < sbi_min_int(count, glue->count); k++)
         memcpy(glue->ties[k].gram, ties[k].gram, sizeof ties[k].gram);
     body->force_current = 0;
+    body->acceleration_known = 0;
     memset(&body->guard, 0, sizeof body->guard);
 }
 
@@ -64802,12 +64818,15 @@ static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
     return sbi_step_take_motion(step);
 }
 
-/* Where the material does not admit the rest all motion stays. */
+/* Where the material does not admit the rest all motion stays. Of implicit Euler alone: other schemes would turn what
+ * is taken out of the end of a step into speed the other way. */
 static sb_result sbi_step_hold_touch(sbi_step *step)
 {
     sbi_touch *touch = step->touch;
     sb_body *b = step->body;
     size_t size = (size_t)b->domain.node_count * sizeof(sb_vec3);
+    if (b->integrator != SB_EULER)
+        return SB_OK;
     memcpy(b->previous, b->displacement, size);
     if (!touch->hold(touch->user, b->displacement) || sbi_step_take_motion(step) == SB_OK)
         return SB_OK;
@@ -78583,12 +78602,13 @@ static int sbi_skin_has_corners(const int *one, const int *two)
     return one[0] == two[0] && one[1] == two[1] && one[2] == two[2];
 }
 
-/* Entries become those of the triangles that there are now: of one between the same points, or none. first [points] is
- * -1, and is so again. */
+/* Entries become those of the triangles that there are now: of one between the same points, or none. first
+ * [contact->room_nodes] is -1, and is so again: fewer than points where there was no memory for more, but then no entry
+ * has one beyond. */
 static void sbi_skin_match_entries(sb_contact *contact, const sbi_contact_faces *old, int *first)
 {
     const sb_skin *source = contact->skin.source;
-    int *next = contact->skin.next, room = old->node_room;
+    int *next = contact->skin.next, room = sbi_min_int(old->node_room, contact->room_nodes);
     for (int e = 0; e < contact->entry_count; e++) {
         int corner = sbi_contact_face_nodes(old, contact->entries[e].face)[0];
         next[e] = first[corner];
@@ -80206,30 +80226,35 @@ static sb_real sbi_hold_way(const sb_contact *contact, const sbi_pair_sample *s,
     return sum / contact->level;
 }
 
+/* Least share of what both sides could move if nothing held them: with less, a push goes to what hardly touches. */
+#define SBI_HOLD_LOOSE ((sb_real)1e-3)
+
 /* The normal without the axes on which supports hold a node. */
 static sb_vec3 sbi_hold_free(const sb_body *body, int node, sb_vec3 n)
 {
     return sbi_body_pick_axes(sbi_body_held(body, node), sb_v3(0, 0, 0), n);
 }
 
-/* u += what pushes x from y by `way` (m, over the whole step) along the normal. 0: nothing of both can move. */
+/* u += what pushes x from y by `way` (m, over the whole step) along the normal. 0: next to nothing of both can move. */
 static int sbi_hold_push(const sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2], sb_real way,
                          sb_vec3 *u)
 {
     const sb_body *body = contact->body;
-    sb_real sum = 0;
+    sb_real sum = 0, all = 0;
     for (int pass = 0; pass < 2; pass++) {
         for (int k = 0; k < 2; k++)
             for (int a = 0; a < sides[k].count; a++) {
                 int node = sides[k].nodes[a];
                 sb_vec3 n = sbi_hold_free(body, node, s->normal);
                 sb_real ease = body->lumped_mass[node] > 0 ? sides[k].weights[a] / body->lumped_mass[node] : 0;
-                if (pass == 0)
+                if (pass == 0) {
                     sum += sides[k].weights[a] * ease * sb_v3_dot(n, n);
-                else
+                    all += sides[k].weights[a] * ease;
+                } else {
                     u[node] = sb_v3_madd(u[node], sides[k].sign * ease * contact->level * way / sum, n);
+                }
             }
-        if (!(sum > 0))
+        if (!(sum > SBI_HOLD_LOOSE * all))
             return 0;
     }
     return 1;

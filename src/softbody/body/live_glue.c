@@ -72,11 +72,17 @@ static const int *sbi_live_next_nodes(const sb_body_change *change, int cell)
     return change->body->domain.cells + SBI_GLUE_NODES * (size_t)cell;
 }
 
-static int sbi_live_goes(const sb_body_change *change, int cell)
+/* 1 when a change of others takes a tie with it: one of its cells goes, or of its nodes moves in the material, so that
+ * it would tie points that are no longer one. */
+static int sbi_live_tie_goes(const sb_body_change *change, const sbi_glue_tie *tie)
 {
     int goes = 0;
     for (int i = 0; i < change->removed_cells.count; i++)
-        goes |= change->removed_cells.items[i] == cell;
+        goes |= change->removed_cells.items[i] == tie->cells[0] || change->removed_cells.items[i] == tie->cells[1];
+    for (int i = 0; i < change->moved_nodes.count; i++)
+        for (int a = 0; a < SBI_GLUE_NODES; a++)
+            goes |= change->moved_nodes.items[i].node == tie->nodes[0][a] ||
+                    change->moved_nodes.items[i].node == tie->nodes[1][a];
     return goes;
 }
 
@@ -92,7 +98,7 @@ SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error
     ties = change->glue ? change->glue : live->glue.ties;
     for (int k = 0; k < count; k++) {
         sbi_glue_tie *tie = live->next_glue.ties + live->next_glue.count;
-        if (!change->glue && (sbi_live_goes(change, ties[k].cells[0]) || sbi_live_goes(change, ties[k].cells[1])))
+        if (!change->glue && sbi_live_tie_goes(change, ties + k))
             continue;
         *tie = ties[k];
         for (int side = 0; side < 2; side++)
@@ -152,6 +158,8 @@ SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_me
 SBI_API void sbi_live_take_glue(sb_body *body)
 {
     sbi_glue glue = body->live->glue;
+    if (glue.count) /* what it held may be let go: forces jump */
+        body->acceleration_known = 0;
     body->live->glue = body->live->next_glue;
     body->live->next_glue = glue;
     body->live->next_glue.count = 0;
@@ -175,6 +183,7 @@ SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int coun
     for (int k = 0; k < sbi_min_int(count, glue->count); k++)
         memcpy(glue->ties[k].gram, ties[k].gram, sizeof ties[k].gram);
     body->force_current = 0;
+    body->acceleration_known = 0;
     memset(&body->guard, 0, sizeof body->guard);
 }
 

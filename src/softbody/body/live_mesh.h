@@ -42,6 +42,7 @@
  *   has it. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
  *   (SB_ERROR_ARGUMENT).
+ * - Glue of a cut (cut.h) goes with a cell that is replaced or removed, and with a node that moves, and its energy too.
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
  *   are wrong.
  * - Others may follow (sb_body_listen). Registrations do not: their next step says so (SB_ERROR_STATE), and they are

@@ -16,7 +16,8 @@
 typedef struct sb_skin sb_skin;
 
 /* A skin of triangles between the points of an embedding.
- * embedding  borrowed: destroy the skin first. Follows the body (sb_embedding_follow) where its mesh may change
+ * embedding  borrowed: destroy the skin first. Follows the body (sb_embedding_follow) where its mesh may change, since
+ *            before what acts on the skin was made, and until after that is destroyed
  * surface    tri3, whose nodes are the embedding's points; triangles counter-clockwise seen from outside. Copied
  * allocator  NULL: malloc
  * SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (other faces than tri3), SB_ERROR_INDEX (error->element: a triangle with a

@@ -331,12 +331,15 @@ static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
     return sbi_step_take_motion(step);
 }
 
-/* Where the material does not admit the rest all motion stays. */
+/* Where the material does not admit the rest all motion stays. Of implicit Euler alone: other schemes would turn what
+ * is taken out of the end of a step into speed the other way. */
 static sb_result sbi_step_hold_touch(sbi_step *step)
 {
     sbi_touch *touch = step->touch;
     sb_body *b = step->body;
     size_t size = (size_t)b->domain.node_count * sizeof(sb_vec3);
+    if (b->integrator != SB_EULER)
+        return SB_OK;
     memcpy(b->previous, b->displacement, size);
     if (!touch->hold(touch->user, b->displacement) || sbi_step_take_motion(step) == SB_OK)
         return SB_OK;

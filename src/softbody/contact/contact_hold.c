@@ -50,30 +50,35 @@ static sb_real sbi_hold_way(const sb_contact *contact, const sbi_pair_sample *s,
     return sum / contact->level;
 }
 
+/* Least share of what both sides could move if nothing held them: with less, a push goes to what hardly touches. */
+#define SBI_HOLD_LOOSE ((sb_real)1e-3)
+
 /* The normal without the axes on which supports hold a node. */
 static sb_vec3 sbi_hold_free(const sb_body *body, int node, sb_vec3 n)
 {
     return sbi_body_pick_axes(sbi_body_held(body, node), sb_v3(0, 0, 0), n);
 }
 
-/* u += what pushes x from y by `way` (m, over the whole step) along the normal. 0: nothing of both can move. */
+/* u += what pushes x from y by `way` (m, over the whole step) along the normal. 0: next to nothing of both can move. */
 static int sbi_hold_push(const sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2], sb_real way,
                          sb_vec3 *u)
 {
     const sb_body *body = contact->body;
-    sb_real sum = 0;
+    sb_real sum = 0, all = 0;
     for (int pass = 0; pass < 2; pass++) {
         for (int k = 0; k < 2; k++)
             for (int a = 0; a < sides[k].count; a++) {
                 int node = sides[k].nodes[a];
                 sb_vec3 n = sbi_hold_free(body, node, s->normal);
                 sb_real ease = body->lumped_mass[node] > 0 ? sides[k].weights[a] / body->lumped_mass[node] : 0;
-                if (pass == 0)
+                if (pass == 0) {
                     sum += sides[k].weights[a] * ease * sb_v3_dot(n, n);
-                else
+                    all += sides[k].weights[a] * ease;
+                } else {
                     u[node] = sb_v3_madd(u[node], sides[k].sign * ease * contact->level * way / sum, n);
+                }
             }
-        if (!(sum > 0))
+        if (!(sum > SBI_HOLD_LOOSE * all))
             return 0;
     }
     return 1;

@@ -270,12 +270,13 @@ static int sbi_skin_has_corners(const int *one, const int *two)
     return one[0] == two[0] && one[1] == two[1] && one[2] == two[2];
 }
 
-/* Entries become those of the triangles that there are now: of one between the same points, or none. first [points] is
- * -1, and is so again. */
+/* Entries become those of the triangles that there are now: of one between the same points, or none. first
+ * [contact->room_nodes] is -1, and is so again: fewer than points where there was no memory for more, but then no entry
+ * has one beyond. */
 static void sbi_skin_match_entries(sb_contact *contact, const sbi_contact_faces *old, int *first)
 {
     const sb_skin *source = contact->skin.source;
-    int *next = contact->skin.next, room = old->node_room;
+    int *next = contact->skin.next, room = sbi_min_int(old->node_room, contact->room_nodes);
     for (int e = 0; e < contact->entry_count; e++) {
         int corner = sbi_contact_face_nodes(old, contact->entries[e].face)[0];
         next[e] = first[corner];

@@ -61,6 +61,10 @@
  *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
+ * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
+ *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
+ *   goes exactly along the boundary, glue may tie material to nodes that have none, which stand still. With parts so
+ * far apart that each has a box of its own, glue of pieces without volume may stay.
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the
