@@ -491,6 +491,43 @@ static void test_objective(void)
     block_free(&b);
 }
 
+/* A tied node that others move in the material takes its ties along: what stays costs nothing when all turns. */
+static void test_moved(void)
+{
+    block_options options = block_default(2);
+    sb_quat turn = sb_quat_from_rotation_vector(sb_v3(REAL(0.4), REAL(0.6), REAL(1.1)));
+    block b;
+    const sbi_glue *glue;
+    const sbi_glue_tie *tie;
+    sb_body_change *change = NULL;
+    sb_error error;
+    sb_vec3 *u;
+    int n, count, corner = 0;
+    options.front = SB_CUT_GLUE;
+    b = half_cut(&options, 5);
+    glue = &b.body->live->glue;
+    tie = glue->ties;
+    count = glue->count;
+    while (tie->nodes[0][corner] == tie->nodes[1][corner])
+        corner++;
+    CHECK_OK(sb_body_change_begin(b.body, &change, NULL));
+    CHECK_OK(sb_body_change_move_node(
+        change, tie->nodes[0][corner],
+        sb_v3_add(b.body->reference[tie->nodes[0][corner]], sb_v3(REAL(2e-4), REAL(1e-4), REAL(-1e-4))), NULL, NULL, 0,
+        NULL));
+    if (!CHECK_OK(sb_body_change_commit(change, &error)))
+        printf("%s\n", error.message);
+    CHECK(glue->count > 0 && glue->count < count);
+    n = sb_body_node_count(b.body);
+    u = (sb_vec3 *)calloc((size_t)n, sizeof *u);
+    for (int i = 0; i < n; i++)
+        u[i] = sb_v3_sub(sb_quat_rotate(turn, b.body->reference[i]), b.body->reference[i]);
+    CHECK_NEAR(sbi_glue_energy(glue, u), 0, scene_tolerance(1e-25, 1e9));
+    CHECK_OK(sb_body_step(b.body, REAL(0.001), NULL));
+    free(u);
+    block_free(&b);
+}
+
 /* ---- frame by frame ---------------------------------------------------------------------------------------------- */
 
 /* Shaking blocks part in two as they do without glue, and nothing stays glued between the two. */
@@ -884,8 +921,8 @@ static void test_mistakes(void)
 CHECK_SUITE(cut_glue, {"half-cut beam", test_half}, {"curved strokes", test_curved}, {"popping", test_popping},
             {"edge-cracked plate", test_crack}, {"constant strain passes", test_patch},
             {"released in any order", test_release}, {"forces, stiffness, turns", test_objective},
-            {"shaking blocks part in two", test_shaking}, {"totals", test_totals}, {"steps of all kinds", test_steps},
-            {"states", test_states}, {"damaged states", test_bad_states}, {"recordings", test_recording},
-            {"threads", test_threads}, {"loads across the glue", test_others},
+            {"a moved node", test_moved}, {"shaking blocks part in two", test_shaking}, {"totals", test_totals},
+            {"steps of all kinds", test_steps}, {"states", test_states}, {"damaged states", test_bad_states},
+            {"recordings", test_recording}, {"threads", test_threads}, {"loads across the glue", test_others},
             {"every allocation fails in turn", test_no_memory}, {"no allocation", test_no_allocation},
             {"mistakes are named", test_mistakes});
