@@ -1061,10 +1061,21 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* ---- creation ---- */
 
+/* How a needle is in the tissue. */
+typedef enum ndl_follow {
+    NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no
+                     * two needles in one element */
+    NDL_EMBED = 1   /* the mesh stays as it is: points of the shaft are held by springs at material points of any
+                     * elements, cut or not. The springs are what the mesh does not show of the tissue close to the
+                     * needle (couple_rows.h), so that what a hand feels hardly depends on the mesh; shaft and tissue are
+                     * a fraction of a millimetre apart as they are in tissue under load */
+} ndl_follow;
+
 /* What a needle is made from. Start from ndl_default_needle_def(), set body, base and direction. */
 typedef struct ndl_needle_def {
-    sb_body *body;     /* of tet4, with def.slack > 0 and implicit steps; borrowed, destroyed after its needles. Its
-                        * material, supports, loads and integrator are its own: see ndl_step */
+    sb_body *body;     /* with implicit steps; borrowed, destroyed after its needles. Its material, supports, loads and
+                        * integrator are its own: see ndl_step */
+    ndl_follow follow; /* default NDL_REMESH; the same for all needles of a body */
     sb_vec3 base;      /* m: the sleeve's outlet, outside of the tissue */
     sb_vec3 direction; /* in which the needle leaves it, any length but 0 */
     sb_vec3 director;  /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
@@ -1659,6 +1670,13 @@ SB_INLINE int ndli_image_int(const unsigned char *array, size_t i)
 {
     int value;
     memcpy(&value, array + i * sizeof(int), sizeof value);
+    return value;
+}
+
+SB_INLINE double ndli_image_real(const unsigned char *array, size_t i)
+{
+    double value;
+    memcpy(&value, array + i * sizeof value, sizeof value);
     return value;
 }
 
@@ -10527,7 +10545,9 @@ typedef struct ndli_line {
     /* set by the room above before a solve */
     int first, count; /* rod node of path[0], and how many there are; node_count and 0: the rod is not in tissue. A node
                        * may follow: a tip that is hardly in has none of its own in the tissue */
-    const int *path;  /* [count] nodes of the body */
+    const int *path;  /* [count] nodes of the body; of a rod that is held by rows nothing */
+    struct ndli_hold *holds; /* [capacity] of such a rod (couple_rows.h), from the node before `first` on: there its edge
+                              * is held where it goes in. Its nodes have unknowns z throughout. NULL of others */
     unsigned char *state; /* [nodes] ndl_contact; as found after it */
     double *friction;     /* [nodes] N: limit of static friction, and dynamic friction */
     double *viscous;      /* [nodes] N s/m: friction per slip speed */
@@ -10559,13 +10579,19 @@ NDLI_API void ndli_line_free(ndli_line *line); /* safe on zeros */
 SB_INLINE int ndli_line_is_slipping(const ndli_line *line, int i) { return line->state[i] > NDL_STATIC; }
 /* 1 towards the tip, -1 towards the base. */
 SB_INLINE int ndli_line_sign(const ndli_line *line, int i) { return line->state[i] == NDL_DYNAMIC_FORWARD ? 1 : -1; }
-/* The last coupled node: what holds the tip acts there. */
+/* The first and the last node that has a state: what holds the tip acts at the last. */
+SB_INLINE int ndli_line_rearmost(const ndli_line *line)
+{
+    return line->first - (line->holds && line->count > 0 ? 1 : 0);
+}
 SB_INLINE int ndli_line_foremost(const ndli_line *line) { return line->first + line->count - 1; }
 /* Largest friction against slip of that sign (N). */
 SB_INLINE double ndli_line_limit(const ndli_line *line, int i, int sign)
 {
     return line->friction[i] + (sign > 0 && i == ndli_line_foremost(line) ? line->cutting : 0);
 }
+/* Nodes of the body that move as the rod's do. */
+SB_INLINE int ndli_line_taken_count(const ndli_line *line) { return line->holds ? 0 : line->count; }
 SB_INLINE int ndli_line_unknown_count(const ndli_line *line) { return NDLI_LINE_UNKNOWNS * line->rod->node_count; }
 
 /* The rod's part of the system at its present shape: H, tangents, loads. Returns -1, or the node at which the rod is
@@ -10586,11 +10612,68 @@ NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown,
 /* z = (G + A)^-1 r on its rows. */
 NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, const double *nodes, double *out_unknown,
                                     double *out_nodes);
+/* vectors[i] += factor v, of a stride of reals. */
+SB_INLINE void ndli_line_add_to(double *vectors, int stride, int i, double factor, ndli_v3 v)
+{
+    double *out = vectors + (size_t)stride * (size_t)i;
+    out[0] += factor * v.x, out[1] += factor * v.y, out[2] += factor * v.z;
+}
+/* Force (N) on node i along its tangent that is known beforehand: friction while it slips. */
+SB_INLINE double ndli_line_drag(const ndli_line *line, int i)
+{
+    int sign = ndli_line_sign(line, i);
+    return -sign * ndli_line_limit(line, i, sign);
+}
+/* Viscous friction per slip (N/m). */
+SB_INLINE double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] / line->dt; }
+/* The band += factor k between the first three unknowns of rod nodes a >= b. */
+NDLI_API void ndli_line_add_to_band(ndli_line *line, int a, int b, double factor, const ndli_m3 *k);
 /* slip, move, contact and reaction from the unknowns. */
 NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const double *nodes);
 #endif
 
 #endif /* NDL_COUPLE_LINE_H */
+
+/* ==== src/needle/couple_rows.h ==== */
+/* couple_rows: a rod that springs hold at rows of a body's nodes. Floor 6, internal.
+ *
+ * A hold is where a rod node, or the point of its next edge at the skin, is tied to a material point of the body, x =
+ * sum_a w_a x_a. The rod's nodes keep unknowns of their own; with s the rod's way past the tissue (m) the force on the
+ * rod is
+ *
+ *     across  -k (I - t t^T) s       along  -k' t.s while it sticks, its friction while it slips
+ *
+ * Both springs are what the mesh does not show of the tissue about a line: a load q (N/m) moves the mesh as if it were
+ * spread over a circle of a radius that goes with the elements, the needle's is smaller, and tissue gives so much more
+ * there (Kelvin's line load; Peaceman's 1978 well radius carried over). So forces have a limit as meshes get finer,
+ * nothing is stiffer than tissue, and a needle goes into elements of any kind, several into one. Friction is Tresca's,
+ * its states are found as in couple.c: with a spring in series a step is a convex problem as before. */
+#ifndef NDL_COUPLE_ROWS_H
+#define NDL_COUPLE_ROWS_H
+
+
+/* What ties rod node i, by its number. */
+struct ndli_hold {
+    double share; /* of the way from rod node i to the next one where it is; 0: at the node */
+    int count;    /* 0: nothing holds it */
+    int places[SB_MAX_ELEMENT_NODES]; /* of its nodes in the guest's list */
+    double weights[SB_MAX_ELEMENT_NODES];
+    double across, along; /* k, k' (N/m) */
+    ndli_v3 tangent;
+    ndli_v3 offset; /* s at the start of the step (m) */
+};
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* What ndli_line_apply leaves out, which goes before it: added to out_unknown [4 nodes] and out_nodes [guest's nodes][3];
+ * nodes likewise. */
+NDLI_API void ndli_rows_apply(ndli_line *line, int loads, const double *nodes, double *out_unknown, double *out_nodes);
+/* Adds what holds have between the rod's own unknowns to its band. */
+NDLI_API void ndli_rows_add_band(ndli_line *line);
+/* contact, slip and reactions; after ndli_line_read. */
+NDLI_API void ndli_rows_read(ndli_line *line, const double *nodes);
+#endif
+
+#endif /* NDL_COUPLE_ROWS_H */
 
 /* ==== src/needle/couple_solve.h ==== */
 /* couple_solve: all needles of a body as one guest of its solve. Floor 6, internal. */
@@ -10603,6 +10686,7 @@ NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const doubl
 typedef struct ndli_couple {
     ndli_line *const *lines; /* [count] */
     int count;
+    int rows; /* 1: rods are held by rows of the guest's nodes, else each has nodes of its own */
     int max_trials;
     ndl_couple_info info; /* trials, consistent: of the solve that has ended */
     sbi_guest guest;
@@ -10616,6 +10700,9 @@ typedef struct ndli_couple {
  * the solve has ended. */
 NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
                                   double *unknown, int *nodes);
+/* The same of rods that rows of nodes [node_count] of the body hold, which their holds count by. */
+NDLI_API void ndli_couple_prepare_rows(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                       double *unknown, const int *nodes, int node_count);
 /* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix. */
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error);
 #endif
@@ -10674,7 +10761,7 @@ NDLI_API void ndli_line_free(ndli_line *line)
 
 static int ndli_line_is_coupled(const ndli_line *line, int i)
 {
-    return i >= line->first && i < line->first + line->count;
+    return i >= line->first && i < line->first + ndli_line_taken_count(line);
 }
 
 /* Along which a node may slip: between its edges, at the tip the last one. */
@@ -10745,16 +10832,6 @@ NDLI_API void ndli_line_start(const ndli_line *line, double *unknown)
         unknown[0] = way.x, unknown[1] = way.y, unknown[2] = way.z, unknown[3] = 0;
     }
 }
-
-/* Force (N) on node i along its tangent that is known beforehand: friction while it slips. */
-static double ndli_line_drag(const ndli_line *line, int i)
-{
-    int sign = ndli_line_sign(line, i);
-    return -sign * ndli_line_limit(line, i, sign);
-}
-
-/* Viscous friction per slip (N/m). */
-static double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] / line->dt; }
 
 static ndli_v3 ndli_line_at(const double *vectors, int stride, int i)
 {
@@ -10865,21 +10942,38 @@ static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI
     }
 }
 
+enum { NDLI_LINE_STRIDE = NDLI_LINE_WIDTH + 1 };
+
+/* Where row r of node a and column c of node b are in the band. */
+static size_t ndli_line_band_at(int a, int r, int b, int c)
+{
+    int row = NDLI_LINE_UNKNOWNS * a + r, column = NDLI_LINE_UNKNOWNS * b + c;
+    return (size_t)row * NDLI_LINE_STRIDE + (size_t)(column - row + NDLI_LINE_WIDTH);
+}
+
+NDLI_API void ndli_line_add_to_band(ndli_line *line, int a, int b, double factor, const ndli_m3 *k)
+{
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3 && (a > b || c <= r); c++)
+            line->band[ndli_line_band_at(a, r, b, c)] += factor * k->m[r][c];
+}
+
 NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
 {
-    enum { N = NDLI_LINE_UNKNOWNS, STRIDE = NDLI_LINE_WIDTH + 1 };
+    enum { N = NDLI_LINE_UNKNOWNS };
     int n = N * line->rod->node_count;
     line->matrix = matrix;
-    memset(line->band, 0, (size_t)n * STRIDE * sizeof(double));
+    memset(line->band, 0, (size_t)n * NDLI_LINE_STRIDE * sizeof(double));
     for (int i = 0; i < line->rod->node_count; i++)
         for (int k = 0; k <= 2 && k <= i; k++) {
             double block[N][N];
             ndli_line_block(line, i, k, block);
             for (int r = 0; r < N; r++)
                 for (int c = 0; c < N && (k > 0 || c <= r); c++)
-                    line->band[(size_t)(N * i + r) * STRIDE +
-                               (size_t)(N * (i - k) + c - (N * i + r) + NDLI_LINE_WIDTH)] = block[r][c];
+                    line->band[ndli_line_band_at(i, r, i - k, c)] = block[r][c];
         }
+    if (line->holds)
+        ndli_rows_add_band(line);
     return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
 }
 
@@ -10889,11 +10983,11 @@ NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, cons
     double *right = line->right;
     size_t bytes = (size_t)ndli_line_unknown_count(line) * sizeof(double);
     memcpy(right, unknown, bytes);
-    for (int k = 0; k < line->count; k++)
+    for (int k = 0; k < ndli_line_taken_count(line); k++)
         ndli_line_put(right, NDLI_LINE_UNKNOWNS, line->first + k, ndli_line_at(nodes, 3, k));
     ndli_band_solve(line->band, ndli_line_unknown_count(line), NDLI_LINE_WIDTH, right);
     memcpy(out_unknown, right, bytes);
-    for (int k = 0; k < line->count; k++) {
+    for (int k = 0; k < ndli_line_taken_count(line); k++) {
         ndli_line_put(out_nodes, 3, k, ndli_line_at(right, NDLI_LINE_UNKNOWNS, line->first + k));
         ndli_line_put(out_unknown, NDLI_LINE_UNKNOWNS, line->first + k, ndli_v(0, 0, 0));
     }
@@ -10921,11 +11015,135 @@ NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const doubl
     }
 }
 
+/* ==== src/needle/couple_rows.c ==== */
+/* couple_rows: see couple_rows.h. */
+
+/* Rod nodes of hold i, and their shares. */
+typedef struct ndli_rows_ends {
+    int count, node[2];
+    double share[2];
+} ndli_rows_ends;
+
+static ndli_rows_ends ndli_rows_get_ends(const ndli_line *line, int i)
+{
+    double share = line->holds[i].share;
+    ndli_rows_ends ends;
+    ends.count = share > 0 ? 2 : 1;
+    ends.node[0] = i, ends.node[1] = i + 1;
+    ends.share[0] = 1 - share, ends.share[1] = share;
+    return ends;
+}
+
+/* Past the tissue: what the rod's motion [nodes], over the whole step, and the nodes' add to s. */
+static ndli_v3 ndli_rows_way(const ndli_line *line, int i, const double *nodes)
+{
+    const struct ndli_hold *hold = line->holds + i;
+    ndli_rows_ends ends = ndli_rows_get_ends(line, i);
+    ndli_v3 way = ndli_v(0, 0, 0);
+    for (int e = 0; e < ends.count; e++)
+        way = ndli_madd(way, ends.share[e], line->motion[ends.node[e]]);
+    for (int a = 0; a < hold->count; a++) {
+        const double *u = nodes + 3 * (size_t)hold->places[a];
+        way = ndli_madd(way, -hold->weights[a] / line->level, ndli_v(u[0], u[1], u[2]));
+    }
+    return way;
+}
+
+/* Stiffness along (N/m) in the present state of friction. */
+static double ndli_rows_along(const ndli_line *line, int i)
+{
+    return ndli_line_is_slipping(line, i) ? ndli_line_viscosity(line, i) : line->holds[i].along;
+}
+
+static ndli_v3 ndli_rows_spring(const ndli_line *line, int i, ndli_v3 s)
+{
+    const struct ndli_hold *hold = line->holds + i;
+    double along = ndli_dot(hold->tangent, s);
+    ndli_v3 across = ndli_madd(s, -along, hold->tangent);
+    return ndli_madd(ndli_scale(-hold->across, across), -ndli_rows_along(line, i) * along, hold->tangent);
+}
+
+/* Force of the tissue on the rod (N) after a way. */
+static ndli_v3 ndli_rows_force(const ndli_line *line, int i, ndli_v3 way)
+{
+    const struct ndli_hold *hold = line->holds + i;
+    ndli_v3 force = ndli_rows_spring(line, i, way), known;
+    if (hold->count == 0)
+        return ndli_v(0, 0, 0);
+    if (!ndli_line_is_slipping(line, i))
+        return ndli_add(force, ndli_rows_spring(line, i, hold->offset));
+    known = ndli_madd(hold->offset, -ndli_dot(hold->offset, hold->tangent), hold->tangent);
+    return ndli_madd(ndli_madd(force, -hold->across, known), ndli_line_drag(line, i), hold->tangent);
+}
+
+NDLI_API void ndli_rows_apply(ndli_line *line, int loads, const double *nodes, double *out_unknown, double *out_nodes)
+{
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++) {
+        const struct ndli_hold *hold = line->holds + i;
+        ndli_rows_ends ends = ndli_rows_get_ends(line, i);
+        ndli_v3 way = ndli_rows_way(line, i, nodes), force, on_tissue;
+        if (hold->count == 0)
+            continue;
+        force = ndli_scale(line->level, loads ? ndli_rows_force(line, i, way)
+                                              : ndli_scale(-1, ndli_rows_spring(line, i, way)));
+        for (int e = 0; e < ends.count; e++)
+            if (!line->rod->held[ends.node[e]])
+                ndli_line_add_to(out_unknown, NDLI_LINE_UNKNOWNS, ends.node[e], 1, force);
+        on_tissue = ndli_scale(-1, force);
+        if (loads)
+            on_tissue = ndli_madd(on_tissue, line->level - 1, line->before[i]);
+        for (int a = 0; a < hold->count; a++)
+            ndli_line_add_to(out_nodes, 3, hold->places[a], hold->weights[a], on_tissue);
+    }
+}
+
+/* ---- the rod's block ---- */
+
+static ndli_m3 ndli_rows_matrix(const ndli_line *line, int i)
+{
+    const struct ndli_hold *hold = line->holds + i;
+    ndli_m3 k = ndli_m_zero();
+    ndli_m_add_identity(&k, hold->across);
+    ndli_m_add_outer(&k, ndli_rows_along(line, i) - hold->across, hold->tangent, hold->tangent);
+    return k;
+}
+
+NDLI_API void ndli_rows_add_band(ndli_line *line)
+{
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++) {
+        ndli_rows_ends ends = ndli_rows_get_ends(line, i);
+        ndli_m3 k = ndli_rows_matrix(line, i);
+        for (int a = 0; a < ends.count && line->holds[i].count > 0; a++)
+            for (int b = 0; b <= a; b++)
+                if (!line->rod->held[ends.node[a]] && !line->rod->held[ends.node[b]])
+                    ndli_line_add_to_band(line, ends.node[a], ends.node[b], ends.share[a] * ends.share[b], &k);
+    }
+}
+
+/* ---- results ---- */
+
+NDLI_API void ndli_rows_read(ndli_line *line, const double *nodes)
+{
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++) {
+        const struct ndli_hold *hold = line->holds + i;
+        ndli_rows_ends ends = ndli_rows_get_ends(line, i);
+        ndli_v3 way = ndli_rows_way(line, i, nodes), force = ndli_rows_force(line, i, way);
+        double along = ndli_dot(hold->tangent, ndli_add(hold->offset, way));
+        line->contact[i] = force;
+        if (ndli_line_is_slipping(line, i)) /* what the spring is wound by does not slip */
+            line->slip[i] = along + (hold->along > 0 ? ndli_dot(hold->tangent, force) / hold->along : 0);
+        for (int e = 0; e < ends.count; e++)
+            if (line->rod->held[ends.node[e]])
+                line->reaction[ends.node[e]] = ndli_madd(line->reaction[ends.node[e]], -ends.share[e], force);
+    }
+}
+
 /* ==== src/needle/couple.c ==== */
 /* couple: the friction states of a step. Friction does not depend on normal forces here (Tresca), so that a step is a
  * strictly convex problem with exactly one solution. States are guessed, the linear system solved, and every state that
  * the solution contradicts is turned over: block pivoting, with the last contradicted node alone (least index, which is
  * finite) while that makes no headway. */
+
 
 #include <string.h>
 
@@ -10946,15 +11164,20 @@ static ndli_couple_part ndli_couple_first(const ndli_couple *c)
 static ndli_couple_part ndli_couple_next(const ndli_couple *c, ndli_couple_part part, int k)
 {
     part.unknown += (size_t)ndli_line_unknown_count(c->lines[k]);
-    part.nodes += 3 * (size_t)c->lines[k]->count;
+    part.nodes += 3 * (size_t)ndli_line_taken_count(c->lines[k]);
     return part;
 }
 
 static void ndli_couple_apply(const ndli_couple *c, int loads, const double *x, double *y)
 {
     ndli_couple_part at = ndli_couple_first(c);
-    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+    if (c->rows)
+        memset(y + at.nodes, 0, 3 * (size_t)c->guest.node_count * sizeof(double));
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
         ndli_line_apply(c->lines[k], loads, x + at.unknown, x + at.nodes, y + at.unknown, y + at.nodes);
+        if (c->rows)
+            ndli_rows_apply(c->lines[k], loads, x + at.nodes, y + at.unknown, y + at.nodes);
+    }
 }
 
 static void ndli_couple_residual(void *user, const double *x, double *y)
@@ -11008,20 +11231,24 @@ static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_er
     return SB_OK;
 }
 
-static void ndli_couple_commit(void *user, const double *x)
+static void ndli_couple_read(const ndli_couple *c, const double *x)
 {
-    ndli_couple *c = (ndli_couple *)user;
     ndli_couple_part at = ndli_couple_first(c);
-    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
         ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
+        if (c->rows)
+            ndli_rows_read(c->lines[k], x + at.nodes);
+    }
 }
+
+static void ndli_couple_commit(void *user, const double *x) { ndli_couple_read((const ndli_couple *)user, x); }
 
 /* ---- friction states ---- */
 
 /* The state that the solution asks for at a coupled node. */
 static int ndli_couple_wanted(const ndli_line *line, int i)
 {
-    double along = ndli_dot(line->tangent[i], line->contact[i]);
+    double along = ndli_dot(line->holds ? line->holds[i].tangent : line->tangent[i], line->contact[i]);
     if (ndli_line_is_slipping(line, i))
         return ndli_line_sign(line, i) * line->slip[i] >= 0 ? (int)line->state[i] : (int)NDL_STATIC;
     if (along < -ndli_line_limit(line, i, 1))
@@ -11033,13 +11260,11 @@ static int ndli_couple_wanted(const ndli_line *line, int i)
 
 static int ndli_couple_count_wrong(const ndli_couple *c, const double *x)
 {
-    ndli_couple_part at = ndli_couple_first(c);
     int wrong = 0;
-    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
-        ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
-        for (int i = c->lines[k]->first; i <= ndli_line_foremost(c->lines[k]); i++)
+    ndli_couple_read(c, x);
+    for (int k = 0; k < c->count; k++)
+        for (int i = ndli_line_rearmost(c->lines[k]); i <= ndli_line_foremost(c->lines[k]); i++)
             wrong += ndli_couple_wanted(c->lines[k], i) != c->lines[k]->state[i];
-    }
     return wrong;
 }
 
@@ -11047,7 +11272,7 @@ static int ndli_couple_count_wrong(const ndli_couple *c, const double *x)
 static void ndli_couple_flip(const ndli_couple *c, int all)
 {
     for (int k = c->count - 1; k >= 0; k--)
-        for (int i = ndli_line_foremost(c->lines[k]); i >= c->lines[k]->first; i--) {
+        for (int i = ndli_line_foremost(c->lines[k]); i >= ndli_line_rearmost(c->lines[k]); i--) {
             int wanted = ndli_couple_wanted(c->lines[k], i);
             if (wanted == c->lines[k]->state[i])
                 continue;
@@ -11086,8 +11311,7 @@ static int ndli_couple_settle(void *user, const double *x)
 
 /* ---- the guest ---- */
 
-NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
-                                  double *unknown, int *nodes)
+static void ndli_couple_set_up(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials, double *unknown)
 {
     memset(couple, 0, sizeof *couple);
     couple->lines = lines;
@@ -11097,14 +11321,10 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
     couple->fewest = 0x7fffffff;
     couple->guest.user = couple;
     couple->guest.unknown = unknown;
-    couple->guest.nodes = nodes;
     for (int k = 0; k < count; k++) {
         couple->guest.unknown_count += ndli_line_unknown_count(lines[k]);
         ndli_line_keep_contact(lines[k]);
-        for (int i = 0; i < lines[k]->count; i++)
-            nodes[couple->guest.node_count++] = lines[k]->path[i];
     }
-    couple->guest.taken_count = couple->guest.node_count;
     couple->guest.residual = ndli_couple_residual;
     couple->guest.multiply = ndli_couple_multiply;
     couple->guest.precondition = ndli_couple_precondition;
@@ -11113,11 +11333,422 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
     couple->guest.commit = ndli_couple_commit;
 }
 
+NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                  double *unknown, int *nodes)
+{
+    ndli_couple_set_up(couple, lines, count, max_trials, unknown);
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < lines[k]->count; i++)
+            nodes[couple->guest.node_count++] = lines[k]->path[i];
+    couple->guest.nodes = nodes;
+    couple->guest.taken_count = couple->guest.node_count;
+}
+
+NDLI_API void ndli_couple_prepare_rows(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                       double *unknown, const int *nodes, int node_count)
+{
+    ndli_couple_set_up(couple, lines, count, max_trials, unknown);
+    couple->rows = 1;
+    couple->guest.nodes = nodes;
+    couple->guest.node_count = node_count;
+}
+
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
 {
     if (couple->indefinite)
         return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
     return SB_OK;
+}
+
+/* ==== src/needle/bed.h ==== */
+/* bed: a body of any elements, cut or not, as a needle sees it that is held by rows of weights. Floor 6, internal.
+ *
+ * A place is a material point: an element of the mesh that the body had when its first needle was made, and coordinates
+ * in it. Where a blade has cut that element since, the place is in the piece that has its material. */
+#ifndef NDL_BED_H
+#define NDL_BED_H
+
+
+typedef struct ndli_place {
+    int element; /* -1: none */
+    sb_real xi[3];
+} ndli_place;
+
+/* What a place moves with. */
+typedef struct ndli_bed_row {
+    int cell, count;
+    int nodes[SB_MAX_ELEMENT_NODES];
+    double weights[SB_MAX_ELEMENT_NODES]; /* sum to 1 */
+} ndli_bed_row;
+
+typedef struct ndli_bed {
+    sb_body *body;
+    sb_allocator allocator;
+    sb_mesh mesh; /* at rest */
+    int *cells;   /* [elements] of the body */
+    sbi_embed_volume volume;
+    double mean_edge; /* m */
+    int was_cut;      /* 1: when this was made */
+    int version;      /* of the body's mesh, then */
+    int is_lost;      /* 1: others than an sb_cut have changed that since */
+} ndli_bed;
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error);
+NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */
+
+/* Where X (m, at rest) is; `hint` is an element to start from. 0: outside, and *place is the nearest. */
+NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place);
+/* 0: its material has been taken away. */
+NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_bed_row *row);
+NDLI_API ndli_v3 ndli_bed_at(const ndli_bed *bed, const ndli_bed_row *row); /* m, in space */
+/* Deformation gradient. */
+NDLI_API sb_mat3 ndli_bed_gradient(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row);
+NDLI_API int ndli_bed_region(const ndli_bed *bed, const ndli_bed_row *row);
+/* Edge of a regular tet of the element's size (m). */
+NDLI_API double ndli_bed_edge(const ndli_bed *bed, int element);
+/* 1: x is in it, as it is now. O(faces). */
+NDLI_API int ndli_bed_holds_in_space(const ndli_bed *bed, sb_vec3 x);
+/* Where a segment first comes in through the skin, from outside in space; *at: there (m). 0: nowhere. O(faces): for
+ * needles that are not in yet. */
+NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_place *place, sb_vec3 *at);
+#endif
+
+#endif /* NDL_BED_H */
+
+/* ==== src/needle/bed.c ==== */
+/* bed: see bed.h. */
+
+#include <string.h>
+
+/* ---- creation ---- */
+
+static void ndli_bed_list_cells(ndli_bed *bed)
+{
+    int count = 0;
+    for (int cell = 0; cell < sb_body_element_count(bed->body); cell++)
+        if (sb_body_cell_in_use(bed->body, cell))
+            bed->cells[count++] = cell;
+}
+
+/* Faces of tets are equilateral triangles where the mesh is even, those of hexes squares. */
+static double ndli_bed_edge_of(const ndli_bed *bed, double volume)
+{
+    return cbrt(bed->volume.is_box ? volume : 6 * sqrt(2.0) * volume);
+}
+
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error)
+{
+    sb_result result;
+    memset(bed, 0, sizeof *bed);
+    bed->body = body;
+    bed->allocator = *allocator;
+    bed->version = sb_body_mesh_version(body);
+    bed->was_cut = sbi_body_has_pieces(body);
+    if (sbi_body_mesh(body).element_type == SB_CUSTOM)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles do not go into elements of your own (SB_CUSTOM)");
+    result = sbi_body_copy_mesh(body, allocator, &bed->mesh, error);
+    if (result == SB_OK)
+        result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
+    if (result == SB_OK) {
+        bed->cells = (int *)sbi_alloc(allocator, (size_t)bed->mesh.element_count, sizeof(int));
+        result = bed->cells ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body's needles");
+    }
+    if (result != SB_OK) {
+        ndli_bed_free(bed);
+        return result;
+    }
+    ndli_bed_list_cells(bed);
+    bed->mean_edge = ndli_bed_edge_of(bed, (double)sb_mesh_volume(&bed->mesh) / bed->mesh.element_count);
+    return SB_OK;
+}
+
+NDLI_API void ndli_bed_free(ndli_bed *bed)
+{
+    if (bed->volume.mesh)
+        sbi_embed_volume_free(&bed->volume);
+    if (bed->cells)
+        sbi_free(&bed->allocator, bed->cells);
+    sb_mesh_free(&bed->mesh);
+    memset(bed, 0, sizeof *bed);
+}
+
+/* ---- places ---- */
+
+NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
+{
+    sbi_embed_hit hit;
+    sbi_embed_closest(&bed->volume, X, hint, &hit);
+    place->element = hit.element;
+    memcpy(place->xi, hit.xi, sizeof place->xi);
+    return !(hit.distance2 > 0);
+}
+
+/* The cell with its material, or -1. */
+static int ndli_bed_holder(const ndli_bed *bed, const ndli_place *place)
+{
+    return sb_body_find_cell(bed->body, bed->cells[place->element], place->xi);
+}
+
+NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_bed_row *row)
+{
+    sb_mesh mesh = sbi_body_mesh(bed->body);
+    sb_real shape[SB_MAX_ELEMENT_NODES];
+    const int *nodes;
+    row->cell = ndli_bed_holder(bed, place);
+    row->count = sb_mesh_element_width(&mesh);
+    if (row->cell < 0 || !sb_body_cell_in_use(bed->body, row->cell))
+        return 0;
+    nodes = mesh.elements + (size_t)row->cell * (size_t)row->count;
+    sb_element_shape(mesh.element_type, place->xi, shape, NULL);
+    for (int a = 0; a < row->count; a++) {
+        row->nodes[a] = nodes[a];
+        row->weights[a] = (double)shape[a];
+    }
+    return 1;
+}
+
+NDLI_API ndli_v3 ndli_bed_at(const ndli_bed *bed, const ndli_bed_row *row)
+{
+    const sb_vec3 *x = sb_body_positions(bed->body);
+    ndli_v3 sum = ndli_v(0, 0, 0);
+    for (int a = 0; a < row->count; a++)
+        sum = ndli_madd(sum, row->weights[a], ndli_from(x[row->nodes[a]]));
+    return sum;
+}
+
+NDLI_API sb_mat3 ndli_bed_gradient(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row)
+{
+    const sb_vec3 *x = sb_body_positions(bed->body), *X = sb_body_rest_positions(bed->body);
+    sb_real gradient[SB_MAX_ELEMENT_NODES][3];
+    sb_mat3 now = sb_m3_zero(), rest = sb_m3_zero();
+    sb_element_shape(bed->mesh.element_type, place->xi, NULL, gradient);
+    for (int a = 0; a < row->count; a++) {
+        sb_vec3 g = sb_v3(gradient[a][0], gradient[a][1], gradient[a][2]);
+        now = sb_m3_add(now, sb_m3_outer(x[row->nodes[a]], g));
+        rest = sb_m3_add(rest, sb_m3_outer(X[row->nodes[a]], g));
+    }
+    return sb_m3_mul(now, sb_m3_inverse(rest));
+}
+
+NDLI_API int ndli_bed_region(const ndli_bed *bed, const ndli_bed_row *row)
+{
+    return sbi_body_cell_region(bed->body, row->cell);
+}
+
+NDLI_API double ndli_bed_edge(const ndli_bed *bed, int element)
+{
+    return ndli_bed_edge_of(bed, fabs((double)sb_mesh_element_volume(&bed->mesh, element)));
+}
+
+/* ---- the skin ---- */
+
+/* Where the segment comes in through a triangle, as a share of it; < 0: not. w: weights of the corners. */
+static sb_real ndli_bed_cross(sb_vec3 from, sb_vec3 way, const sb_vec3 x[3], sb_real w[3])
+{
+    sb_vec3 ab = sb_v3_sub(x[1], x[0]), ac = sb_v3_sub(x[2], x[0]), n = sb_v3_cross(ab, ac);
+    sb_vec3 to = sb_v3_sub(from, x[0]), q = sb_v3_cross(to, way);
+    sb_real det = -sb_v3_dot(way, n), along;
+    if (!(det > 0))
+        return -1;
+    w[1] = sb_v3_dot(ac, q) / det;
+    w[2] = -sb_v3_dot(ab, q) / det;
+    w[0] = 1 - w[1] - w[2];
+    along = sb_v3_dot(to, n) / det;
+    return w[0] >= 0 && w[1] >= 0 && w[2] >= 0 && along >= 0 && along <= 1 ? along : -1;
+}
+
+/* A triangle of a boundary face: local nodes of its corners in the face's element. */
+typedef struct ndli_bed_triangle {
+    int element, corners[3];
+} ndli_bed_triangle;
+
+static ndli_bed_triangle ndli_bed_triangle_of(const ndli_bed *bed, int face, int part)
+{
+    ndli_bed_triangle t;
+    int local[SB_MAX_FACE_NODES];
+    sb_element_type type;
+    t.element = bed->volume.boundary.elements[face];
+    sb_element_face(bed->mesh.element_type, bed->volume.boundary.faces[face], local, &type);
+    for (int k = 0; k < 3; k++)
+        t.corners[k] = local[k == 0 ? 0 : part + k];
+    return t;
+}
+
+/* Where the segment comes in through the triangle as a cell of its element has it; the place is straight between the
+ * corners. < 0: not. */
+static sb_real ndli_bed_cross_cell(const ndli_bed *bed, const ndli_bed_triangle *t, int cell, sb_vec3 from, sb_vec3 way,
+                                   ndli_place *place)
+{
+    const sb_vec3 *x = sb_body_positions(bed->body);
+    sb_mesh mesh = sbi_body_mesh(bed->body);
+    int width = sb_mesh_element_width(&mesh);
+    const int *nodes = mesh.elements + (size_t)cell * (size_t)width;
+    const int *rest = bed->mesh.elements + (size_t)t->element * (size_t)width;
+    sb_vec3 corners[3], X = {0, 0, 0};
+    sb_real w[3], along;
+    for (int k = 0; k < 3; k++)
+        corners[k] = x[nodes[t->corners[k]]];
+    along = ndli_bed_cross(from, way, corners, w);
+    if (along < 0)
+        return -1;
+    for (int k = 0; k < 3; k++)
+        X = sb_v3_madd(X, w[k], bed->mesh.nodes[rest[t->corners[k]]]);
+    (void)ndli_bed_locate(bed, X, t->element, place);
+    return along;
+}
+
+/* Of an element that is cut each piece has only that part of the face that has its material. */
+static sb_real ndli_bed_cross_skin(const ndli_bed *bed, const ndli_bed_triangle *t, sb_vec3 from, sb_vec3 way,
+                                   ndli_place *place)
+{
+    int cell = bed->cells[t->element], holder;
+    sb_real along = ndli_bed_cross_cell(bed, t, cell, from, way, place);
+    if (along < 0)
+        return -1;
+    holder = ndli_bed_holder(bed, place);
+    if (holder != cell && !bed->was_cut && holder >= 0) { /* one that was cut before has each piece's own triangles */
+        along = ndli_bed_cross_cell(bed, t, holder, from, way, place);
+        cell = holder;
+        holder = along < 0 ? -1 : ndli_bed_holder(bed, place);
+    }
+    return holder == cell && sb_body_cell_in_use(bed->body, cell) ? along : -1;
+}
+
+NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_place *place, sb_vec3 *at)
+{
+    sb_vec3 way = sb_v3_sub(to, from);
+    sb_real nearest = 2;
+    for (int f = 0; f < bed->volume.boundary.surface.element_count; f++)
+        for (int part = 0; part < bed->volume.face.corners - 2; part++) {
+            ndli_bed_triangle t = ndli_bed_triangle_of(bed, f, part);
+            ndli_place here;
+            sb_real along = ndli_bed_cross_skin(bed, &t, from, way, &here);
+            if (along < 0 || !(along < nearest))
+                continue;
+            nearest = along;
+            *place = here;
+        }
+    *at = sb_v3_madd(from, nearest, way);
+    return nearest <= 1;
+}
+
+NDLI_API int ndli_bed_holds_in_space(const ndli_bed *bed, sb_vec3 x)
+{
+    const sb_vec3 *nodes = sb_body_positions(bed->body);
+    sb_vec3 far_off = x;
+    int layers = 0;
+    for (int i = 0; i < sb_body_node_count(bed->body); i++)
+        far_off.x = sb_max(far_off.x, nodes[i].x);
+    far_off.x += (sb_real)bed->mean_edge;
+    for (int f = 0; f < bed->volume.boundary.surface.element_count; f++)
+        for (int part = 0; part < bed->volume.face.corners - 2; part++) {
+            ndli_bed_triangle t = ndli_bed_triangle_of(bed, f, part);
+            ndli_place place;
+            layers += ndli_bed_cross_skin(bed, &t, far_off, sb_v3_sub(x, far_off), &place) >= 0;
+            layers -= ndli_bed_cross_skin(bed, &t, x, sb_v3_sub(far_off, x), &place) >= 0;
+        }
+    return layers > 0;
+}
+
+/* ==== src/needle/track.h ==== */
+/* track: the way that a tip has cut, a polyline of material points. Floor 6, internal. */
+#ifndef NDL_TRACK_H
+#define NDL_TRACK_H
+
+
+typedef struct ndli_track {
+    int count, capacity;
+    double spacing; /* m: points are farther apart, but for the last */
+    ndli_v3 *X;     /* [capacity] m at rest; borrowed, as what follows */
+    double *arc;    /* [capacity] m from the skin, at rest */
+    int *elements;  /* [capacity] where they are, to start a search from */
+} ndli_track;
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+typedef struct ndli_track_point {
+    ndli_v3 X, tangent; /* unit; 0 of a track of one point */
+    int element;
+} ndli_track_point;
+
+SB_INLINE double ndli_track_length(const ndli_track *track) { return track->count ? track->arc[track->count - 1] : 0; }
+NDLI_API void ndli_track_begin(ndli_track *track, ndli_v3 X, int element);
+/* Goes on to X; 0: it has no room. */
+NDLI_API int ndli_track_extend(ndli_track *track, ndli_v3 X, int element);
+/* Ends it at arc, >= 0. */
+NDLI_API void ndli_track_shorten(ndli_track *track, double arc);
+/* Of a track of a point or more; beyond its ends: the end, with the tangent there. */
+NDLI_API ndli_track_point ndli_track_at(const ndli_track *track, double arc);
+#endif
+
+#endif /* NDL_TRACK_H */
+
+/* ==== src/needle/track.c ==== */
+/* track: see track.h. */
+
+static void ndli_track_put(ndli_track *track, int k, ndli_v3 X, int element)
+{
+    track->X[k] = X;
+    track->elements[k] = element;
+    track->arc[k] = k ? track->arc[k - 1] + ndli_norm(ndli_sub(X, track->X[k - 1])) : 0;
+    track->count = k + 1;
+}
+
+NDLI_API void ndli_track_begin(ndli_track *track, ndli_v3 X, int element) { ndli_track_put(track, 0, X, element); }
+
+NDLI_API int ndli_track_extend(ndli_track *track, ndli_v3 X, int element)
+{
+    int last = track->count - 1;
+    int moves = last > 0 && ndli_norm(ndli_sub(X, track->X[last - 1])) < track->spacing;
+    if (!moves && track->count == track->capacity)
+        return 0;
+    ndli_track_put(track, moves ? last : track->count, X, element);
+    return 1;
+}
+
+/* The last point not beyond arc that has another behind it. */
+static int ndli_track_piece(const ndli_track *track, double arc)
+{
+    int low = 0, high = track->count - 1;
+    while (high - low > 1) {
+        int middle = low + (high - low) / 2;
+        if (track->arc[middle] <= arc)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+NDLI_API ndli_track_point ndli_track_at(const ndli_track *track, double arc)
+{
+    ndli_track_point point;
+    int k = ndli_track_piece(track, arc);
+    double length, share;
+    point.X = track->X[k];
+    point.element = track->elements[k];
+    point.tangent = ndli_v(0, 0, 0);
+    if (track->count < 2)
+        return point;
+    length = track->arc[k + 1] - track->arc[k];
+    share = length > 0 ? (arc - track->arc[k]) / length : 0;
+    share = share < 0 ? 0 : share > 1 ? 1 : share;
+    point.tangent = ndli_sub(track->X[k + 1], track->X[k]);
+    point.X = ndli_madd(point.X, share, point.tangent);
+    if (length > 0)
+        point.tangent = ndli_scale(1 / length, point.tangent);
+    return point;
+}
+
+NDLI_API void ndli_track_shorten(ndli_track *track, double arc)
+{
+    ndli_track_point end = ndli_track_at(track, arc);
+    int k = ndli_track_piece(track, arc);
+    if (!(arc < ndli_track_length(track)))
+        return;
+    track->count = k + 1;
+    if (arc > track->arc[k])
+        ndli_track_put(track, k + 1, end.X, end.element);
 }
 
 /* ==== src/needle/needle_private.h ==== */
@@ -11128,6 +11759,8 @@ NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
+
+enum { NDLI_TRACK_POINTS = 16 }; /* of a needle's track for each of its nodes */
 
 typedef struct ndli_capsule {
     ndl_membrane def;
@@ -11162,6 +11795,11 @@ struct ndl_needle {
     int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                            * there. Tets between such a tip and the skin would be flat */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    double radius;        /* m */
+    ndli_track track;     /* of a needle that is held by rows, as what follows */
+    double *arc;          /* [capacity] m at rest: where on it nodes in the tissue are */
+    struct ndli_hold *holds; /* [capacity] the line's */
+    double *stretch;      /* [capacity] of the tissue along it there, in the present substep */
     int pushed;           /* 1: the present substep's command takes the needle forward */
     int blocked, limited; /* in the present step */
     int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
@@ -11179,12 +11817,18 @@ struct ndli_site {
     sb_body *body;
     sb_allocator allocator;
     int listener; /* its number at the body */
+    int embeds;                           /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
+    ndli_bed bed;
     ndl_remesh *remesh;
     const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
     int count;
     double mean_edge; /* of the undeformed mesh (m) */
-    int *coupled;     /* [node_room] nodes of the body that needles are on, of a solve */
+    int *coupled;     /* [coupled_room] nodes of the body that needles are on, of a solve */
+    size_t coupled_room;
+    int coupled_count; /* with a bed, as what follows */
+    int *node_place;   /* [slots of nodes] their numbers in `coupled`, -1 between solves */
+    size_t place_room;
     double *unknown;  /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
     size_t node_room;
     unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
@@ -11201,6 +11845,11 @@ NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
 NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error);
 NDLI_API void ndli_site_free(struct ndli_site *site);
 NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
+/* Others have changed the mesh: needles are outside of it; and what is known of it is made anew. */
+NDLI_API int ndli_site_is_stale(const struct ndli_site *site);
+NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error);
+/* Once the body may have more nodes. 0: there is no memory. */
+NDLI_API int ndli_site_reserve_places(struct ndli_site *site);
 NDLI_API int ndli_site_free_index(const struct ndli_site *site);
 /* Room for the nodes of all needles and so many more; 0: there is no memory. */
 NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
@@ -11212,7 +11861,27 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 
+/* ---- needle_held: of needles that are held by rows ---- */
+
+/* Makes the holds, and what the tissue does at them; their nodes are listed at the site. */
+NDLI_API void ndli_held_resist(ndl_needle *needle);
+/* The list is empty again: before a step's needles are made ready. */
+NDLI_API void ndli_held_forget(struct ndli_site *site);
+/* After a substep: the tip enters, goes on, or back. What cannot be done holds it. */
+NDLI_API void ndli_held_follow_tip(ndl_needle *needle);
+/* How much of the edge before its first node in the tissue is in it (m). */
+NDLI_API double ndli_held_entering(const ndl_needle *needle);
+/* It is outside. */
+NDLI_API void ndli_held_leave(ndl_needle *needle);
+/* Length (m) of the bends that a side load makes of a needle in tissue of such a modulus (Pa): (4 EI / k)^(1/4). */
+NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess);
+
 /* ---- needle_resist ---- */
+
+/* What a region does to a needle, or NULL. */
+NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region);
+/* Force (N) to cut at X of a region, `table` its friction's. */
+NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table);
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
 NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
@@ -11306,12 +11975,13 @@ NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh)
     return count ? sum / count : 0;
 }
 
-/* By this call a body knows its needles: what there is to be done when the mesh changes the remesher does. */
+/* By this call a body knows its needles. What there is to be done when the mesh changes the remesher does; a bed goes
+ * along with cuts alone. */
 static void ndli_site_follow(void *user, const sb_body *body, const sb_mesh_change *change)
 {
-    (void)user;
+    struct ndli_site *site = (struct ndli_site *)user;
     (void)body;
-    (void)change;
+    site->bed.is_lost |= !change->find_cell;
 }
 
 NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
@@ -11334,6 +12004,8 @@ NDLI_API void ndli_site_free(struct ndli_site *site)
     if (site->listener)
         sb_body_unlisten(site->body, site->listener);
     ndl_remesh_destroy(site->remesh);
+    ndli_bed_free(&site->bed);
+    sbi_free(&allocator, site->node_place);
     sbi_free(&allocator, site->coupled);
     sbi_free(&allocator, site->unknown);
     sbi_free(&allocator, site->undo);
@@ -11348,6 +12020,57 @@ NDLI_API int ndli_site_free_index(const struct ndli_site *site)
     return index;
 }
 
+NDLI_API int ndli_site_is_stale(const struct ndli_site *site)
+{
+    if (!site->embeds)
+        return ndli_remesh_is_stale(site->remesh);
+    return site->bed.version != sb_body_mesh_version(site->body) &&
+           (site->bed.is_lost || !sbi_body_has_finder(site->body));
+}
+
+NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
+{
+    ndli_bed fresh;
+    sb_result result;
+    if (!site->embeds)
+        return ndli_remesh_look(site->remesh, error);
+    if (!ndli_site_is_stale(site))
+        return SB_OK;
+    result = ndli_bed_create(site->body, &site->allocator, &fresh, error);
+    if (result != SB_OK)
+        return result;
+    ndli_bed_free(&site->bed);
+    site->bed = fresh;
+    site->bed.volume.mesh = &site->bed.mesh;
+    return SB_OK;
+}
+
+/* Nodes of the body that so many rod nodes may be at, or held by. */
+static size_t ndli_site_row_nodes(const struct ndli_site *site, size_t rod_nodes)
+{
+    return site->embeds ? rod_nodes * (size_t)sb_mesh_element_width(&site->bed.mesh) : rod_nodes;
+}
+
+/* The numbers of the body's nodes, for all slots that there may be. */
+NDLI_API int ndli_site_reserve_places(struct ndli_site *site)
+{
+    sbi_body_slots slots = sbi_body_node_slots(site->body);
+    size_t room = (size_t)sbi_max_int(slots.room, sb_body_node_count(site->body));
+    int *grown;
+    if (!site->embeds || room <= site->place_room)
+        return 1;
+    grown = (int *)sbi_alloc(&site->allocator, room, sizeof(int));
+    if (!grown)
+        return 0;
+    for (size_t i = 0; i < room; i++)
+        grown[i] = -1;
+    ndli_held_forget(site);
+    sbi_free(&site->allocator, site->node_place);
+    site->node_place = grown;
+    site->place_room = room;
+    return 1;
+}
+
 NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
 {
     size_t room = (size_t)more;
@@ -11355,9 +12078,12 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
     double *unknown;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
+    if (!ndli_site_reserve_places(site))
+        return 0;
     if (room <= site->node_room)
         return 1;
-    coupled = (int *)sbi_alloc(&site->allocator, room, sizeof(int));
+    ndli_held_forget(site);
+    coupled = (int *)sbi_alloc(&site->allocator, ndli_site_row_nodes(site, room), sizeof(int));
     unknown = (double *)sbi_alloc(&site->allocator, room, NDLI_LINE_UNKNOWNS * sizeof(double));
     if (!coupled || !unknown) {
         sbi_free(&site->allocator, coupled);
@@ -11369,6 +12095,7 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
     site->coupled = coupled;
     site->unknown = unknown;
     site->node_room = room;
+    site->coupled_room = ndli_site_row_nodes(site, room);
     return 1;
 }
 
@@ -11416,7 +12143,7 @@ NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
 {
     if (!needle)
         return 0;
-    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
+    return ndli_needle_is_coupled(needle, node) && !needle->site->embeds ? needle->path[node - needle->line.first] : -1;
 }
 
 NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle) { return needle ? needle->site->remesh : NULL; }
@@ -11445,6 +12172,8 @@ NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
         return 0;
     for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
         sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
+    if (needle->site->embeds && needle->line.count > 0)
+        sum += ndli_held_entering(needle);
     return (sb_real)sum;
 }
 
@@ -11458,7 +12187,9 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
         return 0;
     if (needle->line.count == 0)
         return 0;
-    if (needle->shallow)
+    if (needle->site->embeds)
+        *X = ndli_to(ndli_track_at(&needle->track, ndli_track_length(&needle->track)).X);
+    else if (needle->shallow)
         ndl_remesh_material_point(needle->site->remesh, needle->index,
                                   ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
     else
@@ -11475,7 +12206,7 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 
 /* By its name it comes behind the remesher's, which it is checked against. */
 static const char ndli_needle_name[] = "needles";
-enum { NDLI_NEEDLE_VERSION = 1 };
+enum { NDLI_NEEDLE_VERSION = 2 };
 
 /* ---- the image ---- */
 
@@ -11492,6 +12223,7 @@ typedef struct ndli_needle_head {
     double reals[NDLI_HEAD_REALS];
     ndli_v3 vectors[NDLI_HEAD_VECTORS];
     int node_count, first, count, shallow, base_given, hold_steps;
+    int points, padding; /* of its track */
 } ndli_needle_head;
 
 /* The fields that go from step to step, in the order of the head. */
@@ -11550,6 +12282,7 @@ static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_need
     h->shallow = stale ? 0 : needle->shallow;
     h->base_given = needle->base_given;
     h->hold_steps = needle->hold_steps;
+    h->points = h->count > 0 ? needle->track.count : 0;
 }
 
 static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
@@ -11564,18 +12297,33 @@ static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
     needle->line.first = h->first;
     needle->line.count = h->count;
     needle->shallow = h->shallow;
+    needle->track.count = h->points;
     needle->base_given = h->base_given;
     needle->hold_steps = h->hold_steps;
     needle->blocked = needle->limited = 0;
 }
 
+/* Nodes that have a friction state: one more where its edge is held as it goes in. */
+static size_t ndli_needle_states(const ndl_needle *needle, const ndli_needle_head *h)
+{
+    return (size_t)h->count + (needle->site->embeds && h->count > 0 ? 1 : 0);
+}
+
 /* What its nodes in the tissue have. */
 static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli_image *image)
 {
-    size_t nodes = (size_t)h->count;
-    ndli_image_part(image, needle->path, nodes, sizeof(int));
-    ndli_image_part(image, needle->line.state + h->first, nodes, 1);
-    ndli_image_part(image, needle->line.contact + h->first, nodes, sizeof(ndli_v3));
+    size_t states = ndli_needle_states(needle, h), nodes = (size_t)h->count, points = (size_t)h->points;
+    size_t rearmost = (size_t)h->first - (states - nodes);
+    ndli_image_part(image, needle->line.state + rearmost, states, 1);
+    ndli_image_part(image, needle->line.contact + rearmost, states, sizeof(ndli_v3));
+    if (!needle->site->embeds) {
+        ndli_image_part(image, needle->path, nodes, sizeof(int));
+        return;
+    }
+    ndli_image_part(image, needle->arc + h->first, nodes, sizeof(double));
+    ndli_image_part(image, needle->track.X, points, sizeof(ndli_v3));
+    ndli_image_part(image, needle->track.arc, points, sizeof(double));
+    ndli_image_part(image, needle->track.elements, points, sizeof(int));
 }
 
 static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
@@ -11591,7 +12339,7 @@ static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
 static void ndli_site_save(const void *user, sbi_state_out *out)
 {
     const struct ndli_site *site = (const struct ndli_site *)user;
-    int stale = ndli_remesh_is_stale(site->remesh);
+    int stale = ndli_site_is_stale(site);
     ndli_site_head head;
     ndli_image image;
     memset(&image, 0, sizeof image);
@@ -11632,7 +12380,8 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
                         h->node_count, needle->rod->capacity);
     if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
         h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) ||
-        (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
+        h->points < 0 || h->points > needle->track.capacity ||
+        (h->points > 0) != (h->count > 0 && needle->site->embeds) || (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
         !(h->reals[0] > 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
     return SB_OK;
@@ -11653,6 +12402,44 @@ static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char 
     return 1;
 }
 
+static int ndli_image_is_number(const unsigned char *reals, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++)
+        good &= ndli_is_finite(ndli_image_real(reals, i));
+    return good;
+}
+
+/* Reals that rise from one to the next; *last is the last of them. */
+static int ndli_image_rises(const unsigned char *reals, size_t count, double *last)
+{
+    for (size_t i = 0; i < count; i++) {
+        double value = ndli_image_real(reals, i);
+        if (!(value >= 0) || !ndli_is_finite(value) || (i > 0 && !(value > *last)))
+            return 0;
+        *last = value;
+    }
+    return 1;
+}
+
+/* The track is one in the bed, and the rod's nodes are on it in their order. */
+static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char *arcs, const ndli_needle_head *h)
+{
+    size_t nodes = (size_t)h->count, points = (size_t)h->points;
+    const unsigned char *X = arcs + ndli_image_room(nodes * sizeof(double));
+    const unsigned char *at = X + ndli_image_room(points * sizeof(ndli_v3));
+    const unsigned char *elements = at + ndli_image_room(points * sizeof(double));
+    double tip = 0, last = 0;
+    for (size_t i = 0; i < points; i++) {
+        int element = ndli_image_int(elements, i);
+        if (element < 0 || element >= needle->site->bed.mesh.element_count)
+            return 0;
+    }
+    if (!ndli_image_is_number(X, 3 * points) || !ndli_image_rises(at, points, &tip))
+        return 0;
+    return ndli_image_rises(arcs, nodes, &last) && (points == 0 || (last == tip && ndli_image_real(at, 0) == 0));
+}
+
 /* The needle at in[size]; used: its bytes. */
 static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
                                          sb_error *error)
@@ -11660,9 +12447,9 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
     ndl_needle none = *needle;
     ndli_needle_head h;
     ndli_image image;
-    const unsigned char *path, *states, *contacts;
+    const unsigned char *states, *contacts, *rest;
     sb_result result;
-    size_t rod;
+    size_t rod, count;
     int good = 1, nodes;
     if (size < sizeof h)
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends in its head", needle->index);
@@ -11675,17 +12462,15 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
     ndli_needle_walk(&none, &h, &image);
     if (image.used > size)
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends before its nodes do", needle->index);
-    path = in + ndli_image_room(sizeof h);
-    states = path + ndli_image_room((size_t)h.count * sizeof(int));
-    contacts = states + ndli_image_room((size_t)h.count);
-    for (int i = 0; i < h.count; i++)
+    count = ndli_needle_states(needle, &h);
+    states = in + ndli_image_room(sizeof h);
+    contacts = states + ndli_image_room(count);
+    rest = contacts + ndli_image_room(count * sizeof(ndli_v3));
+    for (size_t i = 0; i < count; i++)
         good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
-    for (int i = 0; i < 3 * h.count; i++) {
-        double value;
-        memcpy(&value, contacts + (size_t)i * sizeof value, sizeof value);
-        good &= value - value == 0;
-    }
-    if (!good || !ndli_needle_path_holds(needle, path, h.count))
+    if (!good || !ndli_image_is_number(contacts, 3 * count) ||
+        !(needle->site->embeds ? ndli_needle_track_holds(needle, rest, &h)
+                               : ndli_needle_path_holds(needle, rest, h.count)))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
     result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
     if (result == SB_OK && nodes != h.node_count)
@@ -11931,51 +12716,83 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
 
 /* ---- membranes ---- */
 
-static int ndli_resist_region(const ndli_topology *mesh, int tet) { return tet < 0 ? -1 : mesh->regions[tet]; }
+/* The undeformed mesh that membranes lie in. */
+typedef struct ndli_resist_mesh {
+    sb_element_type type;
+    int count, node_count;
+    const int *elements, *regions, *neighbours; /* regions NULL: all 0 */
+    sb_vec3 *X;                                 /* read only */
+} ndli_resist_mesh;
 
-/* 1 when the membrane lies on a face; each inner face is looked at from its lower tet. */
-static int ndli_resist_holds(const ndli_topology *mesh, const ndl_membrane *membrane, int tet, int face)
+static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
 {
-    int other = mesh->neighbours[4 * (size_t)tet + (size_t)face];
-    int a = ndli_resist_region(mesh, tet), b = ndli_resist_region(mesh, other);
-    if (other > tet)
+    const ndli_topology *topology = site->mesh;
+    const sb_mesh *rest = &site->bed.mesh;
+    ndli_resist_mesh mesh;
+    mesh.type = topology ? SB_TET4 : rest->element_type;
+    mesh.count = topology ? topology->original_tets : rest->element_count;
+    mesh.node_count = topology ? topology->original_nodes : rest->node_count;
+    mesh.elements = topology ? topology->tets : rest->elements;
+    mesh.regions = topology ? topology->regions : rest->regions;
+    mesh.neighbours = topology ? topology->neighbours : site->bed.volume.neighbours.items;
+    mesh.X = topology ? topology->X0 : rest->nodes;
+    return mesh;
+}
+
+static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
+{
+    return element < 0 ? -1 : mesh->regions ? mesh->regions[element] : 0;
+}
+
+/* 1 when the membrane lies on a face; each inner face is looked at from its lower element. */
+static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int element, int face)
+{
+    int faces = sb_element_face_count(mesh->type);
+    int other = mesh->neighbours[(size_t)faces * (size_t)element + (size_t)face];
+    int a = ndli_resist_region(mesh, element), b = ndli_resist_region(mesh, other);
+    if (other > element)
         return 0;
     return (a == membrane->regions[0] && b == membrane->regions[1]) ||
            (b == membrane->regions[0] && a == membrane->regions[1]);
 }
 
-/* Faces of the membrane: written to `triangles` when that is not NULL. */
-static int ndli_resist_gather(const ndli_topology *mesh, const ndl_membrane *membrane, int *triangles)
+/* Faces of the membrane, as triangles between their corners: written to `triangles` when that is not NULL. */
+static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int *triangles)
 {
-    static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+    size_t width = (size_t)sb_element_node_count(mesh->type);
     int count = 0;
-    for (int tet = 0; tet < mesh->original_tets; tet++)
-        for (int face = 0; face < 4; face++) {
-            if (!ndli_resist_holds(mesh, membrane, tet, face))
+    for (int e = 0; e < mesh->count; e++)
+        for (int face = 0; face < sb_element_face_count(mesh->type); face++) {
+            int local[SB_MAX_FACE_NODES], parts;
+            sb_element_type type;
+            if (!ndli_resist_holds(mesh, membrane, e, face))
                 continue;
-            for (int c = 0; c < 3 && triangles; c++)
-                triangles[3 * (size_t)count + (size_t)c] = mesh->tets[4 * (size_t)tet + (size_t)corners[face][c]];
-            count++;
+            sb_element_face(mesh->type, face, local, &type);
+            parts = sb_element_corner_count(type) - 2;
+            for (int part = 0; part < parts; part++, count++)
+                for (int c = 0; c < 3 && triangles; c++)
+                    triangles[3 * (size_t)count + (size_t)c] =
+                        mesh->elements[width * (size_t)e + (size_t)local[c == 0 ? 0 : part + c]];
         }
     return count;
 }
 
 static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
 {
-    const ndli_topology *mesh = needle->site->mesh;
+    ndli_resist_mesh mesh = ndli_resist_get_mesh(needle->site);
     sb_mesh faces;
     sb_result result;
-    int count = ndli_resist_gather(mesh, membrane, NULL);
+    int count = ndli_resist_gather(&mesh, membrane, NULL);
     if (count == 0)
         return SB_ERROR_ARGUMENT;
     memset(&faces, 0, sizeof faces);
     faces.element_type = SB_TRI3;
-    faces.nodes = mesh->X0; /* read only */
-    faces.node_count = mesh->original_nodes;
+    faces.nodes = mesh.X;
+    faces.node_count = mesh.node_count;
     faces.elements = (int *)sbi_alloc(&needle->allocator, (size_t)count, 3 * sizeof(int));
-    faces.element_count = ndli_resist_gather(mesh, membrane, faces.elements);
     if (!faces.elements)
         return SB_ERROR_MEMORY;
+    faces.element_count = ndli_resist_gather(&mesh, membrane, faces.elements);
     result = sb_surface_create(&faces, &needle->allocator, surface, NULL);
     sbi_free(&needle->allocator, faces.elements);
     return result;
@@ -11998,7 +12815,7 @@ NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *m
 
 /* ---- friction ---- */
 
-static const ndl_friction *ndli_resist_of(const ndl_needle *needle, int region)
+NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region)
 {
     int i = needle->friction_count == 1 ? 0 : region;
     return i >= 0 && i < needle->friction_count ? needle->frictions + i : NULL;
@@ -12011,7 +12828,7 @@ static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
     double total = 0;
     memset(mean, 0, 5 * sizeof *mean);
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
-        const ndl_friction *f = ndli_resist_of(needle, mesh->regions[k / 4]);
+        const ndl_friction *f = ndli_needle_friction(needle, mesh->regions[k / 4]);
         double volume = (double)mesh->volumes[k / 4];
         total += volume;
         if (!f)
@@ -12060,15 +12877,20 @@ static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
     return sum;
 }
 
+NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table)
+{
+    if (needle->cutting_at) {
+        sb_real force = needle->cutting_at(needle->cutting_user, X, region);
+        return force > 0 && sb_is_finite(force) ? (double)force : 0;
+    }
+    return table + ndli_resist_membranes(needle, X);
+}
+
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
 {
     sb_vec3 X;
     ndl_needle_tip_material(needle, &X);
-    if (needle->cutting_at) {
-        sb_real force = needle->cutting_at(needle->cutting_user, X, ndli_resist_region_ahead(needle, tip));
-        return force > 0 && sb_is_finite(force) ? (double)force : 0;
-    }
-    return table + ndli_resist_membranes(needle, X);
+    return ndli_needle_cutting_at(needle, X, needle->cutting_at ? ndli_resist_region_ahead(needle, tip) : 0, table);
 }
 
 /* A tip that comes near the skin from inside is stopped: nothing can follow it out, and tets ahead of it get flat. */
@@ -12102,7 +12924,7 @@ static void ndli_resist_tip(ndl_needle *needle, int tip, double table)
 
 /* ---- all of it ---- */
 
-NDLI_API void ndli_needle_resist(ndl_needle *needle)
+static void ndli_resist_nodes(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
@@ -12128,6 +12950,412 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
     }
     for (int j = 0; j < sbi_min_int(line->first, ends); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
+}
+
+NDLI_API void ndli_needle_resist(ndl_needle *needle)
+{
+    if (needle->site->embeds)
+        ndli_held_resist(needle);
+    else
+        ndli_resist_nodes(needle);
+}
+
+/* ==== src/needle/needle_held.c ==== */
+/* needle_held: needles that the body holds by rows of weights, its mesh left as it is (NDL_EMBED): where each rod node
+ * is on the way that the tip has cut, what the tissue does to it there, and how the tip goes on.
+ *
+ * A rod node in the tissue is at an arc of the track, which grows by what the node slips; that is all there is to
+ * remember: how far the rod is past the tissue follows from where both are. The node before the first in the tissue has
+ * a hold on its edge, where that goes in, so that forces do not jump when it follows. */
+
+#include <string.h>
+
+/* ---- what a mesh does not show of the tissue about a needle ---- */
+
+/* Of an element's edge: radius over which a mesh spreads a line of point loads, measured (0.62 +- 0.08 in tets). */
+static const double ndli_held_spread = 0.62;
+/* Least ratio of that radius to the needle's: with finer meshes the needle is held as if it were thinner. */
+static const double ndli_held_least_ratio = 1.5;
+static const double ndli_held_pi = 3.14159265358979323846;
+
+typedef struct ndli_held_tissue {
+    double shear, poisson; /* Pa */
+    double ratio;          /* logarithm of the mesh's radius over the needle's */
+} ndli_held_tissue;
+
+static ndli_held_tissue ndli_held_get_tissue(const ndl_needle *needle, int element, const ndli_bed_row *row)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    const sb_material *material = sbi_body_cell_material(bed->body, row->cell);
+    double radius = ndli_held_spread * ndli_bed_edge(bed, element);
+    ndli_held_tissue tissue;
+    tissue.poisson = (double)sb_material_poisson(material);
+    tissue.shear = (double)sb_material_young(material) / (2 * (1 + tissue.poisson));
+    tissue.ratio = log(fmax(radius / needle->radius, ndli_held_least_ratio));
+    return tissue;
+}
+
+/* N/m per m of shaft: Kelvin's line load across and along, between the two radii. */
+static double ndli_held_across(const ndli_held_tissue *t)
+{
+    return 8 * ndli_held_pi * t->shear * (1 - t->poisson) / ((3 - 4 * t->poisson) * t->ratio);
+}
+static double ndli_held_along(const ndli_held_tissue *t) { return 2 * ndli_held_pi * t->shear / t->ratio; }
+
+/* N/m of the tip: a rigid disc that moves along its axis (Selvadurai 1976). */
+static double ndli_held_tip(const ndl_needle *needle, const ndli_held_tissue *t)
+{
+    return 32 * (1 - t->poisson) / (3 - 4 * t->poisson) * t->shear * needle->radius;
+}
+
+NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess)
+{
+    double outer = (double)section->radius, inner = (double)section->inner_radius, wave = guess;
+    double bending = (double)section->young * ndli_held_pi / 4 * (outer * outer * outer * outer - inner * inner * inner * inner);
+    for (int round = 0; round < 4; round++) {
+        ndli_held_tissue t;
+        t.poisson = 0.45; /* of soft tissue; it matters little */
+        t.shear = young / (2 * (1 + t.poisson));
+        t.ratio = log(fmax(wave / outer, ndli_held_least_ratio));
+        wave = sqrt(sqrt(4 * bending / ndli_held_across(&t)));
+    }
+    return wave;
+}
+
+/* ---- holds ---- */
+
+/* Where hold i is on the track (m at rest). */
+static double ndli_held_arc(const ndl_needle *needle, int i)
+{
+    return i < needle->line.first ? 0 : needle->arc[i];
+}
+
+static double ndli_held_edge(const ndl_rod *rod, int j) { return ndli_norm(ndli_sub(rod->x[j + 1], rod->x[j])); }
+
+NDLI_API double ndli_held_entering(const ndl_needle *needle)
+{
+    int first = needle->line.first;
+    double edge = ndli_held_edge(needle->rod, first - 1);
+    return fmin(fmax(needle->arc[first], 0), edge);
+}
+
+/* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
+static double ndli_held_length(const ndl_needle *needle, int i)
+{
+    const ndl_rod *rod = needle->rod;
+    int first = needle->line.first;
+    double entering = ndli_held_entering(needle), sum = 0;
+    if (i < first)
+        return 0.5 * entering;
+    sum += i == first ? entering : ndli_held_edge(rod, i - 1);
+    sum += i + 1 < rod->node_count ? ndli_held_edge(rod, i) : 0;
+    return 0.5 * sum;
+}
+
+static ndli_v3 ndli_held_place(const ndl_needle *needle, int i)
+{
+    const ndl_rod *rod = needle->rod;
+    double share = needle->line.holds[i].share;
+    return share > 0 ? ndli_madd(rod->x[i], share, ndli_sub(rod->x[i + 1], rod->x[i])) : rod->x[i];
+}
+
+static ndli_v3 ndli_held_tangent(const ndl_needle *needle, int i)
+{
+    const ndl_rod *rod = needle->rod;
+    int ahead = sbi_min_int(i, rod->node_count - 2), behind = needle->line.holds[i].share > 0 ? i : sbi_max_int(i - 1, 0);
+    ndli_v3 sum = ndli_add(rod->tangent[ahead], rod->tangent[behind]);
+    return ndli_scale(1 / ndli_norm(sum), sum);
+}
+
+/* Number of a body's node in the guest's list. */
+static int ndli_held_number(struct ndli_site *site, int node)
+{
+    if (site->node_place[node] < 0) {
+        site->node_place[node] = site->coupled_count;
+        site->coupled[site->coupled_count++] = node;
+    }
+    return site->node_place[node];
+}
+
+static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struct ndli_hold *hold)
+{
+    hold->count = row->count;
+    for (int a = 0; a < row->count; a++) {
+        hold->places[a] = ndli_held_number(site, row->nodes[a]);
+        hold->weights[a] = row->weights[a];
+    }
+}
+
+/* How long the tissue is along the track where it is, per length at rest. */
+static double ndli_held_stretch(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row, ndli_v3 tangent)
+{
+    sb_mat3 f = ndli_bed_gradient(bed, place, row);
+    double stretch = ndli_norm(ndli_from(sb_m3_apply(f, ndli_to(tangent))));
+    return stretch > 0 && sb_m3_det(f) > 0 ? stretch : 1;
+}
+
+/* Hold i where it is now; *row: where its material is, count 0: it has been taken away. */
+static void ndli_held_hold(ndl_needle *needle, int i, ndli_bed_row *row)
+{
+    struct ndli_hold *hold = needle->line.holds + i;
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track_point point = ndli_track_at(&needle->track, ndli_held_arc(needle, i));
+    double length = ndli_held_length(needle, i);
+    ndli_held_tissue tissue;
+    ndli_place place;
+    memset(hold, 0, sizeof *hold);
+    needle->stretch[i] = 1;
+    if (i < needle->line.first)
+        hold->share = 1 - ndli_held_entering(needle) / ndli_held_edge(needle->rod, i);
+    hold->tangent = ndli_held_tangent(needle, i);
+    (void)ndli_bed_locate(bed, ndli_to(point.X), point.element, &place);
+    row->count = 0;
+    if (!(length > 0 || i == ndli_line_foremost(&needle->line)) || !ndli_bed_row_at(bed, &place, row)) {
+        row->count = 0;
+        return;
+    }
+    ndli_held_tie(needle->site, row, hold);
+    hold->offset = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(bed, row));
+    if (ndli_norm(point.tangent) > 0)
+        needle->stretch[i] = ndli_held_stretch(bed, &place, row, point.tangent);
+    tissue = ndli_held_get_tissue(needle, place.element, row);
+    hold->across = length * ndli_held_across(&tissue);
+    hold->along = length * ndli_held_along(&tissue);
+    if (i == ndli_line_foremost(&needle->line))
+        hold->along += ndli_held_tip(needle, &tissue);
+}
+
+NDLI_API void ndli_held_forget(struct ndli_site *site)
+{
+    for (int k = 0; k < site->coupled_count; k++)
+        site->node_place[site->coupled[k]] = -1;
+    site->coupled_count = 0;
+}
+
+/* ---- what the tissue does to a needle ---- */
+
+static void ndli_held_resist_tip(ndl_needle *needle, const ndli_bed_row *row, const ndl_friction *friction)
+{
+    ndli_line *line = &needle->line;
+    const ndli_bed *bed = &needle->site->bed;
+    const ndli_track *track = &needle->track;
+    ndli_track_point end = ndli_track_at(track, ndli_track_length(track));
+    ndli_v3 ahead = ndli_madd(end.X, 0.2 * needle->site->mean_edge, needle->heading);
+    double table = friction ? (double)friction->cutting : 0;
+    ndli_place place;
+    int last = ndli_line_foremost(line);
+    line->cutting = ndli_needle_cutting_at(needle, ndli_to(end.X), row->count ? ndli_bed_region(bed, row) : -1, table);
+    if (needle->hold_steps == 0 && ndli_bed_locate(bed, ndli_to(ahead), end.element, &place))
+        return;
+    needle->blocked = 1;
+    line->cutting = (double)SB_REAL_MAX;
+    if (line->state[last] == NDL_DYNAMIC_FORWARD)
+        line->state[last] = NDL_STATIC;
+}
+
+NDLI_API void ndli_held_resist(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    int last = ndli_line_foremost(line), first = ndli_line_rearmost(line);
+    line->cutting = 0;
+    for (int j = 0; j < sbi_min_int(first, rod->node_count - 1); j++)
+        ndl_rod_set_grip(rod, j, 0, 0);
+    for (int i = first; i <= last; i++) {
+        double length = ndli_held_length(needle, i), edge;
+        const ndl_friction *friction;
+        ndli_bed_row row;
+        ndli_held_hold(needle, i, &row);
+        friction = row.count ? ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &row)) : NULL;
+        line->friction[i] = friction ? length * (double)friction->friction : 0;
+        line->viscous[i] = friction ? length * (double)friction->viscous : 0;
+        if (i == last) {
+            ndli_held_resist_tip(needle, &row, friction);
+            continue;
+        }
+        edge = i < line->first ? ndli_held_entering(needle) : ndli_held_edge(rod, i);
+        ndl_rod_set_grip(rod, i, friction ? (sb_real)(edge * (double)friction->twist_stiffness) : 0,
+                         friction ? (sb_real)(edge * (double)friction->twist_friction) : 0);
+    }
+}
+
+/* ---- the tip goes on ---- */
+
+/* rad: how far the way that a tip cuts may leave the direction of the shaft (Chentanez 2010 has no limit; in soft
+ * tissue the curvature comes out as this over the length of the shaft's wave in it). */
+static const double ndli_held_most_lag = 0.1;
+enum { NDLI_HELD_HOLD_STEPS = 8 };
+
+static ndli_v3 ndli_held_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
+
+static double ndli_held_curvature(const ndl_needle *needle)
+{
+    if (needle->bevel.law == NDL_BEVEL_CURVATURE)
+        return (double)needle->bevel.curvature;
+    return 2 * tan((double)needle->bevel.angle) / needle->edge_length;
+}
+
+/* Direction of the shaft at its tip, whose end has no moment: its last edge, turned on by an eighth of the curvature
+ * behind it. */
+static ndli_v3 ndli_held_shaft(const ndl_rod *rod)
+{
+    int last = rod->node_count - 2;
+    ndli_v3 t = rod->tangent[last];
+    if (last < 1)
+        return t;
+    return ndli_held_unit(ndli_madd(t, rod->rest_length[last] / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1])));
+}
+
+/* heading, no farther from the shaft than it may be. */
+static ndli_v3 ndli_held_limited(ndli_v3 heading, ndli_v3 shaft)
+{
+    double along = ndli_dot(heading, shaft), size;
+    ndli_v3 lag = ndli_madd(heading, -along, shaft);
+    size = ndli_norm(lag);
+    if (along > 0 && !(size > ndli_held_most_lag * along))
+        return heading;
+    return ndli_held_unit(size > 0 ? ndli_madd(shaft, ndli_held_most_lag / size, lag) : shaft);
+}
+
+/* The tip has nowhere to go: it is held for a while. */
+static void ndli_held_block(ndl_needle *needle)
+{
+    needle->blocked = 1;
+    needle->hold_steps = NDLI_HELD_HOLD_STEPS;
+}
+
+/* The track goes on by `advance` (m, in space) from where the tip is. */
+static void ndli_held_cut(ndl_needle *needle, double advance)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track *track = &needle->track;
+    ndli_track_point end = ndli_track_at(track, ndli_track_length(track));
+    ndli_v3 side = ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2), heading, way, X, gap;
+    double curvature = ndli_held_curvature(needle);
+    ndli_bed_row row, next;
+    ndli_place place;
+    sb_mat3 f, inverse;
+    (void)ndli_bed_locate(bed, ndli_to(end.X), end.element, &place);
+    if (!ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
+        ndli_held_block(needle);
+        return;
+    }
+    inverse = sb_m3_inverse(f);
+    heading = ndli_held_unit(ndli_from(sb_m3_apply(f, ndli_to(needle->heading))));
+    way = ndli_scale(advance, ndli_held_unit(ndli_madd(heading, 0.5 * curvature * advance, side)));
+    heading = ndli_held_limited(ndli_held_unit(ndli_madd(heading, curvature * advance, side)),
+                                ndli_held_shaft(needle->rod));
+    X = ndli_add(end.X, ndli_from(sb_m3_apply(inverse, ndli_to(way))));
+    if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_bed_row_at(bed, &place, &next)) {
+        ndli_held_block(needle);
+        return;
+    }
+    gap = ndli_sub(ndli_sub(ndli_bed_at(bed, &next), ndli_bed_at(bed, &row)), way);
+    if (ndli_norm(gap) > advance + 0.1 * needle->site->mean_edge) { /* a cut lies between, and stands open */
+        ndli_held_block(needle);
+        return;
+    }
+    if (!ndli_track_extend(track, X, place.element)) {
+        needle->limited = 1;
+        ndli_held_block(needle);
+        return;
+    }
+    needle->heading = ndli_held_unit(ndli_from(sb_m3_apply(inverse, ndli_to(heading))));
+}
+
+/* The tip goes back along the track, and looks along it again. */
+static void ndli_held_draw_back(ndl_needle *needle, double arc)
+{
+    ndli_track_shorten(&needle->track, fmax(arc, 0));
+    needle->hold_steps = 0;
+    if (needle->track.count > 1)
+        needle->heading = ndli_track_at(&needle->track, arc).tangent;
+}
+
+NDLI_API void ndli_held_leave(ndl_needle *needle)
+{
+    needle->line.first = needle->rod->node_count;
+    needle->line.count = 0;
+    needle->track.count = 0;
+}
+
+/* Nodes that have come in, or gone out again. */
+static void ndli_held_count(ndl_needle *needle)
+{
+    ndli_line *line = &needle->line;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    while (line->first < last && needle->arc[line->first] <= 0) {
+        line->state[line->first - 1] = NDL_FREE;
+        line->first++;
+    }
+    while (line->first > 2 && needle->arc[line->first] > ndli_held_edge(rod, line->first - 1)) {
+        int next = --line->first;
+        needle->arc[next] = needle->arc[next + 1] - ndli_held_edge(rod, next);
+        line->state[next - 1] = line->state[next];
+        line->contact[next - 1] = ndli_v(0, 0, 0);
+    }
+    line->count = rod->node_count - line->first;
+}
+
+/* Nodes come to where they have slipped to; none passes the next. */
+static void ndli_held_slip(ndl_needle *needle)
+{
+    const ndli_line *line = &needle->line;
+    int last = ndli_line_foremost(line);
+    double tip = ndli_track_length(&needle->track);
+    for (int i = last; i >= line->first; i--) {
+        double most = i == last ? tip : needle->arc[i + 1] - 0.05 * needle->rod->rest_length[i];
+        double arc = i == last ? tip : needle->arc[i] + line->slip[i] / needle->stretch[i];
+        needle->arc[i] = fmin(arc, most);
+    }
+}
+
+static void ndli_held_enter(ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    const ndli_bed *bed = &needle->site->bed;
+    int last = rod->node_count - 1;
+    ndli_line *line = &needle->line;
+    ndli_bed_row row;
+    ndli_place place;
+    sb_vec3 at, X;
+    sb_mat3 f;
+    if (!ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at) ||
+        !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
+        return;
+    X = sbi_embed_map(&bed->mesh, place.element, place.xi, NULL);
+    ndli_track_begin(&needle->track, ndli_from(X), place.element);
+    needle->heading = ndli_held_unit(ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(rod->tangent[last - 1]))));
+    line->first = last;
+    line->count = 1;
+    needle->arc[last] = 0;
+    line->state[last] = line->state[last - 1] = NDL_STATIC;
+    line->contact[last] = line->contact[last - 1] = ndli_v(0, 0, 0);
+}
+
+NDLI_API void ndli_held_follow_tip(ndl_needle *needle)
+{
+    ndli_line *line = &needle->line;
+    int last = ndli_line_foremost(line);
+    double back;
+    needle->advance = 0;
+    if (line->count == 0) {
+        ndli_held_enter(needle);
+        return;
+    }
+    needle->advance = line->slip[last];
+    back = needle->arc[last] + needle->advance / needle->stretch[last];
+    if (needle->advance > 0)
+        ndli_held_cut(needle, needle->advance);
+    else if (needle->advance < 0)
+        ndli_held_draw_back(needle, back);
+    if (!(back > 0) && needle->advance < 0) {
+        ndli_held_leave(needle);
+        return;
+    }
+    ndli_held_slip(needle);
+    ndli_held_count(needle);
 }
 
 /* ==== src/needle/needle_tip.c ==== */
@@ -12160,7 +13388,7 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     int last = rod->node_count - 1;
     ndli_v3 t = rod->tangent[last - 1], ahead;
     sb_mat3 f;
-    if (needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+    if (needle->site->embeds || needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
         return t;
     f = ndli_tip_gradient(needle->site->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_tip_mapped(&f, needle->heading);
@@ -12581,6 +13809,8 @@ static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndl
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
 {
     const ndli_topology *mesh = needle->site->mesh;
+    if (needle->site->embeds)
+        return 1;
     for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
         ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
         if (ndli_dot(gap, gap) > 0)
@@ -12589,7 +13819,54 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
     return 1;
 }
 
-NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
+/* ---- of a needle that is held by rows: nodes in the tissue stay where they are on the rod ---- */
+
+static int ndli_nodes_are(const ndl_rod *rod, const ndli_places *list)
+{
+    for (int i = 0; i < list->count && list->count == rod->node_count; i++) {
+        ndli_v3 gap = ndli_sub(list->x[i], rod->x[i]);
+        if (ndli_dot(gap, gap) > 0)
+            return 0;
+    }
+    return list->count == rod->node_count;
+}
+
+/* Nodes from `from` on have numbers that are higher by `more`. */
+static void ndli_nodes_shift(ndl_needle *needle, int from, int count, int more)
+{
+    ndli_line *line = &needle->line;
+    size_t n = (size_t)count;
+    memmove(line->state + from + more, line->state + from, n);
+    memmove(line->contact + from + more, line->contact + from, n * sizeof *line->contact);
+    memmove(needle->arc + from + more, needle->arc + from, n * sizeof *needle->arc);
+    for (int i = 0; i < from + more; i++)
+        line->state[i] = NDL_FREE;
+}
+
+static int ndli_nodes_renew_rows(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    int count = line->count, end = count > 0 ? line->first : rod->node_count - 1, first, bad;
+    ndli_places list = {needle->places, needle->place_tangents, 0, 0};
+    list.capacity = rod->capacity - sbi_max_int(count - 1, 0);
+    ndli_nodes_outside(needle, &list, rod->x[end], end);
+    first = list.count - 1;
+    list.capacity = rod->capacity;
+    for (int i = end + 1; i < rod->node_count; i++)
+        ndli_nodes_put(&list, rod->x[i], ndli_v(0, 0, 0));
+    if (ndli_nodes_are(rod, &list))
+        return -1;
+    bad = ndli_rod_reparameterise(rod, list.x, list.count);
+    if (bad >= 0)
+        return bad;
+    if (count > 0)
+        ndli_nodes_shift(needle, end - 1, count + 1, first - end);
+    line->first = count > 0 ? first : rod->node_count;
+    return -1;
+}
+
+static int ndli_nodes_renew_path(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
@@ -12632,6 +13909,11 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     return -1;
 }
 
+NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
+{
+    return needle->site->embeds ? ndli_nodes_renew_rows(needle) : ndli_nodes_renew_path(needle);
+}
+
 /* ==== src/needle/needle_undo.c ==== */
 /* needle_undo: the state of a body, its remesher and its needles at the start of a step, in one block. */
 
@@ -12642,21 +13924,29 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
 static size_t ndli_undo_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
 
 /* What a needle has beside its rod: its fields, and the arrays that go from step to step. */
-static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count)
+static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count, int point_count)
 {
-    size_t n = (size_t)node_count;
+    size_t n = (size_t)node_count, points = (size_t)point_count;
     return ndli_undo_aligned(sizeof *needle) + ndli_undo_aligned(n * sizeof(ndli_v3)) +
-           ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n) +
+           ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n) + ndli_undo_aligned(n * sizeof(double)) +
+           ndli_undo_aligned(points * sizeof(ndli_v3)) + ndli_undo_aligned(points * sizeof(double)) +
+           ndli_undo_aligned(points * sizeof(int)) +
            ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
+}
+
+static size_t ndli_undo_remesh_size(const struct ndli_site *site)
+{
+    return site->embeds ? 0 : ndli_remesh_snapshot_size(site->remesh);
 }
 
 /* body: bytes of the body's part. */
 static size_t ndli_undo_size(const struct ndli_site *site, size_t body)
 {
-    size_t sum = ndli_undo_aligned(body) + ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    size_t sum = ndli_undo_aligned(body) + ndli_undo_aligned(ndli_undo_remesh_size(site));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
-            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->node_count);
+            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->node_count,
+                                         site->needles[i]->track.count);
     return sum;
 }
 
@@ -12678,11 +13968,12 @@ static int ndli_undo_make_room(struct ndli_site *site, size_t needed)
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
     size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) +
-                 ndli_undo_aligned(ndli_remesh_snapshot_room(site->remesh)) +
-                 ndli_undo_needle_size(more, more->rod->capacity);
+                 ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh)) +
+                 ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
-            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity);
+            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,
+                                         site->needles[i]->track.capacity);
     return ndli_undo_make_room(site, sum);
 }
 
@@ -12696,11 +13987,16 @@ static void ndli_undo_copy(unsigned char **at, void *part, size_t bytes, int bac
 
 static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned char **at, int back)
 {
-    size_t n = (size_t)node_count;
+    size_t n = (size_t)node_count, points;
     ndli_undo_copy(at, needle, sizeof *needle, back);
+    points = (size_t)needle->track.count;
     ndli_undo_copy(at, needle->line.contact, n * sizeof(ndli_v3), back);
     ndli_undo_copy(at, needle->path, n * sizeof(int), back);
     ndli_undo_copy(at, needle->line.state, n, back);
+    ndli_undo_copy(at, needle->arc, needle->arc ? n * sizeof(double) : 0, back);
+    ndli_undo_copy(at, needle->track.X, points * sizeof(ndli_v3), back);
+    ndli_undo_copy(at, needle->track.arc, points * sizeof(double), back);
+    ndli_undo_copy(at, needle->track.elements, points * sizeof(int), back);
 }
 
 NDLI_API int ndli_needle_keep(struct ndli_site *site)
@@ -12712,8 +14008,9 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site)
     site->undo_body = body;
     at = site->undo + ndli_undo_aligned(site->undo_body);
     sbi_body_snapshot(site->body, site->undo);
-    ndli_remesh_snapshot(site->remesh, at);
-    at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    if (!site->embeds)
+        ndli_remesh_snapshot(site->remesh, at);
+    at += ndli_undo_aligned(ndli_undo_remesh_size(site));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_rod *rod = site->needles[i]->rod;
@@ -12728,16 +14025,19 @@ NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error)
 {
     unsigned char *at = site->undo;
     sb_result result;
-    ndli_remesh_set_own(site->remesh, 1);
+    if (!site->embeds)
+        ndli_remesh_set_own(site->remesh, 1);
     result = sbi_body_rewind(site->body, at, site->undo_body, NULL);
-    ndli_remesh_set_own(site->remesh, 0);
+    if (!site->embeds)
+        ndli_remesh_set_own(site->remesh, 0);
     site->undo_waits = result != SB_OK;
     if (result != SB_OK)
         return sbi_fail(error, SB_ERROR_MEMORY,
                         "no memory to take the failed step back: that comes first in the next step");
     at += ndli_undo_aligned(site->undo_body);
-    ndli_remesh_rewind(site->remesh, at);
-    at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    if (!site->embeds)
+        ndli_remesh_rewind(site->remesh, at);
+    at += ndli_undo_aligned(ndli_undo_remesh_size(site));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_rod *rod = site->needles[i]->rod;
@@ -12762,12 +14062,11 @@ NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *err
 
 NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
 {
-    int stale = ndli_remesh_is_stale(site->remesh);
-    sb_result result = ndli_remesh_look(site->remesh, error);
+    int stale = ndli_site_is_stale(site);
+    sb_result result = ndli_site_look(site, error);
     for (int i = 0; i < NDL_MAX_NEEDLES && stale && result == SB_OK; i++)
         if (site->needles[i]) {
-            site->needles[i]->line.first = site->needles[i]->rod->node_count;
-            site->needles[i]->line.count = 0;
+            ndli_held_leave(site->needles[i]);
             site->needles[i]->shallow = 0;
         }
     return result;
@@ -12868,14 +14167,14 @@ static int ndli_step_move_nonlinear(ndl_needle *needle, double dt)
     ndl_rod *rod = needle->rod;
     const ndli_line *line = &needle->line;
     int done;
-    for (int i = line->first; i < line->first + line->count; i++) {
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++) {
         rod->held[i] = 1;
         rod->has_velocity[i] = 0;
         rod->target[i] = ndli_add(rod->x[i], line->move[i]);
     }
     done = ndli_rod_step_euler(rod, dt);
-    for (int i = line->first; i < line->first + line->count; i++)
-        rod->held[i] = 0;
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++)
+        rod->held[i] = i < 2;
     for (int i = 0; i < 2 && done; i++)
         line->reaction[i] = rod->reaction[i];
     return done;
@@ -12918,7 +14217,10 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     double begin = ndli_step_now(s->site), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
-    result = ndli_needle_follow_tip(needle, &done, s->error);
+    if (s->site->embeds)
+        ndli_held_follow_tip(needle), result = SB_OK;
+    else
+        result = ndli_needle_follow_tip(needle, &done, s->error);
     middle = ndli_step_now(s->site);
     s->info->seconds_remesh += middle - begin;
     s->info->operations += done.substeps;
@@ -12934,6 +14236,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
 {
     static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
     double begin = ndli_step_now(s->site);
+    ndli_held_forget(s->site);
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
@@ -12956,7 +14259,11 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     const sbi_guest *guests[1];
     ndli_couple couple;
     sb_result result;
-    ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
+    if (site->embeds)
+        ndli_couple_prepare_rows(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled,
+                                 site->coupled_count);
+    else
+        ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
     guests[0] = &couple.guest;
     result = sbi_body_step_with(site->body, (sb_real)dt, guests, 1, &s->info->body);
     solve = s->info->body.seconds_solve;
@@ -12981,7 +14288,7 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
     if (result == SB_OK)
-        result = ndli_remesh_look(s->site->remesh, s->error);
+        result = ndli_site_look(s->site, s->error);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
     return result;
@@ -13029,7 +14336,7 @@ static sb_result ndli_step_check(const struct ndli_site *site, ndl_needle *const
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a body, its needles and dt > 0, not %g", (double)dt);
     if (!site || count != site->count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the body has %d", count, site ? site->count : 0);
-    if (sbi_body_has_pieces(site->body))
+    if (!site->embeds && sbi_body_has_pieces(site->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "the body is cut: needles cannot go through pieces of elements yet; destroy them, and go on "
                         "with sb_body_step");
@@ -13056,13 +14363,22 @@ static void ndli_step_count_states(const ndli_stepping *s)
 {
     for (int k = 0; k < s->count; k++) {
         const ndl_needle *needle = s->needles[k];
-        for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
+        for (int i = ndli_line_rearmost(&needle->line); i <= ndli_line_foremost(&needle->line); i++) {
             s->info->dynamic_nodes += ndli_line_is_slipping(&needle->line, i);
             s->info->static_nodes += !ndli_line_is_slipping(&needle->line, i);
         }
         s->info->blocked += needle->blocked;
         s->info->limited += needle->limited;
     }
+}
+
+static int ndli_step_let_go(ndl_needle *needle)
+{
+    struct ndli_site *site = needle->site;
+    if (!site->embeds)
+        return ndl_remesh_withdraw(site->remesh, needle->index, NULL, NULL) == SB_OK;
+    ndli_held_leave(needle);
+    return 1;
 }
 
 /* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how
@@ -13074,8 +14390,7 @@ static int ndli_step_tear_out(const ndli_stepping *s)
         ndl_needle *needle = s->needles[k];
         if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
             continue;
-        if (ndl_remesh_withdraw(s->site->remesh, needle->index, NULL, NULL) != SB_OK ||
-            ndli_needle_renew_nodes(needle) >= 0)
+        if (!ndli_step_let_go(needle) || ndli_needle_renew_nodes(needle) >= 0)
             return ndli_needle_undo(s->site, s->error) == SB_OK ? 0 : -1;
         torn++;
     }
@@ -13292,6 +14607,8 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
                         (double)NDLI_ENTRY_SLIP);
     if (def->max_trials < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
+    if (def->follow != NDL_REMESH && def->follow != NDL_EMBED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "follow is %d", (int)def->follow);
     result = ndli_needle_check_frictions(def, error);
     return result == SB_OK ? ndli_needle_check_membranes(def, error) : result;
 }
@@ -13299,12 +14616,10 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
 /* ---- the site ---- */
 
 /* The remesher's part of the state comes first: its name does, too. */
-static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
+static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 {
     ndl_remesh_def def = ndl_default_remesh_def();
-    sbi_state_part part = ndli_site_part(site);
     sb_result result;
-    part.replay = ndli_needle_replay;
     def.allocator = site->allocator;
     def.body = site->body;
     def.max_needles = NDL_MAX_NEEDLES;
@@ -13313,6 +14628,24 @@ static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
         return result;
     site->mesh = ndli_remesh_topology(site->remesh);
     site->mean_edge = ndli_site_mean_edge(site->mesh);
+    return SB_OK;
+}
+
+static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
+{
+    sb_result result = ndli_bed_create(site->body, &site->allocator, &site->bed, error);
+    site->bed.volume.mesh = &site->bed.mesh;
+    site->mean_edge = site->bed.mean_edge;
+    return result;
+}
+
+static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
+{
+    sbi_state_part part = ndli_site_part(site);
+    sb_result result = site->embeds ? ndli_site_make_bed(site, error) : ndli_site_make_remesh(site, error);
+    part.replay = ndli_needle_replay;
+    if (result != SB_OK)
+        return result;
     result = ndli_site_listen(site, error);
     return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
 }
@@ -13324,19 +14657,23 @@ static void ndli_site_end(struct ndli_site *site)
 }
 
 /* The site of a body, made if there is none yet. */
-static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error *error)
+static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **site, sb_error *error)
 {
+    sb_body *body = def->body;
     const sb_allocator *allocator = sbi_body_allocator(body);
     struct ndli_site *made = ndli_needle_site(body);
     sb_result result;
+    if (made && made->embeds != (def->follow == NDL_EMBED))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the body's other needles are held the other way: see def.follow");
     if (made) {
         *site = made;
-        return ndli_remesh_look(made->remesh, error);
+        return ndli_site_look(made, error);
     }
     made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
     if (!made)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a body");
     made->body = body;
+    made->embeds = def->follow == NDL_EMBED;
     made->allocator = *allocator;
     result = ndli_site_fill(made, error);
     if (result != SB_OK)
@@ -13347,6 +14684,16 @@ static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error
 }
 
 /* ---- creation ---- */
+
+/* Edges of a rod that springs hold are short beside the bends that these make. */
+static double ndli_needle_usual_edge(const struct ndli_site *site, const ndl_needle_def *def)
+{
+    double most = site->mean_edge, least = 0.125 * most, wave;
+    if (!site->embeds)
+        return most;
+    wave = ndli_held_wave(&def->section, (double)sbi_body_young(site->body), most);
+    return fmin(fmax(0.25 * wave, least), most);
+}
 
 /* The shape at rest: straight, then a circle towards m2. */
 static void ndli_needle_rest_nodes(const ndl_needle_def *def, int edges, double sleeve, sb_vec3 *nodes)
@@ -13406,6 +14753,15 @@ static void ndli_needle_layout(ndl_needle *needle, const ndl_needle_def *def, sb
     needle->place_tangents = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
     needle->frictions = (ndl_friction *)sbi_arena_take(arena, (size_t)def->friction_count, sizeof(ndl_friction));
     needle->capsules = (ndli_capsule *)sbi_arena_take(arena, (size_t)def->membrane_count, sizeof(ndli_capsule));
+    if (def->follow == NDL_EMBED) {
+        needle->arc = (double *)sbi_arena_take(arena, n, sizeof(double));
+        needle->stretch = (double *)sbi_arena_take(arena, n, sizeof(double));
+        needle->holds = (struct ndli_hold *)sbi_arena_take(arena, n, sizeof(struct ndli_hold));
+        needle->track.capacity = (int)(NDLI_TRACK_POINTS * n);
+        needle->track.X = (ndli_v3 *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(ndli_v3));
+        needle->track.arc = (double *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(double));
+        needle->track.elements = (int *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(int));
+    }
     needle->path = (int *)sbi_arena_take(arena, n, sizeof(int));
     needle->old_contact = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
     needle->old_path = (int *)sbi_arena_take(arena, n, sizeof(int));
@@ -13425,10 +14781,26 @@ static sb_result ndli_needle_make_memory(ndl_needle *needle, const ndl_needle_de
     if (!ndli_line_create(&needle->line, needle->rod, &def->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
     needle->line.path = needle->path;
+    needle->line.holds = needle->holds;
     return SB_OK;
 }
 
 /* A needle begins outside: neither its tip nor a crossing of the skin is in the tissue. */
+static sb_result ndli_needle_check_outside_bed(const ndl_needle *needle, sb_error *error)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    const ndl_rod *rod = needle->rod;
+    ndli_place place;
+    sb_vec3 at;
+    for (int i = 1; i < rod->node_count; i++)
+        if (ndli_bed_hit(bed, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &place, &at) ||
+            ndli_bed_hit(bed, ndli_to(rod->x[i]), ndli_to(rod->x[i - 1]), &place, &at))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
+    return ndli_bed_holds_in_space(bed, ndli_to(rod->x[rod->node_count - 1]))
+               ? sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's tip is in the tissue already")
+               : SB_OK;
+}
+
 static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *error)
 {
     const ndli_topology *mesh = needle->site->mesh;
@@ -13470,14 +14842,16 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
     int bad;
     needle->allocator = def->allocator;
     needle->site = site;
-    needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : site->mean_edge;
+    needle->radius = (double)def->section.radius;
+    needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : ndli_needle_usual_edge(site, def);
+    needle->track.spacing = needle->edge_length / NDLI_TRACK_POINTS;
     result = ndli_needle_check_bevel(def, needle->edge_length, error);
     if (result == SB_OK)
         result = ndli_needle_make_rod(needle, def, error);
     if (result == SB_OK)
         result = ndli_needle_make_memory(needle, def, error);
     if (result == SB_OK)
-        result = ndli_needle_check_outside(needle, error);
+        result = site->embeds ? ndli_needle_check_outside_bed(needle, error) : ndli_needle_check_outside(needle, error);
     if (result != SB_OK)
         return result;
     if (!ndli_needle_make_capsules(needle, def->membranes, def->membrane_count, &bad))
@@ -13486,14 +14860,14 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
                                   def->membranes[bad].regions[0], def->membranes[bad].regions[1]);
     ndli_needle_fill(needle, def);
     needle->index = ndli_site_free_index(site);
-    result = ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
+    result = site->embeds ? SB_OK : ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
     if (result == SB_OK && !(ndli_site_reserve(site, def->capacity) && ndli_needle_reserve_undo(site, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
     if (result == SB_OK && site->node_room > (size_t)(INT_MAX / NDLI_LINE_UNKNOWNS))
         return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes",
                         INT_MAX / NDLI_LINE_UNKNOWNS);
     return result == SB_OK ? sbi_body_reserve_guest(site->body, NDLI_LINE_UNKNOWNS * (int)site->node_room,
-                                                    (int)site->node_room, error)
+                                                    (int)site->coupled_room, error)
                            : result;
 }
 
@@ -13523,7 +14897,7 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def or needle is NULL");
     result = ndli_needle_check(def, error);
     if (result == SB_OK)
-        result = ndli_site_make(def->body, &site, error);
+        result = ndli_site_make(def, &site, error);
     if (result == SB_OK)
         result = ndli_needle_finish_undo(site, error);
     if (result != SB_OK)
@@ -13556,7 +14930,8 @@ NDL_API void ndl_needle_destroy(ndl_needle *needle)
     site->undo_waits = 0; /* what is kept is of all needles: from here on it fits no more */
     ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
     sbi_body_mute(site->body);
-    ndli_remesh_let_go(site->remesh, needle->index);
+    if (!site->embeds)
+        ndli_remesh_let_go(site->remesh, needle->index);
     sbi_body_unmute(site->body);
     site->needles[needle->index] = NULL;
     if (--site->count == 0)

@@ -4,6 +4,8 @@
  * finite) while that makes no headway. */
 #include "couple_solve.h"
 
+#include "couple_rows.h"
+
 #include <string.h>
 
 /* ---- the lines' parts of the guest's vectors: all unknowns, then three components of each node ---- */
@@ -23,15 +25,20 @@ static ndli_couple_part ndli_couple_first(const ndli_couple *c)
 static ndli_couple_part ndli_couple_next(const ndli_couple *c, ndli_couple_part part, int k)
 {
     part.unknown += (size_t)ndli_line_unknown_count(c->lines[k]);
-    part.nodes += 3 * (size_t)c->lines[k]->count;
+    part.nodes += 3 * (size_t)ndli_line_taken_count(c->lines[k]);
     return part;
 }
 
 static void ndli_couple_apply(const ndli_couple *c, int loads, const double *x, double *y)
 {
     ndli_couple_part at = ndli_couple_first(c);
-    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+    if (c->rows)
+        memset(y + at.nodes, 0, 3 * (size_t)c->guest.node_count * sizeof(double));
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
         ndli_line_apply(c->lines[k], loads, x + at.unknown, x + at.nodes, y + at.unknown, y + at.nodes);
+        if (c->rows)
+            ndli_rows_apply(c->lines[k], loads, x + at.nodes, y + at.unknown, y + at.nodes);
+    }
 }
 
 static void ndli_couple_residual(void *user, const double *x, double *y)
@@ -85,20 +92,24 @@ static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_er
     return SB_OK;
 }
 
-static void ndli_couple_commit(void *user, const double *x)
+static void ndli_couple_read(const ndli_couple *c, const double *x)
 {
-    ndli_couple *c = (ndli_couple *)user;
     ndli_couple_part at = ndli_couple_first(c);
-    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
         ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
+        if (c->rows)
+            ndli_rows_read(c->lines[k], x + at.nodes);
+    }
 }
+
+static void ndli_couple_commit(void *user, const double *x) { ndli_couple_read((const ndli_couple *)user, x); }
 
 /* ---- friction states ---- */
 
 /* The state that the solution asks for at a coupled node. */
 static int ndli_couple_wanted(const ndli_line *line, int i)
 {
-    double along = ndli_dot(line->tangent[i], line->contact[i]);
+    double along = ndli_dot(line->holds ? line->holds[i].tangent : line->tangent[i], line->contact[i]);
     if (ndli_line_is_slipping(line, i))
         return ndli_line_sign(line, i) * line->slip[i] >= 0 ? (int)line->state[i] : (int)NDL_STATIC;
     if (along < -ndli_line_limit(line, i, 1))
@@ -110,13 +121,11 @@ static int ndli_couple_wanted(const ndli_line *line, int i)
 
 static int ndli_couple_count_wrong(const ndli_couple *c, const double *x)
 {
-    ndli_couple_part at = ndli_couple_first(c);
     int wrong = 0;
-    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
-        ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
-        for (int i = c->lines[k]->first; i <= ndli_line_foremost(c->lines[k]); i++)
+    ndli_couple_read(c, x);
+    for (int k = 0; k < c->count; k++)
+        for (int i = ndli_line_rearmost(c->lines[k]); i <= ndli_line_foremost(c->lines[k]); i++)
             wrong += ndli_couple_wanted(c->lines[k], i) != c->lines[k]->state[i];
-    }
     return wrong;
 }
 
@@ -124,7 +133,7 @@ static int ndli_couple_count_wrong(const ndli_couple *c, const double *x)
 static void ndli_couple_flip(const ndli_couple *c, int all)
 {
     for (int k = c->count - 1; k >= 0; k--)
-        for (int i = ndli_line_foremost(c->lines[k]); i >= c->lines[k]->first; i--) {
+        for (int i = ndli_line_foremost(c->lines[k]); i >= ndli_line_rearmost(c->lines[k]); i--) {
             int wanted = ndli_couple_wanted(c->lines[k], i);
             if (wanted == c->lines[k]->state[i])
                 continue;
@@ -163,8 +172,7 @@ static int ndli_couple_settle(void *user, const double *x)
 
 /* ---- the guest ---- */
 
-NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
-                                  double *unknown, int *nodes)
+static void ndli_couple_set_up(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials, double *unknown)
 {
     memset(couple, 0, sizeof *couple);
     couple->lines = lines;
@@ -174,20 +182,36 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
     couple->fewest = 0x7fffffff;
     couple->guest.user = couple;
     couple->guest.unknown = unknown;
-    couple->guest.nodes = nodes;
     for (int k = 0; k < count; k++) {
         couple->guest.unknown_count += ndli_line_unknown_count(lines[k]);
         ndli_line_keep_contact(lines[k]);
-        for (int i = 0; i < lines[k]->count; i++)
-            nodes[couple->guest.node_count++] = lines[k]->path[i];
     }
-    couple->guest.taken_count = couple->guest.node_count;
     couple->guest.residual = ndli_couple_residual;
     couple->guest.multiply = ndli_couple_multiply;
     couple->guest.precondition = ndli_couple_precondition;
     couple->guest.begin = ndli_couple_begin;
     couple->guest.settle = ndli_couple_settle;
     couple->guest.commit = ndli_couple_commit;
+}
+
+NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                  double *unknown, int *nodes)
+{
+    ndli_couple_set_up(couple, lines, count, max_trials, unknown);
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < lines[k]->count; i++)
+            nodes[couple->guest.node_count++] = lines[k]->path[i];
+    couple->guest.nodes = nodes;
+    couple->guest.taken_count = couple->guest.node_count;
+}
+
+NDLI_API void ndli_couple_prepare_rows(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                       double *unknown, const int *nodes, int node_count)
+{
+    ndli_couple_set_up(couple, lines, count, max_trials, unknown);
+    couple->rows = 1;
+    couple->guest.nodes = nodes;
+    couple->guest.node_count = node_count;
 }
 
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)

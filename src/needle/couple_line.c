@@ -1,5 +1,5 @@
 /* couple_line: see couple_line.h. */
-#include "couple_line.h"
+#include "couple_rows.h"
 
 #include "band.h"
 
@@ -51,7 +51,7 @@ NDLI_API void ndli_line_free(ndli_line *line)
 
 static int ndli_line_is_coupled(const ndli_line *line, int i)
 {
-    return i >= line->first && i < line->first + line->count;
+    return i >= line->first && i < line->first + ndli_line_taken_count(line);
 }
 
 /* Along which a node may slip: between its edges, at the tip the last one. */
@@ -122,16 +122,6 @@ NDLI_API void ndli_line_start(const ndli_line *line, double *unknown)
         unknown[0] = way.x, unknown[1] = way.y, unknown[2] = way.z, unknown[3] = 0;
     }
 }
-
-/* Force (N) on node i along its tangent that is known beforehand: friction while it slips. */
-static double ndli_line_drag(const ndli_line *line, int i)
-{
-    int sign = ndli_line_sign(line, i);
-    return -sign * ndli_line_limit(line, i, sign);
-}
-
-/* Viscous friction per slip (N/m). */
-static double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] / line->dt; }
 
 static ndli_v3 ndli_line_at(const double *vectors, int stride, int i)
 {
@@ -242,21 +232,38 @@ static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI
     }
 }
 
+enum { NDLI_LINE_STRIDE = NDLI_LINE_WIDTH + 1 };
+
+/* Where row r of node a and column c of node b are in the band. */
+static size_t ndli_line_band_at(int a, int r, int b, int c)
+{
+    int row = NDLI_LINE_UNKNOWNS * a + r, column = NDLI_LINE_UNKNOWNS * b + c;
+    return (size_t)row * NDLI_LINE_STRIDE + (size_t)(column - row + NDLI_LINE_WIDTH);
+}
+
+NDLI_API void ndli_line_add_to_band(ndli_line *line, int a, int b, double factor, const ndli_m3 *k)
+{
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3 && (a > b || c <= r); c++)
+            line->band[ndli_line_band_at(a, r, b, c)] += factor * k->m[r][c];
+}
+
 NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
 {
-    enum { N = NDLI_LINE_UNKNOWNS, STRIDE = NDLI_LINE_WIDTH + 1 };
+    enum { N = NDLI_LINE_UNKNOWNS };
     int n = N * line->rod->node_count;
     line->matrix = matrix;
-    memset(line->band, 0, (size_t)n * STRIDE * sizeof(double));
+    memset(line->band, 0, (size_t)n * NDLI_LINE_STRIDE * sizeof(double));
     for (int i = 0; i < line->rod->node_count; i++)
         for (int k = 0; k <= 2 && k <= i; k++) {
             double block[N][N];
             ndli_line_block(line, i, k, block);
             for (int r = 0; r < N; r++)
                 for (int c = 0; c < N && (k > 0 || c <= r); c++)
-                    line->band[(size_t)(N * i + r) * STRIDE +
-                               (size_t)(N * (i - k) + c - (N * i + r) + NDLI_LINE_WIDTH)] = block[r][c];
+                    line->band[ndli_line_band_at(i, r, i - k, c)] = block[r][c];
         }
+    if (line->holds)
+        ndli_rows_add_band(line);
     return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
 }
 
@@ -266,11 +273,11 @@ NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, cons
     double *right = line->right;
     size_t bytes = (size_t)ndli_line_unknown_count(line) * sizeof(double);
     memcpy(right, unknown, bytes);
-    for (int k = 0; k < line->count; k++)
+    for (int k = 0; k < ndli_line_taken_count(line); k++)
         ndli_line_put(right, NDLI_LINE_UNKNOWNS, line->first + k, ndli_line_at(nodes, 3, k));
     ndli_band_solve(line->band, ndli_line_unknown_count(line), NDLI_LINE_WIDTH, right);
     memcpy(out_unknown, right, bytes);
-    for (int k = 0; k < line->count; k++) {
+    for (int k = 0; k < ndli_line_taken_count(line); k++) {
         ndli_line_put(out_nodes, 3, k, ndli_line_at(right, NDLI_LINE_UNKNOWNS, line->first + k));
         ndli_line_put(out_unknown, NDLI_LINE_UNKNOWNS, line->first + k, ndli_v(0, 0, 0));
     }

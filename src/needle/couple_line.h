@@ -33,7 +33,9 @@ typedef struct ndli_line {
     /* set by the room above before a solve */
     int first, count; /* rod node of path[0], and how many there are; node_count and 0: the rod is not in tissue. A node
                        * may follow: a tip that is hardly in has none of its own in the tissue */
-    const int *path;  /* [count] nodes of the body */
+    const int *path;  /* [count] nodes of the body; of a rod that is held by rows nothing */
+    struct ndli_hold *holds; /* [capacity] of such a rod (couple_rows.h), from the node before `first` on: there its edge
+                              * is held where it goes in. Its nodes have unknowns z throughout. NULL of others */
     unsigned char *state; /* [nodes] ndl_contact; as found after it */
     double *friction;     /* [nodes] N: limit of static friction, and dynamic friction */
     double *viscous;      /* [nodes] N s/m: friction per slip speed */
@@ -65,13 +67,19 @@ NDLI_API void ndli_line_free(ndli_line *line); /* safe on zeros */
 SB_INLINE int ndli_line_is_slipping(const ndli_line *line, int i) { return line->state[i] > NDL_STATIC; }
 /* 1 towards the tip, -1 towards the base. */
 SB_INLINE int ndli_line_sign(const ndli_line *line, int i) { return line->state[i] == NDL_DYNAMIC_FORWARD ? 1 : -1; }
-/* The last coupled node: what holds the tip acts there. */
+/* The first and the last node that has a state: what holds the tip acts at the last. */
+SB_INLINE int ndli_line_rearmost(const ndli_line *line)
+{
+    return line->first - (line->holds && line->count > 0 ? 1 : 0);
+}
 SB_INLINE int ndli_line_foremost(const ndli_line *line) { return line->first + line->count - 1; }
 /* Largest friction against slip of that sign (N). */
 SB_INLINE double ndli_line_limit(const ndli_line *line, int i, int sign)
 {
     return line->friction[i] + (sign > 0 && i == ndli_line_foremost(line) ? line->cutting : 0);
 }
+/* Nodes of the body that move as the rod's do. */
+SB_INLINE int ndli_line_taken_count(const ndli_line *line) { return line->holds ? 0 : line->count; }
 SB_INLINE int ndli_line_unknown_count(const ndli_line *line) { return NDLI_LINE_UNKNOWNS * line->rod->node_count; }
 
 /* The rod's part of the system at its present shape: H, tangents, loads. Returns -1, or the node at which the rod is
@@ -92,6 +100,22 @@ NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown,
 /* z = (G + A)^-1 r on its rows. */
 NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, const double *nodes, double *out_unknown,
                                     double *out_nodes);
+/* vectors[i] += factor v, of a stride of reals. */
+SB_INLINE void ndli_line_add_to(double *vectors, int stride, int i, double factor, ndli_v3 v)
+{
+    double *out = vectors + (size_t)stride * (size_t)i;
+    out[0] += factor * v.x, out[1] += factor * v.y, out[2] += factor * v.z;
+}
+/* Force (N) on node i along its tangent that is known beforehand: friction while it slips. */
+SB_INLINE double ndli_line_drag(const ndli_line *line, int i)
+{
+    int sign = ndli_line_sign(line, i);
+    return -sign * ndli_line_limit(line, i, sign);
+}
+/* Viscous friction per slip (N/m). */
+SB_INLINE double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] / line->dt; }
+/* The band += factor k between the first three unknowns of rod nodes a >= b. */
+NDLI_API void ndli_line_add_to_band(ndli_line *line, int a, int b, double factor, const ndli_m3 *k);
 /* slip, move, contact and reaction from the unknowns. */
 NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const double *nodes);
 #endif

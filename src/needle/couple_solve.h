@@ -9,6 +9,7 @@
 typedef struct ndli_couple {
     ndli_line *const *lines; /* [count] */
     int count;
+    int rows; /* 1: rods are held by rows of the guest's nodes, else each has nodes of its own */
     int max_trials;
     ndl_couple_info info; /* trials, consistent: of the solve that has ended */
     sbi_guest guest;
@@ -22,6 +23,9 @@ typedef struct ndli_couple {
  * the solve has ended. */
 NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
                                   double *unknown, int *nodes);
+/* The same of rods that rows of nodes [node_count] of the body hold, which their holds count by. */
+NDLI_API void ndli_couple_prepare_rows(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                       double *unknown, const int *nodes, int node_count);
 /* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix. */
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error);
 #endif

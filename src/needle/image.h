@@ -57,6 +57,13 @@ SB_INLINE int ndli_image_int(const unsigned char *array, size_t i)
     return value;
 }
 
+SB_INLINE double ndli_image_real(const unsigned char *array, size_t i)
+{
+    double value;
+    memcpy(&value, array + i * sizeof value, sizeof value);
+    return value;
+}
+
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* The checks that all loads begin with: kind, version, precision, size, checksum. Bytes behind the image do no harm.
  * magic: 8 bytes. */

@@ -95,6 +95,8 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
                         (double)NDLI_ENTRY_SLIP);
     if (def->max_trials < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
+    if (def->follow != NDL_REMESH && def->follow != NDL_EMBED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "follow is %d", (int)def->follow);
     result = ndli_needle_check_frictions(def, error);
     return result == SB_OK ? ndli_needle_check_membranes(def, error) : result;
 }
@@ -102,12 +104,10 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
 /* ---- the site ---- */
 
 /* The remesher's part of the state comes first: its name does, too. */
-static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
+static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 {
     ndl_remesh_def def = ndl_default_remesh_def();
-    sbi_state_part part = ndli_site_part(site);
     sb_result result;
-    part.replay = ndli_needle_replay;
     def.allocator = site->allocator;
     def.body = site->body;
     def.max_needles = NDL_MAX_NEEDLES;
@@ -116,6 +116,24 @@ static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
         return result;
     site->mesh = ndli_remesh_topology(site->remesh);
     site->mean_edge = ndli_site_mean_edge(site->mesh);
+    return SB_OK;
+}
+
+static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
+{
+    sb_result result = ndli_bed_create(site->body, &site->allocator, &site->bed, error);
+    site->bed.volume.mesh = &site->bed.mesh;
+    site->mean_edge = site->bed.mean_edge;
+    return result;
+}
+
+static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
+{
+    sbi_state_part part = ndli_site_part(site);
+    sb_result result = site->embeds ? ndli_site_make_bed(site, error) : ndli_site_make_remesh(site, error);
+    part.replay = ndli_needle_replay;
+    if (result != SB_OK)
+        return result;
     result = ndli_site_listen(site, error);
     return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
 }
@@ -127,19 +145,23 @@ static void ndli_site_end(struct ndli_site *site)
 }
 
 /* The site of a body, made if there is none yet. */
-static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error *error)
+static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **site, sb_error *error)
 {
+    sb_body *body = def->body;
     const sb_allocator *allocator = sbi_body_allocator(body);
     struct ndli_site *made = ndli_needle_site(body);
     sb_result result;
+    if (made && made->embeds != (def->follow == NDL_EMBED))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the body's other needles are held the other way: see def.follow");
     if (made) {
         *site = made;
-        return ndli_remesh_look(made->remesh, error);
+        return ndli_site_look(made, error);
     }
     made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
     if (!made)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a body");
     made->body = body;
+    made->embeds = def->follow == NDL_EMBED;
     made->allocator = *allocator;
     result = ndli_site_fill(made, error);
     if (result != SB_OK)
@@ -150,6 +172,16 @@ static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error
 }
 
 /* ---- creation ---- */
+
+/* Edges of a rod that springs hold are short beside the bends that these make. */
+static double ndli_needle_usual_edge(const struct ndli_site *site, const ndl_needle_def *def)
+{
+    double most = site->mean_edge, least = 0.125 * most, wave;
+    if (!site->embeds)
+        return most;
+    wave = ndli_held_wave(&def->section, (double)sbi_body_young(site->body), most);
+    return fmin(fmax(0.25 * wave, least), most);
+}
 
 /* The shape at rest: straight, then a circle towards m2. */
 static void ndli_needle_rest_nodes(const ndl_needle_def *def, int edges, double sleeve, sb_vec3 *nodes)
@@ -209,6 +241,15 @@ static void ndli_needle_layout(ndl_needle *needle, const ndl_needle_def *def, sb
     needle->place_tangents = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
     needle->frictions = (ndl_friction *)sbi_arena_take(arena, (size_t)def->friction_count, sizeof(ndl_friction));
     needle->capsules = (ndli_capsule *)sbi_arena_take(arena, (size_t)def->membrane_count, sizeof(ndli_capsule));
+    if (def->follow == NDL_EMBED) {
+        needle->arc = (double *)sbi_arena_take(arena, n, sizeof(double));
+        needle->stretch = (double *)sbi_arena_take(arena, n, sizeof(double));
+        needle->holds = (struct ndli_hold *)sbi_arena_take(arena, n, sizeof(struct ndli_hold));
+        needle->track.capacity = (int)(NDLI_TRACK_POINTS * n);
+        needle->track.X = (ndli_v3 *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(ndli_v3));
+        needle->track.arc = (double *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(double));
+        needle->track.elements = (int *)sbi_arena_take(arena, NDLI_TRACK_POINTS * n, sizeof(int));
+    }
     needle->path = (int *)sbi_arena_take(arena, n, sizeof(int));
     needle->old_contact = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
     needle->old_path = (int *)sbi_arena_take(arena, n, sizeof(int));
@@ -228,10 +269,26 @@ static sb_result ndli_needle_make_memory(ndl_needle *needle, const ndl_needle_de
     if (!ndli_line_create(&needle->line, needle->rod, &def->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
     needle->line.path = needle->path;
+    needle->line.holds = needle->holds;
     return SB_OK;
 }
 
 /* A needle begins outside: neither its tip nor a crossing of the skin is in the tissue. */
+static sb_result ndli_needle_check_outside_bed(const ndl_needle *needle, sb_error *error)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    const ndl_rod *rod = needle->rod;
+    ndli_place place;
+    sb_vec3 at;
+    for (int i = 1; i < rod->node_count; i++)
+        if (ndli_bed_hit(bed, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &place, &at) ||
+            ndli_bed_hit(bed, ndli_to(rod->x[i]), ndli_to(rod->x[i - 1]), &place, &at))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
+    return ndli_bed_holds_in_space(bed, ndli_to(rod->x[rod->node_count - 1]))
+               ? sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's tip is in the tissue already")
+               : SB_OK;
+}
+
 static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *error)
 {
     const ndli_topology *mesh = needle->site->mesh;
@@ -273,14 +330,16 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
     int bad;
     needle->allocator = def->allocator;
     needle->site = site;
-    needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : site->mean_edge;
+    needle->radius = (double)def->section.radius;
+    needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : ndli_needle_usual_edge(site, def);
+    needle->track.spacing = needle->edge_length / NDLI_TRACK_POINTS;
     result = ndli_needle_check_bevel(def, needle->edge_length, error);
     if (result == SB_OK)
         result = ndli_needle_make_rod(needle, def, error);
     if (result == SB_OK)
         result = ndli_needle_make_memory(needle, def, error);
     if (result == SB_OK)
-        result = ndli_needle_check_outside(needle, error);
+        result = site->embeds ? ndli_needle_check_outside_bed(needle, error) : ndli_needle_check_outside(needle, error);
     if (result != SB_OK)
         return result;
     if (!ndli_needle_make_capsules(needle, def->membranes, def->membrane_count, &bad))
@@ -289,14 +348,14 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
                                   def->membranes[bad].regions[0], def->membranes[bad].regions[1]);
     ndli_needle_fill(needle, def);
     needle->index = ndli_site_free_index(site);
-    result = ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
+    result = site->embeds ? SB_OK : ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
     if (result == SB_OK && !(ndli_site_reserve(site, def->capacity) && ndli_needle_reserve_undo(site, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
     if (result == SB_OK && site->node_room > (size_t)(INT_MAX / NDLI_LINE_UNKNOWNS))
         return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes",
                         INT_MAX / NDLI_LINE_UNKNOWNS);
     return result == SB_OK ? sbi_body_reserve_guest(site->body, NDLI_LINE_UNKNOWNS * (int)site->node_room,
-                                                    (int)site->node_room, error)
+                                                    (int)site->coupled_room, error)
                            : result;
 }
 
@@ -326,7 +385,7 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def or needle is NULL");
     result = ndli_needle_check(def, error);
     if (result == SB_OK)
-        result = ndli_site_make(def->body, &site, error);
+        result = ndli_site_make(def, &site, error);
     if (result == SB_OK)
         result = ndli_needle_finish_undo(site, error);
     if (result != SB_OK)
@@ -359,7 +418,8 @@ NDL_API void ndl_needle_destroy(ndl_needle *needle)
     site->undo_waits = 0; /* what is kept is of all needles: from here on it fits no more */
     ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
     sbi_body_mute(site->body);
-    ndli_remesh_let_go(site->remesh, needle->index);
+    if (!site->embeds)
+        ndli_remesh_let_go(site->remesh, needle->index);
     sbi_body_unmute(site->body);
     site->needles[needle->index] = NULL;
     if (--site->count == 0)

@@ -46,10 +46,21 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* ---- creation ---- */
 
+/* How a needle is in the tissue. */
+typedef enum ndl_follow {
+    NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no
+                     * two needles in one element */
+    NDL_EMBED = 1   /* the mesh stays as it is: points of the shaft are held by springs at material points of any
+                     * elements, cut or not. The springs are what the mesh does not show of the tissue close to the
+                     * needle (couple_rows.h), so that what a hand feels hardly depends on the mesh; shaft and tissue are
+                     * a fraction of a millimetre apart as they are in tissue under load */
+} ndl_follow;
+
 /* What a needle is made from. Start from ndl_default_needle_def(), set body, base and direction. */
 typedef struct ndl_needle_def {
-    sb_body *body;     /* of tet4, with def.slack > 0 and implicit steps; borrowed, destroyed after its needles. Its
-                        * material, supports, loads and integrator are its own: see ndl_step */
+    sb_body *body;     /* with implicit steps; borrowed, destroyed after its needles. Its material, supports, loads and
+                        * integrator are its own: see ndl_step */
+    ndl_follow follow; /* default NDL_REMESH; the same for all needles of a body */
     sb_vec3 base;      /* m: the sleeve's outlet, outside of the tissue */
     sb_vec3 direction; /* in which the needle leaves it, any length but 0 */
     sb_vec3 director;  /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */

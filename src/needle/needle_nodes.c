@@ -153,6 +153,8 @@ static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndl
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
 {
     const ndli_topology *mesh = needle->site->mesh;
+    if (needle->site->embeds)
+        return 1;
     for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
         ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
         if (ndli_dot(gap, gap) > 0)
@@ -161,7 +163,54 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
     return 1;
 }
 
-NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
+/* ---- of a needle that is held by rows: nodes in the tissue stay where they are on the rod ---- */
+
+static int ndli_nodes_are(const ndl_rod *rod, const ndli_places *list)
+{
+    for (int i = 0; i < list->count && list->count == rod->node_count; i++) {
+        ndli_v3 gap = ndli_sub(list->x[i], rod->x[i]);
+        if (ndli_dot(gap, gap) > 0)
+            return 0;
+    }
+    return list->count == rod->node_count;
+}
+
+/* Nodes from `from` on have numbers that are higher by `more`. */
+static void ndli_nodes_shift(ndl_needle *needle, int from, int count, int more)
+{
+    ndli_line *line = &needle->line;
+    size_t n = (size_t)count;
+    memmove(line->state + from + more, line->state + from, n);
+    memmove(line->contact + from + more, line->contact + from, n * sizeof *line->contact);
+    memmove(needle->arc + from + more, needle->arc + from, n * sizeof *needle->arc);
+    for (int i = 0; i < from + more; i++)
+        line->state[i] = NDL_FREE;
+}
+
+static int ndli_nodes_renew_rows(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    int count = line->count, end = count > 0 ? line->first : rod->node_count - 1, first, bad;
+    ndli_places list = {needle->places, needle->place_tangents, 0, 0};
+    list.capacity = rod->capacity - sbi_max_int(count - 1, 0);
+    ndli_nodes_outside(needle, &list, rod->x[end], end);
+    first = list.count - 1;
+    list.capacity = rod->capacity;
+    for (int i = end + 1; i < rod->node_count; i++)
+        ndli_nodes_put(&list, rod->x[i], ndli_v(0, 0, 0));
+    if (ndli_nodes_are(rod, &list))
+        return -1;
+    bad = ndli_rod_reparameterise(rod, list.x, list.count);
+    if (bad >= 0)
+        return bad;
+    if (count > 0)
+        ndli_nodes_shift(needle, end - 1, count + 1, first - end);
+    line->first = count > 0 ? first : rod->node_count;
+    return -1;
+}
+
+static int ndli_nodes_renew_path(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
@@ -202,4 +251,9 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
     line->count = count;
     needle->shallow = shallow;
     return -1;
+}
+
+NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
+{
+    return needle->site->embeds ? ndli_nodes_renew_rows(needle) : ndli_nodes_renew_path(needle);
 }

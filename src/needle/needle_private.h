@@ -5,10 +5,14 @@
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
+#include "bed.h"
 #include "couple_line.h"
 #include "needle.h"
 #include "rod_state.h"
+#include "track.h"
 #include "../softbody/body/state_part.h"
+
+enum { NDLI_TRACK_POINTS = 16 }; /* of a needle's track for each of its nodes */
 
 typedef struct ndli_capsule {
     ndl_membrane def;
@@ -43,6 +47,11 @@ struct ndl_needle {
     int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                            * there. Tets between such a tip and the skin would be flat */
     int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    double radius;        /* m */
+    ndli_track track;     /* of a needle that is held by rows, as what follows */
+    double *arc;          /* [capacity] m at rest: where on it nodes in the tissue are */
+    struct ndli_hold *holds; /* [capacity] the line's */
+    double *stretch;      /* [capacity] of the tissue along it there, in the present substep */
     int pushed;           /* 1: the present substep's command takes the needle forward */
     int blocked, limited; /* in the present step */
     int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
@@ -60,12 +69,18 @@ struct ndli_site {
     sb_body *body;
     sb_allocator allocator;
     int listener; /* its number at the body */
+    int embeds;                           /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
+    ndli_bed bed;
     ndl_remesh *remesh;
     const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
     int count;
     double mean_edge; /* of the undeformed mesh (m) */
-    int *coupled;     /* [node_room] nodes of the body that needles are on, of a solve */
+    int *coupled;     /* [coupled_room] nodes of the body that needles are on, of a solve */
+    size_t coupled_room;
+    int coupled_count; /* with a bed, as what follows */
+    int *node_place;   /* [slots of nodes] their numbers in `coupled`, -1 between solves */
+    size_t place_room;
     double *unknown;  /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
     size_t node_room;
     unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
@@ -82,6 +97,11 @@ NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
 NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error);
 NDLI_API void ndli_site_free(struct ndli_site *site);
 NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
+/* Others have changed the mesh: needles are outside of it; and what is known of it is made anew. */
+NDLI_API int ndli_site_is_stale(const struct ndli_site *site);
+NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error);
+/* Once the body may have more nodes. 0: there is no memory. */
+NDLI_API int ndli_site_reserve_places(struct ndli_site *site);
 NDLI_API int ndli_site_free_index(const struct ndli_site *site);
 /* Room for the nodes of all needles and so many more; 0: there is no memory. */
 NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
@@ -93,7 +113,27 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 
+/* ---- needle_held: of needles that are held by rows ---- */
+
+/* Makes the holds, and what the tissue does at them; their nodes are listed at the site. */
+NDLI_API void ndli_held_resist(ndl_needle *needle);
+/* The list is empty again: before a step's needles are made ready. */
+NDLI_API void ndli_held_forget(struct ndli_site *site);
+/* After a substep: the tip enters, goes on, or back. What cannot be done holds it. */
+NDLI_API void ndli_held_follow_tip(ndl_needle *needle);
+/* How much of the edge before its first node in the tissue is in it (m). */
+NDLI_API double ndli_held_entering(const ndl_needle *needle);
+/* It is outside. */
+NDLI_API void ndli_held_leave(ndl_needle *needle);
+/* Length (m) of the bends that a side load makes of a needle in tissue of such a modulus (Pa): (4 EI / k)^(1/4). */
+NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess);
+
 /* ---- needle_resist ---- */
+
+/* What a region does to a needle, or NULL. */
+NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region);
+/* Force (N) to cut at X of a region, `table` its friction's. */
+NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table);
 
 /* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
 NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);

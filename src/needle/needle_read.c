@@ -42,7 +42,7 @@ NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
 {
     if (!needle)
         return 0;
-    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
+    return ndli_needle_is_coupled(needle, node) && !needle->site->embeds ? needle->path[node - needle->line.first] : -1;
 }
 
 NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle) { return needle ? needle->site->remesh : NULL; }
@@ -71,6 +71,8 @@ NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
         return 0;
     for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
         sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
+    if (needle->site->embeds && needle->line.count > 0)
+        sum += ndli_held_entering(needle);
     return (sb_real)sum;
 }
 
@@ -84,7 +86,9 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
         return 0;
     if (needle->line.count == 0)
         return 0;
-    if (needle->shallow)
+    if (needle->site->embeds)
+        *X = ndli_to(ndli_track_at(&needle->track, ndli_track_length(&needle->track)).X);
+    else if (needle->shallow)
         ndl_remesh_material_point(needle->site->remesh, needle->index,
                                   ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
     else

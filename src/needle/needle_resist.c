@@ -5,51 +5,83 @@
 
 /* ---- membranes ---- */
 
-static int ndli_resist_region(const ndli_topology *mesh, int tet) { return tet < 0 ? -1 : mesh->regions[tet]; }
+/* The undeformed mesh that membranes lie in. */
+typedef struct ndli_resist_mesh {
+    sb_element_type type;
+    int count, node_count;
+    const int *elements, *regions, *neighbours; /* regions NULL: all 0 */
+    sb_vec3 *X;                                 /* read only */
+} ndli_resist_mesh;
 
-/* 1 when the membrane lies on a face; each inner face is looked at from its lower tet. */
-static int ndli_resist_holds(const ndli_topology *mesh, const ndl_membrane *membrane, int tet, int face)
+static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
 {
-    int other = mesh->neighbours[4 * (size_t)tet + (size_t)face];
-    int a = ndli_resist_region(mesh, tet), b = ndli_resist_region(mesh, other);
-    if (other > tet)
+    const ndli_topology *topology = site->mesh;
+    const sb_mesh *rest = &site->bed.mesh;
+    ndli_resist_mesh mesh;
+    mesh.type = topology ? SB_TET4 : rest->element_type;
+    mesh.count = topology ? topology->original_tets : rest->element_count;
+    mesh.node_count = topology ? topology->original_nodes : rest->node_count;
+    mesh.elements = topology ? topology->tets : rest->elements;
+    mesh.regions = topology ? topology->regions : rest->regions;
+    mesh.neighbours = topology ? topology->neighbours : site->bed.volume.neighbours.items;
+    mesh.X = topology ? topology->X0 : rest->nodes;
+    return mesh;
+}
+
+static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
+{
+    return element < 0 ? -1 : mesh->regions ? mesh->regions[element] : 0;
+}
+
+/* 1 when the membrane lies on a face; each inner face is looked at from its lower element. */
+static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int element, int face)
+{
+    int faces = sb_element_face_count(mesh->type);
+    int other = mesh->neighbours[(size_t)faces * (size_t)element + (size_t)face];
+    int a = ndli_resist_region(mesh, element), b = ndli_resist_region(mesh, other);
+    if (other > element)
         return 0;
     return (a == membrane->regions[0] && b == membrane->regions[1]) ||
            (b == membrane->regions[0] && a == membrane->regions[1]);
 }
 
-/* Faces of the membrane: written to `triangles` when that is not NULL. */
-static int ndli_resist_gather(const ndli_topology *mesh, const ndl_membrane *membrane, int *triangles)
+/* Faces of the membrane, as triangles between their corners: written to `triangles` when that is not NULL. */
+static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int *triangles)
 {
-    static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+    size_t width = (size_t)sb_element_node_count(mesh->type);
     int count = 0;
-    for (int tet = 0; tet < mesh->original_tets; tet++)
-        for (int face = 0; face < 4; face++) {
-            if (!ndli_resist_holds(mesh, membrane, tet, face))
+    for (int e = 0; e < mesh->count; e++)
+        for (int face = 0; face < sb_element_face_count(mesh->type); face++) {
+            int local[SB_MAX_FACE_NODES], parts;
+            sb_element_type type;
+            if (!ndli_resist_holds(mesh, membrane, e, face))
                 continue;
-            for (int c = 0; c < 3 && triangles; c++)
-                triangles[3 * (size_t)count + (size_t)c] = mesh->tets[4 * (size_t)tet + (size_t)corners[face][c]];
-            count++;
+            sb_element_face(mesh->type, face, local, &type);
+            parts = sb_element_corner_count(type) - 2;
+            for (int part = 0; part < parts; part++, count++)
+                for (int c = 0; c < 3 && triangles; c++)
+                    triangles[3 * (size_t)count + (size_t)c] =
+                        mesh->elements[width * (size_t)e + (size_t)local[c == 0 ? 0 : part + c]];
         }
     return count;
 }
 
 static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
 {
-    const ndli_topology *mesh = needle->site->mesh;
+    ndli_resist_mesh mesh = ndli_resist_get_mesh(needle->site);
     sb_mesh faces;
     sb_result result;
-    int count = ndli_resist_gather(mesh, membrane, NULL);
+    int count = ndli_resist_gather(&mesh, membrane, NULL);
     if (count == 0)
         return SB_ERROR_ARGUMENT;
     memset(&faces, 0, sizeof faces);
     faces.element_type = SB_TRI3;
-    faces.nodes = mesh->X0; /* read only */
-    faces.node_count = mesh->original_nodes;
+    faces.nodes = mesh.X;
+    faces.node_count = mesh.node_count;
     faces.elements = (int *)sbi_alloc(&needle->allocator, (size_t)count, 3 * sizeof(int));
-    faces.element_count = ndli_resist_gather(mesh, membrane, faces.elements);
     if (!faces.elements)
         return SB_ERROR_MEMORY;
+    faces.element_count = ndli_resist_gather(&mesh, membrane, faces.elements);
     result = sb_surface_create(&faces, &needle->allocator, surface, NULL);
     sbi_free(&needle->allocator, faces.elements);
     return result;
@@ -72,7 +104,7 @@ NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *m
 
 /* ---- friction ---- */
 
-static const ndl_friction *ndli_resist_of(const ndl_needle *needle, int region)
+NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int region)
 {
     int i = needle->friction_count == 1 ? 0 : region;
     return i >= 0 && i < needle->friction_count ? needle->frictions + i : NULL;
@@ -85,7 +117,7 @@ static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
     double total = 0;
     memset(mean, 0, 5 * sizeof *mean);
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
-        const ndl_friction *f = ndli_resist_of(needle, mesh->regions[k / 4]);
+        const ndl_friction *f = ndli_needle_friction(needle, mesh->regions[k / 4]);
         double volume = (double)mesh->volumes[k / 4];
         total += volume;
         if (!f)
@@ -134,15 +166,20 @@ static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
     return sum;
 }
 
+NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table)
+{
+    if (needle->cutting_at) {
+        sb_real force = needle->cutting_at(needle->cutting_user, X, region);
+        return force > 0 && sb_is_finite(force) ? (double)force : 0;
+    }
+    return table + ndli_resist_membranes(needle, X);
+}
+
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
 {
     sb_vec3 X;
     ndl_needle_tip_material(needle, &X);
-    if (needle->cutting_at) {
-        sb_real force = needle->cutting_at(needle->cutting_user, X, ndli_resist_region_ahead(needle, tip));
-        return force > 0 && sb_is_finite(force) ? (double)force : 0;
-    }
-    return table + ndli_resist_membranes(needle, X);
+    return ndli_needle_cutting_at(needle, X, needle->cutting_at ? ndli_resist_region_ahead(needle, tip) : 0, table);
 }
 
 /* A tip that comes near the skin from inside is stopped: nothing can follow it out, and tets ahead of it get flat. */
@@ -176,7 +213,7 @@ static void ndli_resist_tip(ndl_needle *needle, int tip, double table)
 
 /* ---- all of it ---- */
 
-NDLI_API void ndli_needle_resist(ndl_needle *needle)
+static void ndli_resist_nodes(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
@@ -202,4 +239,12 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
     }
     for (int j = 0; j < sbi_min_int(line->first, ends); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
+}
+
+NDLI_API void ndli_needle_resist(ndl_needle *needle)
+{
+    if (needle->site->embeds)
+        ndli_held_resist(needle);
+    else
+        ndli_resist_nodes(needle);
 }

@@ -23,12 +23,13 @@ NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh)
     return count ? sum / count : 0;
 }
 
-/* By this call a body knows its needles: what there is to be done when the mesh changes the remesher does. */
+/* By this call a body knows its needles. What there is to be done when the mesh changes the remesher does; a bed goes
+ * along with cuts alone. */
 static void ndli_site_follow(void *user, const sb_body *body, const sb_mesh_change *change)
 {
-    (void)user;
+    struct ndli_site *site = (struct ndli_site *)user;
     (void)body;
-    (void)change;
+    site->bed.is_lost |= !change->find_cell;
 }
 
 NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
@@ -51,6 +52,8 @@ NDLI_API void ndli_site_free(struct ndli_site *site)
     if (site->listener)
         sb_body_unlisten(site->body, site->listener);
     ndl_remesh_destroy(site->remesh);
+    ndli_bed_free(&site->bed);
+    sbi_free(&allocator, site->node_place);
     sbi_free(&allocator, site->coupled);
     sbi_free(&allocator, site->unknown);
     sbi_free(&allocator, site->undo);
@@ -65,6 +68,57 @@ NDLI_API int ndli_site_free_index(const struct ndli_site *site)
     return index;
 }
 
+NDLI_API int ndli_site_is_stale(const struct ndli_site *site)
+{
+    if (!site->embeds)
+        return ndli_remesh_is_stale(site->remesh);
+    return site->bed.version != sb_body_mesh_version(site->body) &&
+           (site->bed.is_lost || !sbi_body_has_finder(site->body));
+}
+
+NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
+{
+    ndli_bed fresh;
+    sb_result result;
+    if (!site->embeds)
+        return ndli_remesh_look(site->remesh, error);
+    if (!ndli_site_is_stale(site))
+        return SB_OK;
+    result = ndli_bed_create(site->body, &site->allocator, &fresh, error);
+    if (result != SB_OK)
+        return result;
+    ndli_bed_free(&site->bed);
+    site->bed = fresh;
+    site->bed.volume.mesh = &site->bed.mesh;
+    return SB_OK;
+}
+
+/* Nodes of the body that so many rod nodes may be at, or held by. */
+static size_t ndli_site_row_nodes(const struct ndli_site *site, size_t rod_nodes)
+{
+    return site->embeds ? rod_nodes * (size_t)sb_mesh_element_width(&site->bed.mesh) : rod_nodes;
+}
+
+/* The numbers of the body's nodes, for all slots that there may be. */
+NDLI_API int ndli_site_reserve_places(struct ndli_site *site)
+{
+    sbi_body_slots slots = sbi_body_node_slots(site->body);
+    size_t room = (size_t)sbi_max_int(slots.room, sb_body_node_count(site->body));
+    int *grown;
+    if (!site->embeds || room <= site->place_room)
+        return 1;
+    grown = (int *)sbi_alloc(&site->allocator, room, sizeof(int));
+    if (!grown)
+        return 0;
+    for (size_t i = 0; i < room; i++)
+        grown[i] = -1;
+    ndli_held_forget(site);
+    sbi_free(&site->allocator, site->node_place);
+    site->node_place = grown;
+    site->place_room = room;
+    return 1;
+}
+
 NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
 {
     size_t room = (size_t)more;
@@ -72,9 +126,12 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
     double *unknown;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
+    if (!ndli_site_reserve_places(site))
+        return 0;
     if (room <= site->node_room)
         return 1;
-    coupled = (int *)sbi_alloc(&site->allocator, room, sizeof(int));
+    ndli_held_forget(site);
+    coupled = (int *)sbi_alloc(&site->allocator, ndli_site_row_nodes(site, room), sizeof(int));
     unknown = (double *)sbi_alloc(&site->allocator, room, NDLI_LINE_UNKNOWNS * sizeof(double));
     if (!coupled || !unknown) {
         sbi_free(&site->allocator, coupled);
@@ -86,5 +143,6 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
     site->coupled = coupled;
     site->unknown = unknown;
     site->node_room = room;
+    site->coupled_room = ndli_site_row_nodes(site, room);
     return 1;
 }

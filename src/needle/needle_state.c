@@ -8,7 +8,7 @@
 
 /* By its name it comes behind the remesher's, which it is checked against. */
 static const char ndli_needle_name[] = "needles";
-enum { NDLI_NEEDLE_VERSION = 1 };
+enum { NDLI_NEEDLE_VERSION = 2 };
 
 /* ---- the image ---- */
 
@@ -25,6 +25,7 @@ typedef struct ndli_needle_head {
     double reals[NDLI_HEAD_REALS];
     ndli_v3 vectors[NDLI_HEAD_VECTORS];
     int node_count, first, count, shallow, base_given, hold_steps;
+    int points, padding; /* of its track */
 } ndli_needle_head;
 
 /* The fields that go from step to step, in the order of the head. */
@@ -83,6 +84,7 @@ static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_need
     h->shallow = stale ? 0 : needle->shallow;
     h->base_given = needle->base_given;
     h->hold_steps = needle->hold_steps;
+    h->points = h->count > 0 ? needle->track.count : 0;
 }
 
 static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
@@ -97,18 +99,33 @@ static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
     needle->line.first = h->first;
     needle->line.count = h->count;
     needle->shallow = h->shallow;
+    needle->track.count = h->points;
     needle->base_given = h->base_given;
     needle->hold_steps = h->hold_steps;
     needle->blocked = needle->limited = 0;
 }
 
+/* Nodes that have a friction state: one more where its edge is held as it goes in. */
+static size_t ndli_needle_states(const ndl_needle *needle, const ndli_needle_head *h)
+{
+    return (size_t)h->count + (needle->site->embeds && h->count > 0 ? 1 : 0);
+}
+
 /* What its nodes in the tissue have. */
 static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli_image *image)
 {
-    size_t nodes = (size_t)h->count;
-    ndli_image_part(image, needle->path, nodes, sizeof(int));
-    ndli_image_part(image, needle->line.state + h->first, nodes, 1);
-    ndli_image_part(image, needle->line.contact + h->first, nodes, sizeof(ndli_v3));
+    size_t states = ndli_needle_states(needle, h), nodes = (size_t)h->count, points = (size_t)h->points;
+    size_t rearmost = (size_t)h->first - (states - nodes);
+    ndli_image_part(image, needle->line.state + rearmost, states, 1);
+    ndli_image_part(image, needle->line.contact + rearmost, states, sizeof(ndli_v3));
+    if (!needle->site->embeds) {
+        ndli_image_part(image, needle->path, nodes, sizeof(int));
+        return;
+    }
+    ndli_image_part(image, needle->arc + h->first, nodes, sizeof(double));
+    ndli_image_part(image, needle->track.X, points, sizeof(ndli_v3));
+    ndli_image_part(image, needle->track.arc, points, sizeof(double));
+    ndli_image_part(image, needle->track.elements, points, sizeof(int));
 }
 
 static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
@@ -124,7 +141,7 @@ static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
 static void ndli_site_save(const void *user, sbi_state_out *out)
 {
     const struct ndli_site *site = (const struct ndli_site *)user;
-    int stale = ndli_remesh_is_stale(site->remesh);
+    int stale = ndli_site_is_stale(site);
     ndli_site_head head;
     ndli_image image;
     memset(&image, 0, sizeof image);
@@ -165,7 +182,8 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
                         h->node_count, needle->rod->capacity);
     if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
         h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) ||
-        (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
+        h->points < 0 || h->points > needle->track.capacity ||
+        (h->points > 0) != (h->count > 0 && needle->site->embeds) || (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
         !(h->reals[0] > 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
     return SB_OK;
@@ -186,6 +204,44 @@ static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char 
     return 1;
 }
 
+static int ndli_image_is_number(const unsigned char *reals, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++)
+        good &= ndli_is_finite(ndli_image_real(reals, i));
+    return good;
+}
+
+/* Reals that rise from one to the next; *last is the last of them. */
+static int ndli_image_rises(const unsigned char *reals, size_t count, double *last)
+{
+    for (size_t i = 0; i < count; i++) {
+        double value = ndli_image_real(reals, i);
+        if (!(value >= 0) || !ndli_is_finite(value) || (i > 0 && !(value > *last)))
+            return 0;
+        *last = value;
+    }
+    return 1;
+}
+
+/* The track is one in the bed, and the rod's nodes are on it in their order. */
+static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char *arcs, const ndli_needle_head *h)
+{
+    size_t nodes = (size_t)h->count, points = (size_t)h->points;
+    const unsigned char *X = arcs + ndli_image_room(nodes * sizeof(double));
+    const unsigned char *at = X + ndli_image_room(points * sizeof(ndli_v3));
+    const unsigned char *elements = at + ndli_image_room(points * sizeof(double));
+    double tip = 0, last = 0;
+    for (size_t i = 0; i < points; i++) {
+        int element = ndli_image_int(elements, i);
+        if (element < 0 || element >= needle->site->bed.mesh.element_count)
+            return 0;
+    }
+    if (!ndli_image_is_number(X, 3 * points) || !ndli_image_rises(at, points, &tip))
+        return 0;
+    return ndli_image_rises(arcs, nodes, &last) && (points == 0 || (last == tip && ndli_image_real(at, 0) == 0));
+}
+
 /* The needle at in[size]; used: its bytes. */
 static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
                                          sb_error *error)
@@ -193,9 +249,9 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
     ndl_needle none = *needle;
     ndli_needle_head h;
     ndli_image image;
-    const unsigned char *path, *states, *contacts;
+    const unsigned char *states, *contacts, *rest;
     sb_result result;
-    size_t rod;
+    size_t rod, count;
     int good = 1, nodes;
     if (size < sizeof h)
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends in its head", needle->index);
@@ -208,17 +264,15 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
     ndli_needle_walk(&none, &h, &image);
     if (image.used > size)
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends before its nodes do", needle->index);
-    path = in + ndli_image_room(sizeof h);
-    states = path + ndli_image_room((size_t)h.count * sizeof(int));
-    contacts = states + ndli_image_room((size_t)h.count);
-    for (int i = 0; i < h.count; i++)
+    count = ndli_needle_states(needle, &h);
+    states = in + ndli_image_room(sizeof h);
+    contacts = states + ndli_image_room(count);
+    rest = contacts + ndli_image_room(count * sizeof(ndli_v3));
+    for (size_t i = 0; i < count; i++)
         good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
-    for (int i = 0; i < 3 * h.count; i++) {
-        double value;
-        memcpy(&value, contacts + (size_t)i * sizeof value, sizeof value);
-        good &= value - value == 0;
-    }
-    if (!good || !ndli_needle_path_holds(needle, path, h.count))
+    if (!good || !ndli_image_is_number(contacts, 3 * count) ||
+        !(needle->site->embeds ? ndli_needle_track_holds(needle, rest, &h)
+                               : ndli_needle_path_holds(needle, rest, h.count)))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
     result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
     if (result == SB_OK && nodes != h.node_count)

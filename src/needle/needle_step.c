@@ -95,14 +95,14 @@ static int ndli_step_move_nonlinear(ndl_needle *needle, double dt)
     ndl_rod *rod = needle->rod;
     const ndli_line *line = &needle->line;
     int done;
-    for (int i = line->first; i < line->first + line->count; i++) {
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++) {
         rod->held[i] = 1;
         rod->has_velocity[i] = 0;
         rod->target[i] = ndli_add(rod->x[i], line->move[i]);
     }
     done = ndli_rod_step_euler(rod, dt);
-    for (int i = line->first; i < line->first + line->count; i++)
-        rod->held[i] = 0;
+    for (int i = ndli_line_rearmost(line); i <= ndli_line_foremost(line); i++)
+        rod->held[i] = i < 2;
     for (int i = 0; i < 2 && done; i++)
         line->reaction[i] = rod->reaction[i];
     return done;
@@ -145,7 +145,10 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     double begin = ndli_step_now(s->site), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
-    result = ndli_needle_follow_tip(needle, &done, s->error);
+    if (s->site->embeds)
+        ndli_held_follow_tip(needle), result = SB_OK;
+    else
+        result = ndli_needle_follow_tip(needle, &done, s->error);
     middle = ndli_step_now(s->site);
     s->info->seconds_remesh += middle - begin;
     s->info->operations += done.substeps;
@@ -161,6 +164,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
 {
     static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
     double begin = ndli_step_now(s->site);
+    ndli_held_forget(s->site);
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
@@ -183,7 +187,11 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     const sbi_guest *guests[1];
     ndli_couple couple;
     sb_result result;
-    ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
+    if (site->embeds)
+        ndli_couple_prepare_rows(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled,
+                                 site->coupled_count);
+    else
+        ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
     guests[0] = &couple.guest;
     result = sbi_body_step_with(site->body, (sb_real)dt, guests, 1, &s->info->body);
     solve = s->info->body.seconds_solve;
@@ -208,7 +216,7 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
     if (result == SB_OK)
-        result = ndli_remesh_look(s->site->remesh, s->error);
+        result = ndli_site_look(s->site, s->error);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
     return result;
@@ -256,7 +264,7 @@ static sb_result ndli_step_check(const struct ndli_site *site, ndl_needle *const
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a body, its needles and dt > 0, not %g", (double)dt);
     if (!site || count != site->count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the body has %d", count, site ? site->count : 0);
-    if (sbi_body_has_pieces(site->body))
+    if (!site->embeds && sbi_body_has_pieces(site->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "the body is cut: needles cannot go through pieces of elements yet; destroy them, and go on "
                         "with sb_body_step");
@@ -283,13 +291,22 @@ static void ndli_step_count_states(const ndli_stepping *s)
 {
     for (int k = 0; k < s->count; k++) {
         const ndl_needle *needle = s->needles[k];
-        for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
+        for (int i = ndli_line_rearmost(&needle->line); i <= ndli_line_foremost(&needle->line); i++) {
             s->info->dynamic_nodes += ndli_line_is_slipping(&needle->line, i);
             s->info->static_nodes += !ndli_line_is_slipping(&needle->line, i);
         }
         s->info->blocked += needle->blocked;
         s->info->limited += needle->limited;
     }
+}
+
+static int ndli_step_let_go(ndl_needle *needle)
+{
+    struct ndli_site *site = needle->site;
+    if (!site->embeds)
+        return ndl_remesh_withdraw(site->remesh, needle->index, NULL, NULL) == SB_OK;
+    ndli_held_leave(needle);
+    return 1;
 }
 
 /* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how
@@ -301,8 +318,7 @@ static int ndli_step_tear_out(const ndli_stepping *s)
         ndl_needle *needle = s->needles[k];
         if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
             continue;
-        if (ndl_remesh_withdraw(s->site->remesh, needle->index, NULL, NULL) != SB_OK ||
-            ndli_needle_renew_nodes(needle) >= 0)
+        if (!ndli_step_let_go(needle) || ndli_needle_renew_nodes(needle) >= 0)
             return ndli_needle_undo(s->site, s->error) == SB_OK ? 0 : -1;
         torn++;
     }

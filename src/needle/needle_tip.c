@@ -28,7 +28,7 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     int last = rod->node_count - 1;
     ndli_v3 t = rod->tangent[last - 1], ahead;
     sb_mat3 f;
-    if (needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+    if (needle->site->embeds || needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
         return t;
     f = ndli_tip_gradient(needle->site->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_tip_mapped(&f, needle->heading);

@@ -9,21 +9,29 @@
 static size_t ndli_undo_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
 
 /* What a needle has beside its rod: its fields, and the arrays that go from step to step. */
-static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count)
+static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count, int point_count)
 {
-    size_t n = (size_t)node_count;
+    size_t n = (size_t)node_count, points = (size_t)point_count;
     return ndli_undo_aligned(sizeof *needle) + ndli_undo_aligned(n * sizeof(ndli_v3)) +
-           ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n) +
+           ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n) + ndli_undo_aligned(n * sizeof(double)) +
+           ndli_undo_aligned(points * sizeof(ndli_v3)) + ndli_undo_aligned(points * sizeof(double)) +
+           ndli_undo_aligned(points * sizeof(int)) +
            ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
+}
+
+static size_t ndli_undo_remesh_size(const struct ndli_site *site)
+{
+    return site->embeds ? 0 : ndli_remesh_snapshot_size(site->remesh);
 }
 
 /* body: bytes of the body's part. */
 static size_t ndli_undo_size(const struct ndli_site *site, size_t body)
 {
-    size_t sum = ndli_undo_aligned(body) + ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    size_t sum = ndli_undo_aligned(body) + ndli_undo_aligned(ndli_undo_remesh_size(site));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
-            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->node_count);
+            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->node_count,
+                                         site->needles[i]->track.count);
     return sum;
 }
 
@@ -45,11 +53,12 @@ static int ndli_undo_make_room(struct ndli_site *site, size_t needed)
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
     size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) +
-                 ndli_undo_aligned(ndli_remesh_snapshot_room(site->remesh)) +
-                 ndli_undo_needle_size(more, more->rod->capacity);
+                 ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh)) +
+                 ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
-            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity);
+            sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,
+                                         site->needles[i]->track.capacity);
     return ndli_undo_make_room(site, sum);
 }
 
@@ -63,11 +72,16 @@ static void ndli_undo_copy(unsigned char **at, void *part, size_t bytes, int bac
 
 static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned char **at, int back)
 {
-    size_t n = (size_t)node_count;
+    size_t n = (size_t)node_count, points;
     ndli_undo_copy(at, needle, sizeof *needle, back);
+    points = (size_t)needle->track.count;
     ndli_undo_copy(at, needle->line.contact, n * sizeof(ndli_v3), back);
     ndli_undo_copy(at, needle->path, n * sizeof(int), back);
     ndli_undo_copy(at, needle->line.state, n, back);
+    ndli_undo_copy(at, needle->arc, needle->arc ? n * sizeof(double) : 0, back);
+    ndli_undo_copy(at, needle->track.X, points * sizeof(ndli_v3), back);
+    ndli_undo_copy(at, needle->track.arc, points * sizeof(double), back);
+    ndli_undo_copy(at, needle->track.elements, points * sizeof(int), back);
 }
 
 NDLI_API int ndli_needle_keep(struct ndli_site *site)
@@ -79,8 +93,9 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site)
     site->undo_body = body;
     at = site->undo + ndli_undo_aligned(site->undo_body);
     sbi_body_snapshot(site->body, site->undo);
-    ndli_remesh_snapshot(site->remesh, at);
-    at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    if (!site->embeds)
+        ndli_remesh_snapshot(site->remesh, at);
+    at += ndli_undo_aligned(ndli_undo_remesh_size(site));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_rod *rod = site->needles[i]->rod;
@@ -95,16 +110,19 @@ NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error)
 {
     unsigned char *at = site->undo;
     sb_result result;
-    ndli_remesh_set_own(site->remesh, 1);
+    if (!site->embeds)
+        ndli_remesh_set_own(site->remesh, 1);
     result = sbi_body_rewind(site->body, at, site->undo_body, NULL);
-    ndli_remesh_set_own(site->remesh, 0);
+    if (!site->embeds)
+        ndli_remesh_set_own(site->remesh, 0);
     site->undo_waits = result != SB_OK;
     if (result != SB_OK)
         return sbi_fail(error, SB_ERROR_MEMORY,
                         "no memory to take the failed step back: that comes first in the next step");
     at += ndli_undo_aligned(site->undo_body);
-    ndli_remesh_rewind(site->remesh, at);
-    at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    if (!site->embeds)
+        ndli_remesh_rewind(site->remesh, at);
+    at += ndli_undo_aligned(ndli_undo_remesh_size(site));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_rod *rod = site->needles[i]->rod;
@@ -129,12 +147,11 @@ NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *err
 
 NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
 {
-    int stale = ndli_remesh_is_stale(site->remesh);
-    sb_result result = ndli_remesh_look(site->remesh, error);
+    int stale = ndli_site_is_stale(site);
+    sb_result result = ndli_site_look(site, error);
     for (int i = 0; i < NDL_MAX_NEEDLES && stale && result == SB_OK; i++)
         if (site->needles[i]) {
-            site->needles[i]->line.first = site->needles[i]->rod->node_count;
-            site->needles[i]->line.count = 0;
+            ndli_held_leave(site->needles[i]);
             site->needles[i]->shallow = 0;
         }
     return result;

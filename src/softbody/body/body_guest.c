@@ -75,6 +75,7 @@ SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes,
 }
 
 SBI_API int sbi_body_has_pieces(const sb_body *body) { return body->live && body->live->piece_count > 0; }
+SBI_API int sbi_body_has_finder(const sb_body *body) { return body->live && body->live->find; }
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
@@ -119,6 +120,11 @@ SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body)
 SBI_API int sbi_body_cell_region(const sb_body *body, int cell)
 {
     return sb_body_cell_in_use(body, cell) ? body->material_regions[body->cell_material[cell]] : 0;
+}
+
+SBI_API const sb_material *sbi_body_cell_material(const sb_body *body, int cell)
+{
+    return body->materials + body->cell_material[cell];
 }
 
 SBI_API void *sbi_body_find_listener(const sb_body *body,

@@ -1,0 +1,398 @@
+/* needle_held: needles that the body holds by rows of weights, its mesh left as it is (NDL_EMBED): where each rod node
+ * is on the way that the tip has cut, what the tissue does to it there, and how the tip goes on.
+ *
+ * A rod node in the tissue is at an arc of the track, which grows by what the node slips; that is all there is to
+ * remember: how far the rod is past the tissue follows from where both are. The node before the first in the tissue has
+ * a hold on its edge, where that goes in, so that forces do not jump when it follows. */
+#include "couple_rows.h"
+#include "needle_private.h"
+
+#include <string.h>
+
+/* ---- what a mesh does not show of the tissue about a needle ---- */
+
+/* Of an element's edge: radius over which a mesh spreads a line of point loads, measured (0.62 +- 0.08 in tets). */
+static const double ndli_held_spread = 0.62;
+/* Least ratio of that radius to the needle's: with finer meshes the needle is held as if it were thinner. */
+static const double ndli_held_least_ratio = 1.5;
+static const double ndli_held_pi = 3.14159265358979323846;
+
+typedef struct ndli_held_tissue {
+    double shear, poisson; /* Pa */
+    double ratio;          /* logarithm of the mesh's radius over the needle's */
+} ndli_held_tissue;
+
+static ndli_held_tissue ndli_held_get_tissue(const ndl_needle *needle, int element, const ndli_bed_row *row)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    const sb_material *material = sbi_body_cell_material(bed->body, row->cell);
+    double radius = ndli_held_spread * ndli_bed_edge(bed, element);
+    ndli_held_tissue tissue;
+    tissue.poisson = (double)sb_material_poisson(material);
+    tissue.shear = (double)sb_material_young(material) / (2 * (1 + tissue.poisson));
+    tissue.ratio = log(fmax(radius / needle->radius, ndli_held_least_ratio));
+    return tissue;
+}
+
+/* N/m per m of shaft: Kelvin's line load across and along, between the two radii. */
+static double ndli_held_across(const ndli_held_tissue *t)
+{
+    return 8 * ndli_held_pi * t->shear * (1 - t->poisson) / ((3 - 4 * t->poisson) * t->ratio);
+}
+static double ndli_held_along(const ndli_held_tissue *t) { return 2 * ndli_held_pi * t->shear / t->ratio; }
+
+/* N/m of the tip: a rigid disc that moves along its axis (Selvadurai 1976). */
+static double ndli_held_tip(const ndl_needle *needle, const ndli_held_tissue *t)
+{
+    return 32 * (1 - t->poisson) / (3 - 4 * t->poisson) * t->shear * needle->radius;
+}
+
+NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess)
+{
+    double outer = (double)section->radius, inner = (double)section->inner_radius, wave = guess;
+    double bending = (double)section->young * ndli_held_pi / 4 * (outer * outer * outer * outer - inner * inner * inner * inner);
+    for (int round = 0; round < 4; round++) {
+        ndli_held_tissue t;
+        t.poisson = 0.45; /* of soft tissue; it matters little */
+        t.shear = young / (2 * (1 + t.poisson));
+        t.ratio = log(fmax(wave / outer, ndli_held_least_ratio));
+        wave = sqrt(sqrt(4 * bending / ndli_held_across(&t)));
+    }
+    return wave;
+}
+
+/* ---- holds ---- */
+
+/* Where hold i is on the track (m at rest). */
+static double ndli_held_arc(const ndl_needle *needle, int i)
+{
+    return i < needle->line.first ? 0 : needle->arc[i];
+}
+
+static double ndli_held_edge(const ndl_rod *rod, int j) { return ndli_norm(ndli_sub(rod->x[j + 1], rod->x[j])); }
+
+NDLI_API double ndli_held_entering(const ndl_needle *needle)
+{
+    int first = needle->line.first;
+    double edge = ndli_held_edge(needle->rod, first - 1);
+    return fmin(fmax(needle->arc[first], 0), edge);
+}
+
+/* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
+static double ndli_held_length(const ndl_needle *needle, int i)
+{
+    const ndl_rod *rod = needle->rod;
+    int first = needle->line.first;
+    double entering = ndli_held_entering(needle), sum = 0;
+    if (i < first)
+        return 0.5 * entering;
+    sum += i == first ? entering : ndli_held_edge(rod, i - 1);
+    sum += i + 1 < rod->node_count ? ndli_held_edge(rod, i) : 0;
+    return 0.5 * sum;
+}
+
+static ndli_v3 ndli_held_place(const ndl_needle *needle, int i)
+{
+    const ndl_rod *rod = needle->rod;
+    double share = needle->line.holds[i].share;
+    return share > 0 ? ndli_madd(rod->x[i], share, ndli_sub(rod->x[i + 1], rod->x[i])) : rod->x[i];
+}
+
+static ndli_v3 ndli_held_tangent(const ndl_needle *needle, int i)
+{
+    const ndl_rod *rod = needle->rod;
+    int ahead = sbi_min_int(i, rod->node_count - 2), behind = needle->line.holds[i].share > 0 ? i : sbi_max_int(i - 1, 0);
+    ndli_v3 sum = ndli_add(rod->tangent[ahead], rod->tangent[behind]);
+    return ndli_scale(1 / ndli_norm(sum), sum);
+}
+
+/* Number of a body's node in the guest's list. */
+static int ndli_held_number(struct ndli_site *site, int node)
+{
+    if (site->node_place[node] < 0) {
+        site->node_place[node] = site->coupled_count;
+        site->coupled[site->coupled_count++] = node;
+    }
+    return site->node_place[node];
+}
+
+static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struct ndli_hold *hold)
+{
+    hold->count = row->count;
+    for (int a = 0; a < row->count; a++) {
+        hold->places[a] = ndli_held_number(site, row->nodes[a]);
+        hold->weights[a] = row->weights[a];
+    }
+}
+
+/* How long the tissue is along the track where it is, per length at rest. */
+static double ndli_held_stretch(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row, ndli_v3 tangent)
+{
+    sb_mat3 f = ndli_bed_gradient(bed, place, row);
+    double stretch = ndli_norm(ndli_from(sb_m3_apply(f, ndli_to(tangent))));
+    return stretch > 0 && sb_m3_det(f) > 0 ? stretch : 1;
+}
+
+/* Hold i where it is now; *row: where its material is, count 0: it has been taken away. */
+static void ndli_held_hold(ndl_needle *needle, int i, ndli_bed_row *row)
+{
+    struct ndli_hold *hold = needle->line.holds + i;
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track_point point = ndli_track_at(&needle->track, ndli_held_arc(needle, i));
+    double length = ndli_held_length(needle, i);
+    ndli_held_tissue tissue;
+    ndli_place place;
+    memset(hold, 0, sizeof *hold);
+    needle->stretch[i] = 1;
+    if (i < needle->line.first)
+        hold->share = 1 - ndli_held_entering(needle) / ndli_held_edge(needle->rod, i);
+    hold->tangent = ndli_held_tangent(needle, i);
+    (void)ndli_bed_locate(bed, ndli_to(point.X), point.element, &place);
+    row->count = 0;
+    if (!(length > 0 || i == ndli_line_foremost(&needle->line)) || !ndli_bed_row_at(bed, &place, row)) {
+        row->count = 0;
+        return;
+    }
+    ndli_held_tie(needle->site, row, hold);
+    hold->offset = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(bed, row));
+    if (ndli_norm(point.tangent) > 0)
+        needle->stretch[i] = ndli_held_stretch(bed, &place, row, point.tangent);
+    tissue = ndli_held_get_tissue(needle, place.element, row);
+    hold->across = length * ndli_held_across(&tissue);
+    hold->along = length * ndli_held_along(&tissue);
+    if (i == ndli_line_foremost(&needle->line))
+        hold->along += ndli_held_tip(needle, &tissue);
+}
+
+NDLI_API void ndli_held_forget(struct ndli_site *site)
+{
+    for (int k = 0; k < site->coupled_count; k++)
+        site->node_place[site->coupled[k]] = -1;
+    site->coupled_count = 0;
+}
+
+/* ---- what the tissue does to a needle ---- */
+
+static void ndli_held_resist_tip(ndl_needle *needle, const ndli_bed_row *row, const ndl_friction *friction)
+{
+    ndli_line *line = &needle->line;
+    const ndli_bed *bed = &needle->site->bed;
+    const ndli_track *track = &needle->track;
+    ndli_track_point end = ndli_track_at(track, ndli_track_length(track));
+    ndli_v3 ahead = ndli_madd(end.X, 0.2 * needle->site->mean_edge, needle->heading);
+    double table = friction ? (double)friction->cutting : 0;
+    ndli_place place;
+    int last = ndli_line_foremost(line);
+    line->cutting = ndli_needle_cutting_at(needle, ndli_to(end.X), row->count ? ndli_bed_region(bed, row) : -1, table);
+    if (needle->hold_steps == 0 && ndli_bed_locate(bed, ndli_to(ahead), end.element, &place))
+        return;
+    needle->blocked = 1;
+    line->cutting = (double)SB_REAL_MAX;
+    if (line->state[last] == NDL_DYNAMIC_FORWARD)
+        line->state[last] = NDL_STATIC;
+}
+
+NDLI_API void ndli_held_resist(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    int last = ndli_line_foremost(line), first = ndli_line_rearmost(line);
+    line->cutting = 0;
+    for (int j = 0; j < sbi_min_int(first, rod->node_count - 1); j++)
+        ndl_rod_set_grip(rod, j, 0, 0);
+    for (int i = first; i <= last; i++) {
+        double length = ndli_held_length(needle, i), edge;
+        const ndl_friction *friction;
+        ndli_bed_row row;
+        ndli_held_hold(needle, i, &row);
+        friction = row.count ? ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &row)) : NULL;
+        line->friction[i] = friction ? length * (double)friction->friction : 0;
+        line->viscous[i] = friction ? length * (double)friction->viscous : 0;
+        if (i == last) {
+            ndli_held_resist_tip(needle, &row, friction);
+            continue;
+        }
+        edge = i < line->first ? ndli_held_entering(needle) : ndli_held_edge(rod, i);
+        ndl_rod_set_grip(rod, i, friction ? (sb_real)(edge * (double)friction->twist_stiffness) : 0,
+                         friction ? (sb_real)(edge * (double)friction->twist_friction) : 0);
+    }
+}
+
+/* ---- the tip goes on ---- */
+
+/* rad: how far the way that a tip cuts may leave the direction of the shaft (Chentanez 2010 has no limit; in soft
+ * tissue the curvature comes out as this over the length of the shaft's wave in it). */
+static const double ndli_held_most_lag = 0.1;
+enum { NDLI_HELD_HOLD_STEPS = 8 };
+
+static ndli_v3 ndli_held_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
+
+static double ndli_held_curvature(const ndl_needle *needle)
+{
+    if (needle->bevel.law == NDL_BEVEL_CURVATURE)
+        return (double)needle->bevel.curvature;
+    return 2 * tan((double)needle->bevel.angle) / needle->edge_length;
+}
+
+/* Direction of the shaft at its tip, whose end has no moment: its last edge, turned on by an eighth of the curvature
+ * behind it. */
+static ndli_v3 ndli_held_shaft(const ndl_rod *rod)
+{
+    int last = rod->node_count - 2;
+    ndli_v3 t = rod->tangent[last];
+    if (last < 1)
+        return t;
+    return ndli_held_unit(ndli_madd(t, rod->rest_length[last] / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1])));
+}
+
+/* heading, no farther from the shaft than it may be. */
+static ndli_v3 ndli_held_limited(ndli_v3 heading, ndli_v3 shaft)
+{
+    double along = ndli_dot(heading, shaft), size;
+    ndli_v3 lag = ndli_madd(heading, -along, shaft);
+    size = ndli_norm(lag);
+    if (along > 0 && !(size > ndli_held_most_lag * along))
+        return heading;
+    return ndli_held_unit(size > 0 ? ndli_madd(shaft, ndli_held_most_lag / size, lag) : shaft);
+}
+
+/* The tip has nowhere to go: it is held for a while. */
+static void ndli_held_block(ndl_needle *needle)
+{
+    needle->blocked = 1;
+    needle->hold_steps = NDLI_HELD_HOLD_STEPS;
+}
+
+/* The track goes on by `advance` (m, in space) from where the tip is. */
+static void ndli_held_cut(ndl_needle *needle, double advance)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track *track = &needle->track;
+    ndli_track_point end = ndli_track_at(track, ndli_track_length(track));
+    ndli_v3 side = ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2), heading, way, X, gap;
+    double curvature = ndli_held_curvature(needle);
+    ndli_bed_row row, next;
+    ndli_place place;
+    sb_mat3 f, inverse;
+    (void)ndli_bed_locate(bed, ndli_to(end.X), end.element, &place);
+    if (!ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
+        ndli_held_block(needle);
+        return;
+    }
+    inverse = sb_m3_inverse(f);
+    heading = ndli_held_unit(ndli_from(sb_m3_apply(f, ndli_to(needle->heading))));
+    way = ndli_scale(advance, ndli_held_unit(ndli_madd(heading, 0.5 * curvature * advance, side)));
+    heading = ndli_held_limited(ndli_held_unit(ndli_madd(heading, curvature * advance, side)),
+                                ndli_held_shaft(needle->rod));
+    X = ndli_add(end.X, ndli_from(sb_m3_apply(inverse, ndli_to(way))));
+    if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_bed_row_at(bed, &place, &next)) {
+        ndli_held_block(needle);
+        return;
+    }
+    gap = ndli_sub(ndli_sub(ndli_bed_at(bed, &next), ndli_bed_at(bed, &row)), way);
+    if (ndli_norm(gap) > advance + 0.1 * needle->site->mean_edge) { /* a cut lies between, and stands open */
+        ndli_held_block(needle);
+        return;
+    }
+    if (!ndli_track_extend(track, X, place.element)) {
+        needle->limited = 1;
+        ndli_held_block(needle);
+        return;
+    }
+    needle->heading = ndli_held_unit(ndli_from(sb_m3_apply(inverse, ndli_to(heading))));
+}
+
+/* The tip goes back along the track, and looks along it again. */
+static void ndli_held_draw_back(ndl_needle *needle, double arc)
+{
+    ndli_track_shorten(&needle->track, fmax(arc, 0));
+    needle->hold_steps = 0;
+    if (needle->track.count > 1)
+        needle->heading = ndli_track_at(&needle->track, arc).tangent;
+}
+
+NDLI_API void ndli_held_leave(ndl_needle *needle)
+{
+    needle->line.first = needle->rod->node_count;
+    needle->line.count = 0;
+    needle->track.count = 0;
+}
+
+/* Nodes that have come in, or gone out again. */
+static void ndli_held_count(ndl_needle *needle)
+{
+    ndli_line *line = &needle->line;
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    while (line->first < last && needle->arc[line->first] <= 0) {
+        line->state[line->first - 1] = NDL_FREE;
+        line->first++;
+    }
+    while (line->first > 2 && needle->arc[line->first] > ndli_held_edge(rod, line->first - 1)) {
+        int next = --line->first;
+        needle->arc[next] = needle->arc[next + 1] - ndli_held_edge(rod, next);
+        line->state[next - 1] = line->state[next];
+        line->contact[next - 1] = ndli_v(0, 0, 0);
+    }
+    line->count = rod->node_count - line->first;
+}
+
+/* Nodes come to where they have slipped to; none passes the next. */
+static void ndli_held_slip(ndl_needle *needle)
+{
+    const ndli_line *line = &needle->line;
+    int last = ndli_line_foremost(line);
+    double tip = ndli_track_length(&needle->track);
+    for (int i = last; i >= line->first; i--) {
+        double most = i == last ? tip : needle->arc[i + 1] - 0.05 * needle->rod->rest_length[i];
+        double arc = i == last ? tip : needle->arc[i] + line->slip[i] / needle->stretch[i];
+        needle->arc[i] = fmin(arc, most);
+    }
+}
+
+static void ndli_held_enter(ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    const ndli_bed *bed = &needle->site->bed;
+    int last = rod->node_count - 1;
+    ndli_line *line = &needle->line;
+    ndli_bed_row row;
+    ndli_place place;
+    sb_vec3 at, X;
+    sb_mat3 f;
+    if (!ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at) ||
+        !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
+        return;
+    X = sbi_embed_map(&bed->mesh, place.element, place.xi, NULL);
+    ndli_track_begin(&needle->track, ndli_from(X), place.element);
+    needle->heading = ndli_held_unit(ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(rod->tangent[last - 1]))));
+    line->first = last;
+    line->count = 1;
+    needle->arc[last] = 0;
+    line->state[last] = line->state[last - 1] = NDL_STATIC;
+    line->contact[last] = line->contact[last - 1] = ndli_v(0, 0, 0);
+}
+
+NDLI_API void ndli_held_follow_tip(ndl_needle *needle)
+{
+    ndli_line *line = &needle->line;
+    int last = ndli_line_foremost(line);
+    double back;
+    needle->advance = 0;
+    if (line->count == 0) {
+        ndli_held_enter(needle);
+        return;
+    }
+    needle->advance = line->slip[last];
+    back = needle->arc[last] + needle->advance / needle->stretch[last];
+    if (needle->advance > 0)
+        ndli_held_cut(needle, needle->advance);
+    else if (needle->advance < 0)
+        ndli_held_draw_back(needle, back);
+    if (!(back > 0) && needle->advance < 0) {
+        ndli_held_leave(needle);
+        return;
+    }
+    ndli_held_slip(needle);
+    ndli_held_count(needle);
+}
