@@ -11088,7 +11088,7 @@ NDLI_API void ndli_rows_apply(ndli_line *line, int loads, const double *nodes, d
                                               : ndli_scale(-1, ndli_rows_spring(line, i, way)));
         for (int e = 0; e < ends.count; e++)
             if (!line->rod->held[ends.node[e]])
-                ndli_line_add_to(out_unknown, NDLI_LINE_UNKNOWNS, ends.node[e], 1, force);
+                ndli_line_add_to(out_unknown, NDLI_LINE_UNKNOWNS, ends.node[e], ends.share[e], force);
         on_tissue = ndli_scale(-1, force);
         if (loads)
             on_tissue = ndli_madd(on_tissue, line->level - 1, line->before[i]);
@@ -11450,6 +11450,8 @@ NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator,
     result = sbi_body_copy_mesh(body, allocator, &bed->mesh, error);
     if (result == SB_OK)
         result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
+    if (result != SB_OK)
+        memset(&bed->volume, 0, sizeof bed->volume); /* it has been freed */
     if (result == SB_OK) {
         bed->cells = (int *)sbi_alloc(allocator, (size_t)bed->mesh.element_count, sizeof(int));
         result = bed->cells ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body's needles");
@@ -11839,9 +11841,7 @@ struct ndli_site {
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* ---- needle_site ---- */
 
-/* What the needles of a body share, or NULL: it has none. */
-NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
-/* Listens to the body, by which it is found. */
+/* Listens to changes of the body's mesh, if that can change. */
 NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error);
 NDLI_API void ndli_site_free(struct ndli_site *site);
 NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
@@ -11919,6 +11919,8 @@ enum { NDLI_COMMAND_REALS = 8 }; /* of an ndl_command */
 
 /* The part of the body's state that the site is, but for its replay. */
 NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site);
+/* What the needles of a body share, by the part's name; NULL: it has none. */
+NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
 NDLI_API void ndli_site_leave(const struct ndli_site *site);
 /* For the recording of the body. */
 NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command);
@@ -11975,23 +11977,18 @@ NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh)
     return count ? sum / count : 0;
 }
 
-/* By this call a body knows its needles. What there is to be done when the mesh changes the remesher does; a bed goes
- * along with cuts alone. */
+/* What there is to be done when the mesh changes the remesher does; a bed goes along with cuts alone. */
 static void ndli_site_follow(void *user, const sb_body *body, const sb_mesh_change *change)
 {
     struct ndli_site *site = (struct ndli_site *)user;
-    (void)body;
-    site->bed.is_lost |= !change->find_cell;
-}
-
-NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
-{
-    return (struct ndli_site *)sbi_body_find_listener(body, ndli_site_follow);
+    site->bed.is_lost |= change ? !change->find_cell : !sbi_body_has_finder(body); /* NULL: a state was loaded */
 }
 
 NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error)
 {
     sb_body_listener listener;
+    if (!sbi_body_is_live(site->body))
+        return SB_OK;
     memset(&listener, 0, sizeof listener);
     listener.user = site;
     listener.follow = ndli_site_follow;
@@ -12055,7 +12052,7 @@ static size_t ndli_site_row_nodes(const struct ndli_site *site, size_t rod_nodes
 NDLI_API int ndli_site_reserve_places(struct ndli_site *site)
 {
     sbi_body_slots slots = sbi_body_node_slots(site->body);
-    size_t room = (size_t)sbi_max_int(slots.room, sb_body_node_count(site->body));
+    size_t room = (size_t)(sbi_body_is_live(site->body) ? slots.room : sb_body_node_count(site->body));
     int *grown;
     if (!site->embeds || room <= site->place_room)
         return 1;
@@ -12136,7 +12133,7 @@ NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle-
 
 static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
 {
-    return node >= needle->line.first && node < needle->line.first + needle->line.count;
+    return node >= ndli_line_rearmost(&needle->line) && node < needle->line.first + needle->line.count;
 }
 
 NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
@@ -12556,6 +12553,11 @@ NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
     return part;
 }
 
+NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
+{
+    return (struct ndli_site *)sbi_body_find_part(body, ndli_needle_name);
+}
+
 NDLI_API void ndli_site_leave(const struct ndli_site *site) { sbi_body_leave(site->body, ndli_needle_name); }
 
 /* ---- recording ---- */
@@ -12718,10 +12720,11 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
 
 /* The undeformed mesh that membranes lie in. */
 typedef struct ndli_resist_mesh {
+    const struct ndli_site *site;
     sb_element_type type;
     int count, node_count;
-    const int *elements, *regions, *neighbours; /* regions NULL: all 0 */
-    sb_vec3 *X;                                 /* read only */
+    const int *elements, *neighbours;
+    sb_vec3 *X; /* read only */
 } ndli_resist_mesh;
 
 static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
@@ -12729,11 +12732,11 @@ static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
     const ndli_topology *topology = site->mesh;
     const sb_mesh *rest = &site->bed.mesh;
     ndli_resist_mesh mesh;
+    mesh.site = site;
     mesh.type = topology ? SB_TET4 : rest->element_type;
     mesh.count = topology ? topology->original_tets : rest->element_count;
     mesh.node_count = topology ? topology->original_nodes : rest->node_count;
     mesh.elements = topology ? topology->tets : rest->elements;
-    mesh.regions = topology ? topology->regions : rest->regions;
     mesh.neighbours = topology ? topology->neighbours : site->bed.volume.neighbours.items;
     mesh.X = topology ? topology->X0 : rest->nodes;
     return mesh;
@@ -12741,7 +12744,10 @@ static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
 
 static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
 {
-    return element < 0 ? -1 : mesh->regions ? mesh->regions[element] : 0;
+    const struct ndli_site *site = mesh->site;
+    if (element < 0)
+        return -1;
+    return site->mesh ? site->mesh->regions[element] : sbi_body_cell_region(site->body, site->bed.cells[element]);
 }
 
 /* 1 when the membrane lies on a face; each inner face is looked at from its lower element. */
@@ -12972,8 +12978,8 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
 
 /* ---- what a mesh does not show of the tissue about a needle ---- */
 
-/* Of an element's edge: radius over which a mesh spreads a line of point loads, measured (0.62 +- 0.08 in tets). */
-static const double ndli_held_spread = 0.62;
+/* Of an element's edge: radius over which a mesh spreads a line of point loads, measured: 0.56 to 0.70 in tets. */
+static const double ndli_held_spread = 0.58;
 /* Least ratio of that radius to the needle's: with finer meshes the needle is held as if it were thinner. */
 static const double ndli_held_least_ratio = 1.5;
 static const double ndli_held_pi = 3.14159265358979323846;
@@ -13032,19 +13038,81 @@ static double ndli_held_arc(const ndl_needle *needle, int i)
 
 static double ndli_held_edge(const ndl_rod *rod, int j) { return ndli_norm(ndli_sub(rod->x[j + 1], rod->x[j])); }
 
-NDLI_API double ndli_held_entering(const ndl_needle *needle)
+/* The material at an arc of the track, and how long the tissue is there along it, per length at rest. 0: it has been
+ * taken away. */
+typedef struct ndli_held_spot {
+    ndli_place place;
+    ndli_bed_row row;
+    double stretch;
+} ndli_held_spot;
+
+static double ndli_held_stretch(const ndli_bed *bed, const ndli_held_spot *spot, ndli_v3 tangent)
 {
-    int first = needle->line.first;
-    double edge = ndli_held_edge(needle->rod, first - 1);
-    return fmin(fmax(needle->arc[first], 0), edge);
+    sb_mat3 f = ndli_bed_gradient(bed, &spot->place, &spot->row);
+    double stretch = ndli_norm(ndli_from(sb_m3_apply(f, ndli_to(tangent))));
+    return stretch > 0 && sb_m3_det(f) > 0 ? stretch : 1;
 }
 
-/* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
-static double ndli_held_length(const ndl_needle *needle, int i)
+static int ndli_held_find(const ndl_needle *needle, double arc, ndli_held_spot *spot)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track_point point = ndli_track_at(&needle->track, arc);
+    spot->stretch = 1;
+    (void)ndli_bed_locate(bed, ndli_to(point.X), point.element, &spot->place);
+    if (!ndli_bed_row_at(bed, &spot->place, &spot->row)) {
+        spot->row.count = 0;
+        return 0;
+    }
+    if (ndli_norm(point.tangent) > 0)
+        spot->stretch = ndli_held_stretch(bed, spot, point.tangent);
+    return 1;
+}
+
+static ndli_v3 ndli_held_tangent(const ndl_rod *rod, int i)
+{
+    ndli_v3 sum = ndli_add(rod->tangent[sbi_min_int(i, rod->node_count - 2)], rod->tangent[sbi_max_int(i - 1, 0)]);
+    return ndli_scale(1 / ndli_norm(sum), sum);
+}
+
+/* How far the shaft may be ahead of the tissue before it slips (m). */
+static double ndli_held_slack(const ndl_needle *needle, const ndli_held_spot *spot)
+{
+    const ndl_friction *friction = ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &spot->row));
+    ndli_held_tissue tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
+    return friction ? (double)friction->friction / ndli_held_along(&tissue) : 0;
+}
+
+/* How far before the first node the rod goes in (m): as far as that is on the track, and by what a tip is ahead of the
+ * tissue that the shaft is not. */
+static double ndli_held_reach(const ndl_needle *needle, double *stretch)
 {
     const ndl_rod *rod = needle->rod;
     int first = needle->line.first;
-    double entering = ndli_held_entering(needle), sum = 0;
+    ndli_held_spot spot;
+    ndli_v3 ahead;
+    double wound, slack;
+    *stretch = 1;
+    if (!ndli_held_find(needle, needle->arc[first], &spot))
+        return needle->arc[first];
+    ahead = ndli_sub(rod->x[first], ndli_bed_at(&needle->site->bed, &spot.row));
+    wound = ndli_dot(ndli_held_tangent(rod, first), ahead);
+    slack = ndli_held_slack(needle, &spot);
+    *stretch = spot.stretch;
+    return spot.stretch * needle->arc[first] + wound - fmin(fmax(wound, -slack), slack);
+}
+
+NDLI_API double ndli_held_entering(const ndl_needle *needle)
+{
+    double stretch, reach = ndli_held_reach(needle, &stretch);
+    return fmin(fmax(reach, 0), ndli_held_edge(needle->rod, needle->line.first - 1));
+}
+
+/* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
+static double ndli_held_length(const ndl_needle *needle, int i, double entering)
+{
+    const ndl_rod *rod = needle->rod;
+    int first = needle->line.first;
+    double sum = 0;
     if (i < first)
         return 0.5 * entering;
     sum += i == first ? entering : ndli_held_edge(rod, i - 1);
@@ -13057,14 +13125,6 @@ static ndli_v3 ndli_held_place(const ndl_needle *needle, int i)
     const ndl_rod *rod = needle->rod;
     double share = needle->line.holds[i].share;
     return share > 0 ? ndli_madd(rod->x[i], share, ndli_sub(rod->x[i + 1], rod->x[i])) : rod->x[i];
-}
-
-static ndli_v3 ndli_held_tangent(const ndl_needle *needle, int i)
-{
-    const ndl_rod *rod = needle->rod;
-    int ahead = sbi_min_int(i, rod->node_count - 2), behind = needle->line.holds[i].share > 0 ? i : sbi_max_int(i - 1, 0);
-    ndli_v3 sum = ndli_add(rod->tangent[ahead], rod->tangent[behind]);
-    return ndli_scale(1 / ndli_norm(sum), sum);
 }
 
 /* Number of a body's node in the guest's list. */
@@ -13086,43 +13146,25 @@ static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struc
     }
 }
 
-/* How long the tissue is along the track where it is, per length at rest. */
-static double ndli_held_stretch(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row, ndli_v3 tangent)
-{
-    sb_mat3 f = ndli_bed_gradient(bed, place, row);
-    double stretch = ndli_norm(ndli_from(sb_m3_apply(f, ndli_to(tangent))));
-    return stretch > 0 && sb_m3_det(f) > 0 ? stretch : 1;
-}
-
-/* Hold i where it is now; *row: where its material is, count 0: it has been taken away. */
-static void ndli_held_hold(ndl_needle *needle, int i, ndli_bed_row *row)
+/* Hold i where it is now, `length` of shaft; *spot: where its material is. */
+static void ndli_held_make(ndl_needle *needle, int i, double length, double entering, ndli_held_spot *spot)
 {
     struct ndli_hold *hold = needle->line.holds + i;
-    const ndli_bed *bed = &needle->site->bed;
-    ndli_track_point point = ndli_track_at(&needle->track, ndli_held_arc(needle, i));
-    double length = ndli_held_length(needle, i);
+    const ndl_rod *rod = needle->rod;
     ndli_held_tissue tissue;
-    ndli_place place;
+    int is_tip = i == ndli_line_foremost(&needle->line), there = ndli_held_find(needle, ndli_held_arc(needle, i), spot);
     memset(hold, 0, sizeof *hold);
-    needle->stretch[i] = 1;
     if (i < needle->line.first)
-        hold->share = 1 - ndli_held_entering(needle) / ndli_held_edge(needle->rod, i);
-    hold->tangent = ndli_held_tangent(needle, i);
-    (void)ndli_bed_locate(bed, ndli_to(point.X), point.element, &place);
-    row->count = 0;
-    if (!(length > 0 || i == ndli_line_foremost(&needle->line)) || !ndli_bed_row_at(bed, &place, row)) {
-        row->count = 0;
+        hold->share = 1 - entering / ndli_held_edge(rod, i);
+    hold->tangent = hold->share > 0 ? rod->tangent[i] : ndli_held_tangent(rod, i);
+    needle->stretch[i] = spot->stretch;
+    if (!there || !(length > 0 || is_tip))
         return;
-    }
-    ndli_held_tie(needle->site, row, hold);
-    hold->offset = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(bed, row));
-    if (ndli_norm(point.tangent) > 0)
-        needle->stretch[i] = ndli_held_stretch(bed, &place, row, point.tangent);
-    tissue = ndli_held_get_tissue(needle, place.element, row);
+    ndli_held_tie(needle->site, &spot->row, hold);
+    hold->offset = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(&needle->site->bed, &spot->row));
+    tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
     hold->across = length * ndli_held_across(&tissue);
-    hold->along = length * ndli_held_along(&tissue);
-    if (i == ndli_line_foremost(&needle->line))
-        hold->along += ndli_held_tip(needle, &tissue);
+    hold->along = length * ndli_held_along(&tissue) + (is_tip ? ndli_held_tip(needle, &tissue) : 0);
 }
 
 NDLI_API void ndli_held_forget(struct ndli_site *site)
@@ -13158,22 +13200,24 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     int last = ndli_line_foremost(line), first = ndli_line_rearmost(line);
+    double entering = line->count > 0 ? ndli_held_entering(needle) : 0;
     line->cutting = 0;
     for (int j = 0; j < sbi_min_int(first, rod->node_count - 1); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
     for (int i = first; i <= last; i++) {
-        double length = ndli_held_length(needle, i), edge;
-        const ndl_friction *friction;
-        ndli_bed_row row;
-        ndli_held_hold(needle, i, &row);
-        friction = row.count ? ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &row)) : NULL;
+        double length = ndli_held_length(needle, i, entering), edge;
+        const ndl_friction *friction = NULL;
+        ndli_held_spot spot;
+        ndli_held_make(needle, i, length, entering, &spot);
+        if (spot.row.count)
+            friction = ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &spot.row));
         line->friction[i] = friction ? length * (double)friction->friction : 0;
         line->viscous[i] = friction ? length * (double)friction->viscous : 0;
         if (i == last) {
-            ndli_held_resist_tip(needle, &row, friction);
+            ndli_held_resist_tip(needle, &spot.row, friction);
             continue;
         }
-        edge = i < line->first ? ndli_held_entering(needle) : ndli_held_edge(rod, i);
+        edge = i < line->first ? entering : ndli_held_edge(rod, i);
         ndl_rod_set_grip(rod, i, friction ? (sb_real)(edge * (double)friction->twist_stiffness) : 0,
                          friction ? (sb_real)(edge * (double)friction->twist_friction) : 0);
     }
@@ -13285,13 +13329,15 @@ static void ndli_held_count(ndl_needle *needle)
     ndli_line *line = &needle->line;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1;
+    double stretch, more;
     while (line->first < last && needle->arc[line->first] <= 0) {
         line->state[line->first - 1] = NDL_FREE;
         line->first++;
     }
-    while (line->first > 2 && needle->arc[line->first] > ndli_held_edge(rod, line->first - 1)) {
+    while (line->first > 2 &&
+           (more = ndli_held_reach(needle, &stretch) - ndli_held_edge(rod, line->first - 1)) > 0) {
         int next = --line->first;
-        needle->arc[next] = needle->arc[next + 1] - ndli_held_edge(rod, next);
+        needle->arc[next] = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
         line->state[next - 1] = line->state[next];
         line->contact[next - 1] = ndli_v(0, 0, 0);
     }
@@ -14634,8 +14680,8 @@ static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
 {
     sb_result result = ndli_bed_create(site->body, &site->allocator, &site->bed, error);
-    site->bed.volume.mesh = &site->bed.mesh;
-    site->mean_edge = site->bed.mean_edge;
+    if (result == SB_OK)
+        site->mean_edge = site->bed.mean_edge;
     return result;
 }
 
@@ -14688,11 +14734,11 @@ static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **si
 /* Edges of a rod that springs hold are short beside the bends that these make. */
 static double ndli_needle_usual_edge(const struct ndli_site *site, const ndl_needle_def *def)
 {
-    double most = site->mean_edge, least = 0.125 * most, wave;
+    double most = site->mean_edge, least = most / 8, wave;
     if (!site->embeds)
         return most;
     wave = ndli_held_wave(&def->section, (double)sbi_body_young(site->body), most);
-    return fmin(fmax(0.25 * wave, least), most);
+    return fmin(fmax(0.125 * wave, least), most);
 }
 
 /* The shape at rest: straight, then a circle towards m2. */

@@ -47481,6 +47481,7 @@ SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve sys
 SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_has_pieces(const sb_body *body); /* 1: cells of it are pieces of elements, as a cut leaves them */
+SBI_API int sbi_body_is_live(const sb_body *body);    /* 1: its mesh can change */
 SBI_API int sbi_body_has_finder(const sb_body *body); /* 1: an sb_cut knows which piece has what material */
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
@@ -47501,9 +47502,6 @@ SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
 SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
 SBI_API int sbi_body_cell_region(const sb_body *body, int cell); /* value in mesh.regions */
 SBI_API const sb_material *sbi_body_cell_material(const sb_body *body, int cell); /* of a cell in use */
-/* The user of the first listener that follows by this call, or NULL: how what several share finds its body's. */
-SBI_API void *sbi_body_find_listener(const sb_body *body,
-                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change));
 
 /* ---- shapes ---- */
 /* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */
@@ -47595,6 +47593,8 @@ typedef struct sbi_state_part {
 SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error);
 /* No longer; one that has not joined is fine. Parts end with the body, too. */
 SBI_API void sbi_body_leave(sb_body *body, const char *name);
+/* The user of the part of that name, or NULL: how what several share finds its body's. */
+SBI_API void *sbi_body_find_part(const sb_body *body, const char *name);
 
 /* The body's recorder hears nothing until it is unmuted. Calls nest. */
 SBI_API void sbi_body_mute(sb_body *body);
@@ -65253,6 +65253,7 @@ SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes,
 }
 
 SBI_API int sbi_body_has_pieces(const sb_body *body) { return body->live && body->live->piece_count > 0; }
+SBI_API int sbi_body_is_live(const sb_body *body) { return body->live != NULL; }
 SBI_API int sbi_body_has_finder(const sb_body *body) { return body->live && body->live->find; }
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
@@ -65303,15 +65304,6 @@ SBI_API int sbi_body_cell_region(const sb_body *body, int cell)
 SBI_API const sb_material *sbi_body_cell_material(const sb_body *body, int cell)
 {
     return body->materials + body->cell_material[cell];
-}
-
-SBI_API void *sbi_body_find_listener(const sb_body *body,
-                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change))
-{
-    for (int i = 0; body->live && i < body->live->listener_count; i++)
-        if (body->live->listeners[i].calls.follow == follow)
-            return body->live->listeners[i].calls.user;
-    return NULL;
 }
 
 /* ---- shapes ---- */
@@ -66232,6 +66224,12 @@ static sbi_state_part *sbi_state_parts_find(const sb_body *body, const char *nam
     int at = parts ? sbi_state_parts_place(parts, name) : 0;
     return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at
                                                                                                  : NULL;
+}
+
+SBI_API void *sbi_body_find_part(const sb_body *body, const char *name)
+{
+    const sbi_state_part *part = sbi_state_parts_find(body, name);
+    return part ? part->user : NULL;
 }
 
 SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error)

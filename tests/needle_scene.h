@@ -17,6 +17,7 @@ typedef struct needle_scene {
     double shake; /* of the inner nodes, in cells */
     int layered;  /* 1: region 1 below half of the height */
     int turned;   /* 1: all of it turned and shifted */
+    sb_element_type type; /* of its elements */
     needle_scene_material materials[2];
     const sb_material *other; /* of all of it in place of `materials`, or NULL */
     sb_body_def body_def;
@@ -50,6 +51,7 @@ static inline needle_scene needle_scene_default(void)
     needle_scene s;
     memset(&s, 0, sizeof s);
     s.cells[0] = s.cells[1] = s.cells[2] = 4;
+    s.type = SB_TET4;
     s.size = sb_v3(REAL(0.04), REAL(0.04), REAL(0.04));
     s.shake = 0.1;
     for (int i = 0; i < 2; i++) {
@@ -100,9 +102,10 @@ static inline int needle_scene_make_mesh(needle_scene *s, int *fixed)
     if (s->layered)
         for (int e = 0; e < s->mesh.element_count; e++) {
             sb_real z = 0;
-            for (int c = 0; c < 4; c++)
-                z += s->mesh.nodes[s->mesh.elements[4 * e + c]].z;
-            s->mesh.regions[e] = z < 2 * s->size.z;
+            int width = sb_mesh_element_width(&s->mesh);
+            for (int c = 0; c < width; c++)
+                z += s->mesh.nodes[s->mesh.elements[width * e + c]].z;
+            s->mesh.regions[e] = z < REAL(0.5 * width) * s->size.z;
         }
     for (int i = 0; i < s->mesh.node_count && s->turned; i++)
         s->mesh.nodes[i] = needle_scene_placed(s->mesh.nodes[i]);
@@ -130,7 +133,7 @@ static inline int needle_scene_make_body(needle_scene *s)
 {
     sb_region_material lower;
     int *fixed, count;
-    s->mesh = scene_box(SB_TET4, s->cells[0], s->cells[1], s->cells[2], s->size, s->shake);
+    s->mesh = scene_box(s->type, s->cells[0], s->cells[1], s->cells[2], s->size, s->shake);
     if (s->layered && !s->mesh.regions)
         s->mesh.regions = (int *)malloc((size_t)s->mesh.element_count * sizeof(int)); /* freed as the others are */
     fixed = (int *)malloc((size_t)s->mesh.node_count * sizeof(int));
@@ -255,26 +258,28 @@ static inline sb_vec3 needle_contact_sum(const ndl_needle *needle)
 static inline int needle_scene_is_mesh_of(const sb_body *body, const sb_mesh *mesh)
 {
     const sb_vec3 *X = sb_body_rest_positions(body);
+    int width = sb_mesh_element_width(mesh);
     if (sb_body_node_count(body) != mesh->node_count || sb_body_element_count(body) != mesh->element_count)
         return 0;
     for (int t = 0; t < mesh->element_count; t++)
         if (!sb_body_cell_in_use(body, t) ||
-            memcmp(sb_body_cell_nodes(body, t), mesh->elements + 4 * t, 4 * sizeof(int)) != 0)
+            memcmp(sb_body_cell_nodes(body, t), mesh->elements + width * t, (size_t)width * sizeof(int)) != 0)
             return 0;
     return memcmp(X, mesh->nodes, (size_t)mesh->node_count * sizeof *X) == 0;
 }
 static inline int needle_scene_is_original(const needle_scene *s)
 {
-    return needle_scene_is_mesh_of(s->body, &s->mesh) &&
-           (s->count == 0 || ndl_remesh_is_original(ndl_needle_remesh(s->needles[0])));
+    const ndl_remesh *remesh = s->count ? ndl_needle_remesh(s->needles[0]) : NULL;
+    return needle_scene_is_mesh_of(s->body, &s->mesh) && (!remesh || ndl_remesh_is_original(remesh));
 }
 
 /* All of body and needles finite, and the mesh sound. */
 static inline int needle_scene_is_sound(const needle_scene *s)
 {
     sb_error error;
+    const ndl_remesh *remesh = s->count ? ndl_needle_remesh(s->needles[0]) : NULL;
     int ok = sb_body_live_check(s->body, &error) == SB_OK && s->count > 0 &&
-             ndl_remesh_check(ndl_needle_remesh(s->needles[0]), &error) == SB_OK;
+             (!remesh || ndl_remesh_check(remesh, &error) == SB_OK);
     if (!ok)
         printf("%s\n", error.message);
     ok = ok && scene_all_finite(sb_body_positions(s->body), sb_body_node_count(s->body)) &&

@@ -47,6 +47,9 @@ static int make_scene(needle_scene *s, int seed)
         s->needle_def.membrane_count = 1;
     }
     needles = 1 + draw_one(&d, 2);
+    s->needle_def.follow = seed % 2 ? NDL_EMBED : NDL_REMESH;
+    if (s->needle_def.follow == NDL_EMBED && !s->other && draw_one(&d, 2))
+        s->type = draw_one(&d, 2) ? SB_TET10 : SB_HEX8;
     if (!needle_scene_make_body(s))
         return 0;
     for (int k = 0; k < needles; k++)
@@ -234,7 +237,7 @@ static void test_foreign(void)
 
 /* Sealed images whose part of needles has other words: refused with a word and nothing changed, or what is taken
  * steps. */
-static void test_forgeries(void)
+static void forge(ndl_follow follow)
 {
     const uint32_t values[6] = {0xFFFFFFFFu, 0x7FFFFFFFu, 0, 1, 0x7FF00000u, 0x40000000u};
     needle_scene s = needle_scene_default();
@@ -244,6 +247,7 @@ static void test_forgeries(void)
     int refused = 0, taken = 0;
     check_bad_numbers();
     s.cells[0] = s.cells[1] = s.cells[2] = 2;
+    s.needle_def.follow = follow;
     if (!needle_scene_make(&s))
         return;
     needle_scene_run(&s, 0.02, 18, needle_command(0.05, 0.5));
@@ -281,6 +285,12 @@ static void test_forgeries(void)
     free(copy);
     free(start.bytes);
     needle_scene_free(&s);
+}
+
+static void test_forgeries(void)
+{
+    forge(NDL_REMESH);
+    forge(NDL_EMBED);
 }
 
 static void test_memory(void)

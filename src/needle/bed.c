@@ -32,6 +32,8 @@ NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator,
     result = sbi_body_copy_mesh(body, allocator, &bed->mesh, error);
     if (result == SB_OK)
         result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
+    if (result != SB_OK)
+        memset(&bed->volume, 0, sizeof bed->volume); /* it has been freed */
     if (result == SB_OK) {
         bed->cells = (int *)sbi_alloc(allocator, (size_t)bed->mesh.element_count, sizeof(int));
         result = bed->cells ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body's needles");

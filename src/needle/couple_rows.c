@@ -71,7 +71,7 @@ NDLI_API void ndli_rows_apply(ndli_line *line, int loads, const double *nodes, d
                                               : ndli_scale(-1, ndli_rows_spring(line, i, way)));
         for (int e = 0; e < ends.count; e++)
             if (!line->rod->held[ends.node[e]])
-                ndli_line_add_to(out_unknown, NDLI_LINE_UNKNOWNS, ends.node[e], 1, force);
+                ndli_line_add_to(out_unknown, NDLI_LINE_UNKNOWNS, ends.node[e], ends.share[e], force);
         on_tissue = ndli_scale(-1, force);
         if (loads)
             on_tissue = ndli_madd(on_tissue, line->level - 1, line->before[i]);

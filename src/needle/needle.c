@@ -122,8 +122,8 @@ static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
 {
     sb_result result = ndli_bed_create(site->body, &site->allocator, &site->bed, error);
-    site->bed.volume.mesh = &site->bed.mesh;
-    site->mean_edge = site->bed.mean_edge;
+    if (result == SB_OK)
+        site->mean_edge = site->bed.mean_edge;
     return result;
 }
 
@@ -176,11 +176,11 @@ static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **si
 /* Edges of a rod that springs hold are short beside the bends that these make. */
 static double ndli_needle_usual_edge(const struct ndli_site *site, const ndl_needle_def *def)
 {
-    double most = site->mean_edge, least = 0.125 * most, wave;
+    double most = site->mean_edge, least = most / 8, wave;
     if (!site->embeds)
         return most;
     wave = ndli_held_wave(&def->section, (double)sbi_body_young(site->body), most);
-    return fmin(fmax(0.25 * wave, least), most);
+    return fmin(fmax(0.125 * wave, least), most);
 }
 
 /* The shape at rest: straight, then a circle towards m2. */

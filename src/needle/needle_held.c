@@ -11,8 +11,8 @@
 
 /* ---- what a mesh does not show of the tissue about a needle ---- */
 
-/* Of an element's edge: radius over which a mesh spreads a line of point loads, measured (0.62 +- 0.08 in tets). */
-static const double ndli_held_spread = 0.62;
+/* Of an element's edge: radius over which a mesh spreads a line of point loads, measured: 0.56 to 0.70 in tets. */
+static const double ndli_held_spread = 0.58;
 /* Least ratio of that radius to the needle's: with finer meshes the needle is held as if it were thinner. */
 static const double ndli_held_least_ratio = 1.5;
 static const double ndli_held_pi = 3.14159265358979323846;
@@ -71,19 +71,81 @@ static double ndli_held_arc(const ndl_needle *needle, int i)
 
 static double ndli_held_edge(const ndl_rod *rod, int j) { return ndli_norm(ndli_sub(rod->x[j + 1], rod->x[j])); }
 
-NDLI_API double ndli_held_entering(const ndl_needle *needle)
+/* The material at an arc of the track, and how long the tissue is there along it, per length at rest. 0: it has been
+ * taken away. */
+typedef struct ndli_held_spot {
+    ndli_place place;
+    ndli_bed_row row;
+    double stretch;
+} ndli_held_spot;
+
+static double ndli_held_stretch(const ndli_bed *bed, const ndli_held_spot *spot, ndli_v3 tangent)
 {
-    int first = needle->line.first;
-    double edge = ndli_held_edge(needle->rod, first - 1);
-    return fmin(fmax(needle->arc[first], 0), edge);
+    sb_mat3 f = ndli_bed_gradient(bed, &spot->place, &spot->row);
+    double stretch = ndli_norm(ndli_from(sb_m3_apply(f, ndli_to(tangent))));
+    return stretch > 0 && sb_m3_det(f) > 0 ? stretch : 1;
 }
 
-/* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
-static double ndli_held_length(const ndl_needle *needle, int i)
+static int ndli_held_find(const ndl_needle *needle, double arc, ndli_held_spot *spot)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track_point point = ndli_track_at(&needle->track, arc);
+    spot->stretch = 1;
+    (void)ndli_bed_locate(bed, ndli_to(point.X), point.element, &spot->place);
+    if (!ndli_bed_row_at(bed, &spot->place, &spot->row)) {
+        spot->row.count = 0;
+        return 0;
+    }
+    if (ndli_norm(point.tangent) > 0)
+        spot->stretch = ndli_held_stretch(bed, spot, point.tangent);
+    return 1;
+}
+
+static ndli_v3 ndli_held_tangent(const ndl_rod *rod, int i)
+{
+    ndli_v3 sum = ndli_add(rod->tangent[sbi_min_int(i, rod->node_count - 2)], rod->tangent[sbi_max_int(i - 1, 0)]);
+    return ndli_scale(1 / ndli_norm(sum), sum);
+}
+
+/* How far the shaft may be ahead of the tissue before it slips (m). */
+static double ndli_held_slack(const ndl_needle *needle, const ndli_held_spot *spot)
+{
+    const ndl_friction *friction = ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &spot->row));
+    ndli_held_tissue tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
+    return friction ? (double)friction->friction / ndli_held_along(&tissue) : 0;
+}
+
+/* How far before the first node the rod goes in (m): as far as that is on the track, and by what a tip is ahead of the
+ * tissue that the shaft is not. */
+static double ndli_held_reach(const ndl_needle *needle, double *stretch)
 {
     const ndl_rod *rod = needle->rod;
     int first = needle->line.first;
-    double entering = ndli_held_entering(needle), sum = 0;
+    ndli_held_spot spot;
+    ndli_v3 ahead;
+    double wound, slack;
+    *stretch = 1;
+    if (!ndli_held_find(needle, needle->arc[first], &spot))
+        return needle->arc[first];
+    ahead = ndli_sub(rod->x[first], ndli_bed_at(&needle->site->bed, &spot.row));
+    wound = ndli_dot(ndli_held_tangent(rod, first), ahead);
+    slack = ndli_held_slack(needle, &spot);
+    *stretch = spot.stretch;
+    return spot.stretch * needle->arc[first] + wound - fmin(fmax(wound, -slack), slack);
+}
+
+NDLI_API double ndli_held_entering(const ndl_needle *needle)
+{
+    double stretch, reach = ndli_held_reach(needle, &stretch);
+    return fmin(fmax(reach, 0), ndli_held_edge(needle->rod, needle->line.first - 1));
+}
+
+/* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
+static double ndli_held_length(const ndl_needle *needle, int i, double entering)
+{
+    const ndl_rod *rod = needle->rod;
+    int first = needle->line.first;
+    double sum = 0;
     if (i < first)
         return 0.5 * entering;
     sum += i == first ? entering : ndli_held_edge(rod, i - 1);
@@ -96,14 +158,6 @@ static ndli_v3 ndli_held_place(const ndl_needle *needle, int i)
     const ndl_rod *rod = needle->rod;
     double share = needle->line.holds[i].share;
     return share > 0 ? ndli_madd(rod->x[i], share, ndli_sub(rod->x[i + 1], rod->x[i])) : rod->x[i];
-}
-
-static ndli_v3 ndli_held_tangent(const ndl_needle *needle, int i)
-{
-    const ndl_rod *rod = needle->rod;
-    int ahead = sbi_min_int(i, rod->node_count - 2), behind = needle->line.holds[i].share > 0 ? i : sbi_max_int(i - 1, 0);
-    ndli_v3 sum = ndli_add(rod->tangent[ahead], rod->tangent[behind]);
-    return ndli_scale(1 / ndli_norm(sum), sum);
 }
 
 /* Number of a body's node in the guest's list. */
@@ -125,43 +179,25 @@ static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struc
     }
 }
 
-/* How long the tissue is along the track where it is, per length at rest. */
-static double ndli_held_stretch(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row, ndli_v3 tangent)
-{
-    sb_mat3 f = ndli_bed_gradient(bed, place, row);
-    double stretch = ndli_norm(ndli_from(sb_m3_apply(f, ndli_to(tangent))));
-    return stretch > 0 && sb_m3_det(f) > 0 ? stretch : 1;
-}
-
-/* Hold i where it is now; *row: where its material is, count 0: it has been taken away. */
-static void ndli_held_hold(ndl_needle *needle, int i, ndli_bed_row *row)
+/* Hold i where it is now, `length` of shaft; *spot: where its material is. */
+static void ndli_held_make(ndl_needle *needle, int i, double length, double entering, ndli_held_spot *spot)
 {
     struct ndli_hold *hold = needle->line.holds + i;
-    const ndli_bed *bed = &needle->site->bed;
-    ndli_track_point point = ndli_track_at(&needle->track, ndli_held_arc(needle, i));
-    double length = ndli_held_length(needle, i);
+    const ndl_rod *rod = needle->rod;
     ndli_held_tissue tissue;
-    ndli_place place;
+    int is_tip = i == ndli_line_foremost(&needle->line), there = ndli_held_find(needle, ndli_held_arc(needle, i), spot);
     memset(hold, 0, sizeof *hold);
-    needle->stretch[i] = 1;
     if (i < needle->line.first)
-        hold->share = 1 - ndli_held_entering(needle) / ndli_held_edge(needle->rod, i);
-    hold->tangent = ndli_held_tangent(needle, i);
-    (void)ndli_bed_locate(bed, ndli_to(point.X), point.element, &place);
-    row->count = 0;
-    if (!(length > 0 || i == ndli_line_foremost(&needle->line)) || !ndli_bed_row_at(bed, &place, row)) {
-        row->count = 0;
+        hold->share = 1 - entering / ndli_held_edge(rod, i);
+    hold->tangent = hold->share > 0 ? rod->tangent[i] : ndli_held_tangent(rod, i);
+    needle->stretch[i] = spot->stretch;
+    if (!there || !(length > 0 || is_tip))
         return;
-    }
-    ndli_held_tie(needle->site, row, hold);
-    hold->offset = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(bed, row));
-    if (ndli_norm(point.tangent) > 0)
-        needle->stretch[i] = ndli_held_stretch(bed, &place, row, point.tangent);
-    tissue = ndli_held_get_tissue(needle, place.element, row);
+    ndli_held_tie(needle->site, &spot->row, hold);
+    hold->offset = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(&needle->site->bed, &spot->row));
+    tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
     hold->across = length * ndli_held_across(&tissue);
-    hold->along = length * ndli_held_along(&tissue);
-    if (i == ndli_line_foremost(&needle->line))
-        hold->along += ndli_held_tip(needle, &tissue);
+    hold->along = length * ndli_held_along(&tissue) + (is_tip ? ndli_held_tip(needle, &tissue) : 0);
 }
 
 NDLI_API void ndli_held_forget(struct ndli_site *site)
@@ -197,22 +233,24 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     int last = ndli_line_foremost(line), first = ndli_line_rearmost(line);
+    double entering = line->count > 0 ? ndli_held_entering(needle) : 0;
     line->cutting = 0;
     for (int j = 0; j < sbi_min_int(first, rod->node_count - 1); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
     for (int i = first; i <= last; i++) {
-        double length = ndli_held_length(needle, i), edge;
-        const ndl_friction *friction;
-        ndli_bed_row row;
-        ndli_held_hold(needle, i, &row);
-        friction = row.count ? ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &row)) : NULL;
+        double length = ndli_held_length(needle, i, entering), edge;
+        const ndl_friction *friction = NULL;
+        ndli_held_spot spot;
+        ndli_held_make(needle, i, length, entering, &spot);
+        if (spot.row.count)
+            friction = ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &spot.row));
         line->friction[i] = friction ? length * (double)friction->friction : 0;
         line->viscous[i] = friction ? length * (double)friction->viscous : 0;
         if (i == last) {
-            ndli_held_resist_tip(needle, &row, friction);
+            ndli_held_resist_tip(needle, &spot.row, friction);
             continue;
         }
-        edge = i < line->first ? ndli_held_entering(needle) : ndli_held_edge(rod, i);
+        edge = i < line->first ? entering : ndli_held_edge(rod, i);
         ndl_rod_set_grip(rod, i, friction ? (sb_real)(edge * (double)friction->twist_stiffness) : 0,
                          friction ? (sb_real)(edge * (double)friction->twist_friction) : 0);
     }
@@ -324,13 +362,15 @@ static void ndli_held_count(ndl_needle *needle)
     ndli_line *line = &needle->line;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1;
+    double stretch, more;
     while (line->first < last && needle->arc[line->first] <= 0) {
         line->state[line->first - 1] = NDL_FREE;
         line->first++;
     }
-    while (line->first > 2 && needle->arc[line->first] > ndli_held_edge(rod, line->first - 1)) {
+    while (line->first > 2 &&
+           (more = ndli_held_reach(needle, &stretch) - ndli_held_edge(rod, line->first - 1)) > 0) {
         int next = --line->first;
-        needle->arc[next] = needle->arc[next + 1] - ndli_held_edge(rod, next);
+        needle->arc[next] = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
         line->state[next - 1] = line->state[next];
         line->contact[next - 1] = ndli_v(0, 0, 0);
     }

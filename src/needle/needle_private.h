@@ -91,9 +91,7 @@ struct ndli_site {
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* ---- needle_site ---- */
 
-/* What the needles of a body share, or NULL: it has none. */
-NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
-/* Listens to the body, by which it is found. */
+/* Listens to changes of the body's mesh, if that can change. */
 NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error);
 NDLI_API void ndli_site_free(struct ndli_site *site);
 NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
@@ -171,6 +169,8 @@ enum { NDLI_COMMAND_REALS = 8 }; /* of an ndl_command */
 
 /* The part of the body's state that the site is, but for its replay. */
 NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site);
+/* What the needles of a body share, by the part's name; NULL: it has none. */
+NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
 NDLI_API void ndli_site_leave(const struct ndli_site *site);
 /* For the recording of the body. */
 NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command);

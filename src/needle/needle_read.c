@@ -35,7 +35,7 @@ NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle-
 
 static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
 {
-    return node >= needle->line.first && node < needle->line.first + needle->line.count;
+    return node >= ndli_line_rearmost(&needle->line) && node < needle->line.first + needle->line.count;
 }
 
 NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)

@@ -7,10 +7,11 @@
 
 /* The undeformed mesh that membranes lie in. */
 typedef struct ndli_resist_mesh {
+    const struct ndli_site *site;
     sb_element_type type;
     int count, node_count;
-    const int *elements, *regions, *neighbours; /* regions NULL: all 0 */
-    sb_vec3 *X;                                 /* read only */
+    const int *elements, *neighbours;
+    sb_vec3 *X; /* read only */
 } ndli_resist_mesh;
 
 static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
@@ -18,11 +19,11 @@ static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
     const ndli_topology *topology = site->mesh;
     const sb_mesh *rest = &site->bed.mesh;
     ndli_resist_mesh mesh;
+    mesh.site = site;
     mesh.type = topology ? SB_TET4 : rest->element_type;
     mesh.count = topology ? topology->original_tets : rest->element_count;
     mesh.node_count = topology ? topology->original_nodes : rest->node_count;
     mesh.elements = topology ? topology->tets : rest->elements;
-    mesh.regions = topology ? topology->regions : rest->regions;
     mesh.neighbours = topology ? topology->neighbours : site->bed.volume.neighbours.items;
     mesh.X = topology ? topology->X0 : rest->nodes;
     return mesh;
@@ -30,7 +31,10 @@ static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
 
 static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
 {
-    return element < 0 ? -1 : mesh->regions ? mesh->regions[element] : 0;
+    const struct ndli_site *site = mesh->site;
+    if (element < 0)
+        return -1;
+    return site->mesh ? site->mesh->regions[element] : sbi_body_cell_region(site->body, site->bed.cells[element]);
 }
 
 /* 1 when the membrane lies on a face; each inner face is looked at from its lower element. */

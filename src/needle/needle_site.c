@@ -23,23 +23,18 @@ NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh)
     return count ? sum / count : 0;
 }
 
-/* By this call a body knows its needles. What there is to be done when the mesh changes the remesher does; a bed goes
- * along with cuts alone. */
+/* What there is to be done when the mesh changes the remesher does; a bed goes along with cuts alone. */
 static void ndli_site_follow(void *user, const sb_body *body, const sb_mesh_change *change)
 {
     struct ndli_site *site = (struct ndli_site *)user;
-    (void)body;
-    site->bed.is_lost |= !change->find_cell;
-}
-
-NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
-{
-    return (struct ndli_site *)sbi_body_find_listener(body, ndli_site_follow);
+    site->bed.is_lost |= change ? !change->find_cell : !sbi_body_has_finder(body); /* NULL: a state was loaded */
 }
 
 NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error)
 {
     sb_body_listener listener;
+    if (!sbi_body_is_live(site->body))
+        return SB_OK;
     memset(&listener, 0, sizeof listener);
     listener.user = site;
     listener.follow = ndli_site_follow;
@@ -103,7 +98,7 @@ static size_t ndli_site_row_nodes(const struct ndli_site *site, size_t rod_nodes
 NDLI_API int ndli_site_reserve_places(struct ndli_site *site)
 {
     sbi_body_slots slots = sbi_body_node_slots(site->body);
-    size_t room = (size_t)sbi_max_int(slots.room, sb_body_node_count(site->body));
+    size_t room = (size_t)(sbi_body_is_live(site->body) ? slots.room : sb_body_node_count(site->body));
     int *grown;
     if (!site->embeds || room <= site->place_room)
         return 1;

@@ -358,6 +358,11 @@ NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
     return part;
 }
 
+NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
+{
+    return (struct ndli_site *)sbi_body_find_part(body, ndli_needle_name);
+}
+
 NDLI_API void ndli_site_leave(const struct ndli_site *site) { sbi_body_leave(site->body, ndli_needle_name); }
 
 /* ---- recording ---- */

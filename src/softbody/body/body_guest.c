@@ -75,6 +75,7 @@ SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes,
 }
 
 SBI_API int sbi_body_has_pieces(const sb_body *body) { return body->live && body->live->piece_count > 0; }
+SBI_API int sbi_body_is_live(const sb_body *body) { return body->live != NULL; }
 SBI_API int sbi_body_has_finder(const sb_body *body) { return body->live && body->live->find; }
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
@@ -125,15 +126,6 @@ SBI_API int sbi_body_cell_region(const sb_body *body, int cell)
 SBI_API const sb_material *sbi_body_cell_material(const sb_body *body, int cell)
 {
     return body->materials + body->cell_material[cell];
-}
-
-SBI_API void *sbi_body_find_listener(const sb_body *body,
-                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change))
-{
-    for (int i = 0; body->live && i < body->live->listener_count; i++)
-        if (body->live->listeners[i].calls.follow == follow)
-            return body->live->listeners[i].calls.user;
-    return NULL;
 }
 
 /* ---- shapes ---- */

@@ -28,6 +28,7 @@ SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve sys
 SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_has_pieces(const sb_body *body); /* 1: cells of it are pieces of elements, as a cut leaves them */
+SBI_API int sbi_body_is_live(const sb_body *body);    /* 1: its mesh can change */
 SBI_API int sbi_body_has_finder(const sb_body *body); /* 1: an sb_cut knows which piece has what material */
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
@@ -48,9 +49,6 @@ SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
 SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
 SBI_API int sbi_body_cell_region(const sb_body *body, int cell); /* value in mesh.regions */
 SBI_API const sb_material *sbi_body_cell_material(const sb_body *body, int cell); /* of a cell in use */
-/* The user of the first listener that follows by this call, or NULL: how what several share finds its body's. */
-SBI_API void *sbi_body_find_listener(const sb_body *body,
-                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change));
 
 /* ---- shapes ---- */
 /* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */

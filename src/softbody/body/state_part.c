@@ -63,6 +63,12 @@ static sbi_state_part *sbi_state_parts_find(const sb_body *body, const char *nam
                                                                                                  : NULL;
 }
 
+SBI_API void *sbi_body_find_part(const sb_body *body, const char *name)
+{
+    const sbi_state_part *part = sbi_state_parts_find(body, name);
+    return part ? part->user : NULL;
+}
+
 SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error)
 {
     sbi_state_parts *parts = sbi_state_parts_of(body);

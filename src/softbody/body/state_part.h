@@ -43,6 +43,8 @@ typedef struct sbi_state_part {
 SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error);
 /* No longer; one that has not joined is fine. Parts end with the body, too. */
 SBI_API void sbi_body_leave(sb_body *body, const char *name);
+/* The user of the part of that name, or NULL: how what several share finds its body's. */
+SBI_API void *sbi_body_find_part(const sb_body *body, const char *name);
 
 /* The body's recorder hears nothing until it is unmuted. Calls nest. */
 SBI_API void sbi_body_mute(sb_body *body);
