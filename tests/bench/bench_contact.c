@@ -11,9 +11,9 @@
  *     contact_grip       the liver of the shared data (else a generated organ), about 3,000 tet10, an end of which two
  *                        jaws hold and draw outward at 1 cm/s
  *     contact_pairs      two blocks of some 5,000 tet4 each, one of which stands and carries the other, whose round
- *                        underside is pressed 3 mm into it and goes to and fro at 2.5 cm/s; mu 0.2; some 500 samples touch
- *     contact_pairs_hold the same when all has come to rest
- *     haptic_publish     a frame for the hand after each step of contact_slide_13k
+ *                        underside is pressed 3 mm into it and goes to and fro at 2.5 cm/s; mu 0.2; some 500 samples
+ * touch contact_pairs_hold the same when all has come to rest haptic_publish     a frame for the hand after each step
+ * of contact_slide_13k
  *
  * Steps are compared with those of a twin that the same forces deform without contact: the same motion, and the same
  * systems but for contact. Both take turns, each warm, and times are least and median. Then what contact does in a
