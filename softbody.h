@@ -730,6 +730,7 @@
 #define sb_cut_begin sb_cut_begin_f32
 #define sb_cut_move sb_cut_move_f32
 #define sb_cut_end sb_cut_end_f32
+#define sb_cut_ablate sb_cut_ablate_f32
 #define sb_cut_node_origin sb_cut_node_origin_f32
 #define sb_cut_cell_element sb_cut_cell_element_f32
 #define sb_cut_surface_create sb_cut_surface_create_f32
@@ -6043,6 +6044,7 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *     sb_cut_begin(cut, edge, 2, &stroke, &error);                a blade
  *     ... sb_cut_move(cut, stroke, edge, &info, &error) and sb_body_step, frame by frame ...
  *     sb_cut_end(cut, stroke);
+ *     ... sb_cut_ablate(cut, tip, radius, &info, &error) ...      a cautery or a sucker
  *
  * How it works (virtual nodes: Molino, Bao and Fedkiw 2004). Each element carries a lattice of links, which triangles
  * cut where the body is now; an element that its cut links part becomes one cell for each piece, with the shape
@@ -6067,7 +6069,15 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   for that of glue that is released (sb_cut_info.released_energy).
  * - Points in an element that is cut go with the piece that has their material: of embeddings that follow the body
  *   (sb_embedding_follow), of rows of mappings; sb_body_find_cell says which piece that is.
- * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
+ * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then. Crumbs are taken out
+ *   (sb_cut_def.least_piece).
+ * - Material that is taken out, by ablation or as a crumb, goes with its mass and its momentum, and what is left keeps
+ *   its velocities, and its numbers: nodes without material stay in use, stand where they were and weigh nothing;
+ *   elements without material lose their cells (sb_body_cell_in_use), whose numbers later pieces may get. Pressures and
+ *   tractions act on what is left of their faces. A point of an embedding that follows, or of a mapping, in material
+ *   that was taken out goes with the nearest piece of its element, and where nothing is left of that: of an embedding,
+ *   as points outside of the mesh do; of a mapping, with its nodes, on which it pulls in vain where they have no
+ *   material. Where all of a body was taken out, one cell without volume is left, and steps do nothing.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
  *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
  * - Pressures and tractions on a face that is cut go to the parts of the face, each with what acts on it: force and
@@ -6093,6 +6103,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   an element beyond the cut; on the cut's surface (sb_cut_surface_skin) it touches skin and lips where they are. Lips
  *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
+ * - Ablation is as fine as the lattice: with 1, elements whose corners are all in the ball go whole, and others are
+ *   trimmed between their corners; a ball between the points of the lattice takes nothing.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
@@ -6121,9 +6133,12 @@ typedef struct sb_cut_def {
     int lattice;   /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
                     * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
     sb_cut_front front; /* default SB_CUT_LAG */
-    sb_real glue;    /* beta > 0, stiffness of the ties: they hold as beta (lambda + 2 mu) A / h does for an area A of
-                      * an element of size h; default 10 */
-    int max_strokes; /* that are under way at once, >= 0; default 4 */
+    sb_real glue; /* beta > 0, stiffness of the ties: they hold as beta (lambda + 2 mu) A / h does for an area A of
+                   * an element of size h; default 10 */
+    sb_real least_piece; /* parts without supports that are smaller than so many mean elements (volume at rest) are
+                          * taken out in the call that cuts them off, but for those that glue ties to others; >= 0,
+                          * default 1; 0 keeps them all */
+    int max_strokes;     /* that are under way at once, >= 0; default 4 */
     sb_allocator allocator;
     unsigned cookie; /* of sb_default_cut_def */
 } sb_cut_def;
@@ -6138,6 +6153,9 @@ typedef struct sb_cut_info {
     int glued;                         /* triangles of lips that are glued now */
     sb_real glued_area, released_area; /* of lips that are glued now, and that this call has opened: at rest (m^2) */
     sb_real released_energy; /* of the glue that it has released: what the elastic energy has lost by that (J) */
+    int crumbs;              /* parts that it took out, see sb_cut_def.least_piece */
+    sb_real removed_volume, removed_mass; /* of what it took out, crumbs among it: at rest (m^3), kg */
+    sb_vec3 removed_momentum;             /* that went with it (kg m/s) */
 } sb_cut_info;
 
 /* Makes what cuts a body; one at a time for each body, to be destroyed before or after it. SB_ERROR_ARGUMENT,
@@ -6168,6 +6186,14 @@ SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error);
 /* Ends a stroke; one that is not under way is fine. */
 SB_API void sb_cut_end(sb_cut *cut, int stroke);
+/* Takes out what lies in a ball: as a cautery burns or a sucker draws it.
+ * centre, radius  where the body is now (m); radius >= 0
+ * info            may be NULL
+ * Points of the lattice in the ball go, and links from them to others are cut at the ball's surface, where
+ * sb_cut_surface says SB_CUT_CHAR; what comes off thereby is a part of its own. Of a smooth ball of twice an element's
+ * size lattice 4 takes the volume to 2 %. Errors as sb_cut_triangles, and SB_ERROR_ARGUMENT: a negative radius. Cost as
+ * of a cut of the elements on the ball's surface. */
+SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_cut_info *info, sb_error *error);
 /* Node of the uncut mesh that a node is a copy of, or itself; -1: none. Of elements: the one that a cell is of. */
 SB_API int sb_cut_node_origin(const sb_cut *cut, int node);
 SB_API int sb_cut_cell_element(const sb_cut *cut, int cell);
@@ -6175,7 +6201,7 @@ SB_API int sb_cut_cell_element(const sb_cut *cut, int cell);
 #endif /* SB_CUT_H */
 
 /* ==== src/softbody/cut/cut_surface.h ==== */
-/* cut_surface: what is drawn of a body that is cut: its skin, and the lips of the cuts. Floor 4.
+/* cut_surface: what is drawn of a body that is cut: its skin, the lips of the cuts, and the walls of holes. Floor 4.
  *
  *     sb_cut_surface_create(cut, NULL, &surface, &error);
  *     ... cuts, steps ...
@@ -6199,7 +6225,8 @@ typedef struct sb_cut_surface sb_cut_surface;
 
 typedef enum sb_cut_tag {
     SB_CUT_SKIN = 0, /* the boundary of the uncut mesh */
-    SB_CUT_LIP = 1   /* what a cut laid open */
+    SB_CUT_LIP = 1,  /* what a cut laid open */
+    SB_CUT_CHAR = 2  /* what ablation did */
 } sb_cut_tag;
 
 /* What a vertex is made from: whatever nodes of the uncut mesh have (colours, texture coordinates) goes over by these
@@ -6222,7 +6249,7 @@ typedef struct sb_cut_drawing {
     const int *points;            /* [vertex_count] vertices of skin and of lips at one point have the same number */
     const int (*triangles)[3];    /* [triangle_count] counter-clockwise seen from outside; three times the same vertex:
                                    * none */
-    const unsigned char *tags;    /* [triangle_count] SB_CUT_SKIN, SB_CUT_LIP */
+    const unsigned char *tags;    /* [triangle_count] SB_CUT_SKIN, SB_CUT_LIP, SB_CUT_CHAR */
     const int *cells;             /* [triangle_count] of the body, that the triangle moves with; -1: none */
     /* What the last update made other than moving vertices: triangles from first to end, and vertices from first on. */
     int first_triangle, triangle_end, first_vertex;
@@ -48107,6 +48134,7 @@ typedef struct sbi_live {
     int version;
     int rebuilds;         /* times that a change made a body anew, or tried to: for tests */
     sb_body_change *open; /* the change under way, or NULL */
+    int erodes;           /* 1: it is as sbi_change_erode says */
     sbi_listener *listeners;
     int listener_count, listener_capacity, last_listener;
 } sbi_live;
@@ -48181,9 +48209,13 @@ enum { SBI_LIVE_MOTIONS = 2 }; /* velocity and acceleration */
 /* What the cells that a change takes or reshapes have, before it: all of them, and those reshaped or with children. */
 typedef struct sbi_live_balance {
     sb_vec3 about;
-    int motions; /* 1: velocity only */
+    int motions;  /* 1: velocity only */
+    int is_eaten; /* 1: momentum goes with what is removed, see sbi_change_erode */
     sbi_live_moment all[SBI_LIVE_MOTIONS], parents[SBI_LIVE_MOTIONS];
 } sbi_live_balance;
+/* Adds what the lumped mass of a cell has of so many motions; also: other sums that get the same, or NULL. */
+SBI_API void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
+                               sbi_live_moment *also);
 /* The cell made or reshaped that momentum is summed about (the place of its first node after the change), or -1: there
  * is none, and nothing to keep. */
 SBI_API int sbi_live_first_changed(const sbi_mesh_change *change);
@@ -48239,12 +48271,17 @@ SBI_API sb_result sbi_live_check_glue(const sb_body *body, sb_error *error);
 /* The change leads to these ties, of which it reads cells and Gram matrices; the list is borrowed until it is committed
  * or cancelled. */
 SBI_API void sbi_change_set_glue(sb_body_change *change, const sbi_glue_tie *ties, int count);
+/* What the change removes is gone for good, with its motion: nodes may be left without a cell, and stand still then
+ * without mass; loads may lose their last face, the body its last material (an empty piece is all that is left then);
+ * and velocities stay as they are. */
+SBI_API void sbi_change_erode(sb_body_change *change);
 /* Between changes: the ties that there are, in the order that the last change gave them in, have these Gram matrices.
  */
 SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int count);
 
-/* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
-SBI_API void sbi_live_park_node(sb_body *body, int node);
+/* Holds a node that has no material where it is, if all of its cells are empty or its last one went (had: it was of a
+ * part before): nothing moves it. Others are left alone. */
+SBI_API void sbi_live_park_node(sb_body *body, int node, int had);
 
 SB_INLINE int sbi_live_is_piece(const sb_body *body, int cell)
 {
@@ -48755,14 +48792,15 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
-    if (body->live) { /* without free nodes */
+    if (body->live && body->component_count) { /* without free nodes */
         low = body->component_low[0], high = body->component_high[0];
         for (int c = 1; c < body->component_count; c++) {
             sb_vec3 a = body->component_low[c], b = body->component_high[c];
             low = sb_v3(sb_min(low.x, a.x), sb_min(low.y, a.y), sb_min(low.z, a.z));
             high = sb_v3(sb_max(high.x, b.x), sb_max(high.y, b.y), sb_max(high.z, b.z));
         }
-        return sb_v3_norm(sb_v3_sub(high, low));
+        if (low.x <= high.x) /* else there is no material left */
+            return sb_v3_norm(sb_v3_sub(high, low));
     }
     sb_mesh_bounds(&mesh, &low, &high);
     return sb_v3_norm(sb_v3_sub(high, low));
@@ -51971,9 +52009,9 @@ SBI_API void sbi_live_drop_pieces(sb_body *body)
     body->live->pieces = NULL;
 }
 
-SBI_API void sbi_live_park_node(sb_body *body, int node)
+SBI_API void sbi_live_park_node(sb_body *body, int node, int had)
 {
-    if (body->node_component[node] >= 0 || sbi_live_first_cell(body, node) < 0)
+    if (body->node_component[node] >= 0 || (!had && sbi_live_first_cell(body, node) < 0))
         return;
     body->target[node] = body->displacement[node];
     body->velocity[node] = body->acceleration[node] = sb_v3(0, 0, 0);
@@ -53217,7 +53255,7 @@ static int sbi_live_change_fits(sbi_live_following *work)
     if (!good)
         return 0;
     sbi_live_list_nodes(work);
-    good = sbi_live_leave_all(work) && sbi_live_keep_some(work);
+    good = sbi_live_leave_all(work) && (work->body->live->erodes || sbi_live_keep_some(work));
     for (int k = 0; k < work->node_count; k++)
         work->body->live->node_marks[work->lists->nodes[k]] = 0;
     return good && sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
@@ -53520,7 +53558,7 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_live_label_changed(work);
     for (int k = 0; k < work->node_count; k++)
         if (work->lists->nodes[k] < body->domain.node_count)
-            sbi_live_park_node(body, work->lists->nodes[k]);
+            sbi_live_park_node(body, work->lists->nodes[k], work->lists->gone[k] > 0);
     body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);
@@ -54069,6 +54107,7 @@ SB_API void sb_body_change_cancel(sb_body_change *change)
         return;
     sbi_change_clear(change);
     change->body->live->open = NULL;
+    change->body->live->erodes = 0;
     change->body->live->spare = change;
 }
 
@@ -54077,6 +54116,8 @@ SBI_API void sbi_change_set_glue(sb_body_change *change, const sbi_glue_tie *tie
     change->glue = ties;
     change->glue_count = count;
 }
+
+SBI_API void sbi_change_erode(sb_body_change *change) { change->body->live->erodes = 1; }
 
 SBI_API void sbi_change_destroy(sb_body_change *change)
 {
@@ -54836,7 +54877,7 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
                     return sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d twice", e, cell[a]);
         }
     }
-    return cells ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
+    return cells || body->live->erodes ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
 }
 
 /* The change as others learn of it, in memory that the body keeps for the next one. */
@@ -54951,7 +54992,7 @@ static sb_result sbi_change_check_mesh(const sb_body *body, const sb_mesh_change
         if (mesh->cells.used[e])
             result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], mesh->pieces && mesh->pieces[e].is != 0, error);
     }
-    return result == SB_OK ? sbi_change_check_lonely(body, out, mesh, error) : result;
+    return result == SB_OK && !body->live->erodes ? sbi_change_check_lonely(body, out, mesh, error) : result;
 }
 
 /* Makes the change on a body of its own, beside the present one, which takes its place. */
@@ -55064,9 +55105,8 @@ static void sbi_live_add_mass(const sb_body *body, int node, double m, sb_vec3 a
     }
 }
 
-/* Adds the lumped mass of a cell. */
-static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
-                              sbi_live_moment *also)
+SBI_API void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
+                               sbi_live_moment *also)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
@@ -55102,6 +55142,9 @@ SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_chan
     memset(&b, 0, sizeof b);
     b.about = about;
     b.motions = body->acceleration_known ? 2 : 1;
+    b.is_eaten = body->live->erodes;
+    if (b.is_eaten)
+        return b;
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 1;
@@ -55270,6 +55313,8 @@ SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change
     sbi_live_missing missing[SBI_LIVE_MOTIONS];
     sbi_live_rigid rigid;
     int some = 0;
+    if (before->is_eaten)
+        return;
     sbi_live_weigh_next(next, change, before, have);
     for (int k = 0; k < before->motions; k++) {
         sbi_live_moment want = sbi_live_wanted(before, k, have[k].mass);
@@ -55757,7 +55802,7 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
                 *load = sb_v3_madd(*load, change->heir_weights[k], force);
         }
     for (int i = 0; i < next->domain.node_count; i++)
-        sbi_live_park_node(next, i);
+        sbi_live_park_node(next, i, i < both && body->node_component[i] >= 0);
     sbi_body_update_positions(next);
 }
 
@@ -55781,10 +55826,12 @@ SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
                          node);
 }
 
-/* Every node in use has a cell, but those that had none before. */
+/* Every node in use has a cell, but those that had none before, unless the change may leave nodes alone. */
 static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
                                        sb_error *error)
 {
+    if (body->live->erodes)
+        return SB_OK;
     for (int i = 0; i < change->made_node_count; i++)
         if (sbi_live_first_cell(next, change->made_nodes[i]) < 0)
             return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
@@ -56407,7 +56454,7 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
                      ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
                                            load->row_start[j + 1] - load->row_start[j], load->face_types[j], error)
                      : sbi_live_carry_row(rows, load, j, error);
-    if (result == SB_OK && rows->rows == 0)
+    if (result == SB_OK && rows->rows == 0 && !rows->body->live->erodes)
         result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
                                "pressure %d would lose its last face: remove it first", load->id);
     if (result == SB_OK)
@@ -56427,7 +56474,7 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
 /* ---- tractions ---- */
 
 /* Takes the forces of a traction over to the parts of its face, which the rows list. Where they are not all of it, as
- * in changes other than cuts, the forces stay with their nodes. */
+ * in changes other than cuts, the forces stay with their nodes, unless the rest was taken out. */
 static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction *traction)
 {
     const sb_real close = (sb_real)1e-4;
@@ -56436,7 +56483,7 @@ static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction
     sb_real left = sbi_live_face_share(rows->body, traction->nodes);
     for (int j = 0; j < rows->rows; j++)
         left -= sbi_live_face_share(next, rows->nodes + rows->start[j]);
-    if (!(sb_abs(left) < close) || sbi_live_loses_node(rows, traction->nodes, 3))
+    if (!(sb_abs(left) < close || rows->body->live->erodes) || sbi_live_loses_node(rows, traction->nodes, 3))
         return;
     part.stress = sb_v3_scale(-1, part.stress);
     sbi_body_spread_traction(rows->body, &part, next->dead_load);
@@ -69938,9 +69985,10 @@ SBI_API int sbi_crossing_blades(const sbi_crossing_frame *frame, const sb_vec3 t
 
 typedef struct sbi_cut_link {
     sbi_link_key key;
-    sb_real t;  /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
-    int state;  /* SBI_LINK_... , not 0 */
-    int struck; /* blade that has cut it, or that it is predicted by, in the frame at work; else -1 */
+    sb_real t;   /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
+    int state;   /* SBI_LINK_... , not 0 */
+    int charred; /* 1: material at one of its ends was taken out, and parted it */
+    int struck;  /* blade that has cut it, or that it is predicted by, in the frame at work; else -1 */
 } sbi_cut_link;
 
 /* Predicted: it parts pieces like a cut one, but no blade has crossed it yet. */
@@ -69950,6 +69998,8 @@ typedef struct sbi_cut_links {
     int count, capacity;
     sbi_cut_link *items; /* [capacity] in the order they were cut */
     int *table;          /* [sbi_cut_links_table(capacity)] 1 + item, or 0 */
+    uint64_t *lost;      /* [tets] points of each tet's lattice whose material was taken out; NULL: none. Links from
+                          * them to others are cut */
 } sbi_cut_links;
 
 /* Entries of the table for so many links: a power of two. */
@@ -70020,6 +70070,7 @@ SBI_API void sbi_cut_links_add(sbi_cut_links *links, const sbi_link_key *key, sb
     item->key = *key;
     item->t = t;
     item->state = state;
+    item->charred = 0;
     item->struck = -1;
 }
 
@@ -70057,10 +70108,13 @@ typedef struct sbi_parted {
     unsigned char cut[SBI_LATTICE_LINKS]; /* state of each link */
     sb_real t[SBI_LATTICE_LINKS];         /* crossings of cut ones, 0 at the first end (sbi_lattice_ends) */
     int rank[SBI_LATTICE_LINKS];          /* of cut ones: rises in the order in which they were cut */
+    uint64_t lost;                        /* points that were taken out: they are of no piece */
     int piece_count;
     uint64_t pieces[SBI_LATTICE_POINTS];
-    unsigned char piece_of[SBI_LATTICE_POINTS];
+    unsigned char piece_of[SBI_LATTICE_POINTS]; /* or SBI_PARTED_LOST */
 } sbi_parted;
+
+enum { SBI_PARTED_LOST = 255 };
 
 /* Points of a micro-tet that has parted corners. */
 enum { SBI_MICRO_LINKS = 0, SBI_MICRO_FACES = 6, SBI_MICRO_CENTRE = 10, SBI_MICRO_POINTS = 11 };
@@ -70072,7 +70126,7 @@ typedef struct sbi_micro_points {
 
 /* A part of a micro-tet. Places are barycentrics 1, 2, 3 of the tet. */
 typedef struct sbi_flag {
-    int piece;
+    int piece;      /* or SBI_PARTED_LOST */
     sb_real volume; /* of the tet's */
     sb_vec3 corners[4];
 } sbi_flag;
@@ -70087,14 +70141,14 @@ typedef struct sbi_lip {
 
 /* A piece's moments, in barycentrics 1, 2, 3 of its tet. */
 typedef struct sbi_part_moments {
-    sb_real share;  /* of the tet's volume, >= 0; those of a tet's pieces sum to 1 */
+    sb_real share;  /* of the tet's volume, >= 0; those of a tet's pieces sum to 1 where nothing was taken out */
     sb_vec3 centre; /* centroid */
     sb_mat3 spread; /* covariance: mean of (xi - centre)(xi - centre)^T */
 } sbi_part_moments;
 
 /* What a piece has of a face. */
 typedef struct sbi_face_moments {
-    sb_real share;    /* of the face's area; those of a tet's pieces sum to 1 */
+    sb_real share;    /* of the face's area; those of a tet's pieces sum to 1 where nothing was taken out */
     sb_real loads[4]; /* means over the whole face of the barycentrics where the piece is, else 0: they sum to share */
 } sbi_face_moments;
 
@@ -70111,10 +70165,13 @@ SBI_API int sbi_parted_is_split(const sbi_parted *parted, int micro);
 SBI_API void sbi_parted_points(const sbi_parted *parted, int micro, sb_real least, sbi_micro_points *points);
 /* Parts of a micro-tet: itself, or its flags; returns how many. */
 SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least, sbi_flag flags[SBI_FLAGS]);
-/* Triangles of a micro-tet between pieces; returns how many. */
+/* Triangles of a micro-tet between pieces, without those beside what was taken out; returns how many. */
 SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS]);
-/* The piece that has the material at these barycentrics of the tet. */
+/* The piece that has the material at these barycentrics of the tet, or the nearest one where it was taken out; -1:
+ * there is none. */
 SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4]);
+/* What share of the tet's volume each piece is: shares [piece_count]. */
+SBI_API void sbi_parted_shares(const sbi_parted *parted, sb_real least, sb_real *shares);
 /* Moments of all pieces: moments [piece_count]. A piece without volume has its lowest point for a centre. */
 SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments);
 /* What each piece has of a face (sb_element_face): moments [piece_count]. */
@@ -70139,7 +70196,9 @@ static const signed char sbi_parted_missing[4] = {3, 2, 0, 1};
 SBI_API void sbi_parted_find(sbi_parted *parted)
 {
     const sbi_lattice *lattice = parted->lattice;
-    parted->piece_count = sbi_lattice_pieces(lattice, parted->cut, sbi_lattice_all(lattice), parted->pieces);
+    parted->piece_count =
+        sbi_lattice_pieces(lattice, parted->cut, sbi_lattice_all(lattice) & ~parted->lost, parted->pieces);
+    memset(parted->piece_of, SBI_PARTED_LOST, sizeof parted->piece_of);
     for (int k = 0; k < parted->piece_count; k++)
         for (int p = 0; p < lattice->point_count; p++)
             if (parted->pieces[k] >> p & 1)
@@ -70151,6 +70210,7 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
 {
     parted->lattice = lattice;
     parted->order = sbi_corner_order_make(nodes);
+    parted->lost = links->lost ? links->lost[tet] : 0;
     for (int l = 0; l < lattice->link_count; l++) {
         sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
         int item = sbi_cut_links_find(links, &key);
@@ -70163,10 +70223,12 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
 
 /* ---- points ---- */
 
+/* 1 when a link's ends are of two pieces. */
 static int sbi_parted_is_parting(const sbi_parted *parted, int link)
 {
     const unsigned char *ends = parted->lattice->links[link];
-    return parted->piece_of[ends[0]] != parted->piece_of[ends[1]];
+    int below = parted->piece_of[ends[0]], above = parted->piece_of[ends[1]];
+    return below != above && below != SBI_PARTED_LOST && above != SBI_PARTED_LOST;
 }
 
 SBI_API int sbi_parted_is_split(const sbi_parted *parted, int micro)
@@ -70335,13 +70397,27 @@ SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least,
     return count;
 }
 
+/* The piece, of those with flags in a micro-tet, that has the point deepest inside, if deeper than `deepest`. */
+static int sbi_parted_deepest(const sbi_parted *parted, int micro, sb_vec3 xi, int piece, sb_real *deepest)
+{
+    sbi_flag flags[SBI_FLAGS];
+    int count = sbi_parted_flags(parted, micro, 0, flags);
+    for (int k = 0; k < count; k++) {
+        sb_real of_flag[4], depth = sbi_lattice_barycentrics(flags[k].corners, xi, of_flag);
+        if (depth > *deepest && flags[k].piece != SBI_PARTED_LOST) {
+            piece = flags[k].piece;
+            *deepest = depth;
+        }
+    }
+    return piece;
+}
+
 SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
 {
     const sbi_lattice *lattice = parted->lattice;
     sb_vec3 xi = sbi_parted_xi(at);
     sb_real deepest = -SB_REAL_MAX;
-    sbi_flag flags[SBI_FLAGS];
-    int within = 0, count, piece;
+    int within = 0, piece;
     for (int micro = 0; micro < lattice->micro_count; micro++) {
         sb_vec3 corners[4];
         sb_real of_micro[4], depth;
@@ -70351,14 +70427,13 @@ SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
         within = depth > deepest ? micro : within;
         deepest = sb_max(depth, deepest);
     }
-    count = sbi_parted_flags(parted, within, 0, flags);
-    piece = flags[0].piece;
     deepest = -SB_REAL_MAX;
-    for (int k = 0; k < count; k++) {
-        sb_real of_flag[4], depth = sbi_lattice_barycentrics(flags[k].corners, xi, of_flag);
-        piece = depth > deepest ? flags[k].piece : piece;
-        deepest = sb_max(depth, deepest);
-    }
+    piece = sbi_parted_deepest(parted, within, xi, parted->piece_of[lattice->micros[within][0]], &deepest);
+    if (piece != SBI_PARTED_LOST)
+        return piece;
+    piece = parted->piece_count > 0 ? 0 : -1;
+    for (int micro = 0; micro < lattice->micro_count && parted->piece_count > 1; micro++)
+        piece = sbi_parted_deepest(parted, micro, xi, piece, &deepest);
     return piece;
 }
 
@@ -70401,6 +70476,8 @@ static void sbi_parted_first_moments(const sbi_parted *parted, sb_real least, sb
         int count = sbi_parted_flags(parted, micro, least, flags);
         for (int k = 0; k < count; k++) {
             sbi_part_moments *sum = moments + flags[k].piece;
+            if (flags[k].piece == SBI_PARTED_LOST)
+                continue;
             sum->share += flags[k].volume;
             for (int a = 0; a < 4; a++)
                 sum->centre = sb_v3_madd(sum->centre, flags[k].volume / 4, flags[k].corners[a]);
@@ -70419,6 +70496,8 @@ static void sbi_parted_second_moments(const sbi_parted *parted, sb_real least, s
             sbi_part_moments *sum = moments + flags[k].piece;
             sb_mat3 about = sb_m3_zero();
             sb_vec3 all = sb_v3(0, 0, 0);
+            if (flags[k].piece == SBI_PARTED_LOST)
+                continue;
             for (int a = 0; a < 4; a++) {
                 sb_vec3 y = sb_v3_sub(flags[k].corners[a], sum->centre);
                 all = sb_v3_add(all, y);
@@ -70427,6 +70506,18 @@ static void sbi_parted_second_moments(const sbi_parted *parted, sb_real least, s
             about = sb_m3_add(about, sb_m3_outer(all, all));
             sum->spread = sb_m3_add(sum->spread, sb_m3_scale(flags[k].volume / 20, about));
         }
+    }
+}
+
+SBI_API void sbi_parted_shares(const sbi_parted *parted, sb_real least, sb_real *shares)
+{
+    sbi_flag flags[SBI_FLAGS];
+    memset(shares, 0, (size_t)parted->piece_count * sizeof *shares);
+    for (int micro = 0; micro < parted->lattice->micro_count; micro++) {
+        int count = sbi_parted_flags(parted, micro, least, flags);
+        for (int k = 0; k < count; k++)
+            if (flags[k].piece != SBI_PARTED_LOST)
+                shares[flags[k].piece] += flags[k].volume;
     }
 }
 
@@ -70447,13 +70538,15 @@ SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_par
             moments[k].spread = sb_m3_scale(1 / moments[k].share, moments[k].spread);
 }
 
-/* Adds a triangle of the face, `area` of the face's, with barycentrics of its corners. */
-static void sbi_parted_add_face(sbi_face_moments *moments, sb_real area, const sb_real *a, const sb_real *b,
+/* Adds a triangle of the face that is of a piece, `area` of the face's, with barycentrics of its corners. */
+static void sbi_parted_add_face(sbi_face_moments *moments, int piece, sb_real area, const sb_real *a, const sb_real *b,
                                 const sb_real *c)
 {
-    moments->share += area;
+    if (piece == SBI_PARTED_LOST)
+        return;
+    moments[piece].share += area;
     for (int i = 0; i < 4; i++)
-        moments->loads[i] += area * (a[i] + b[i] + c[i]) / 3;
+        moments[piece].loads[i] += area * (a[i] + b[i] + c[i]) / 3;
 }
 
 /* Adds the face of a micro-tet opposite to corner x. */
@@ -70470,7 +70563,7 @@ static void sbi_parted_add_micro_face(const sbi_parted *parted, int micro, int x
     }
     if (whole) {
         int b = x == 0 || x == 1 ? 2 : 1, c = x == 3 ? 2 : 3;
-        sbi_parted_add_face(moments + parted->piece_of[corners[a]], area, at[a], at[b], at[c]);
+        sbi_parted_add_face(moments, parted->piece_of[corners[a]], area, at[a], at[b], at[c]);
         return;
     }
     sbi_parted_points(parted, micro, 0, &points);
@@ -70478,7 +70571,7 @@ static void sbi_parted_add_micro_face(const sbi_parted *parted, int micro, int x
         for (int w = 0; w < 4; w++)
             if (v != w && v != x && w != x) {
                 int edge = sbi_parted_edge[v][w], u = 6 - v - w - x;
-                sbi_parted_add_face(moments + parted->piece_of[corners[v]],
+                sbi_parted_add_face(moments, parted->piece_of[corners[v]],
                                     area * points.micro[edge][w] * points.micro[face][u], at[v], points.tet[edge],
                                     points.tet[face]);
             }
@@ -70668,25 +70761,29 @@ SBI_API int sbi_blade_walk_next(const sbi_blade_tree *tree, sbi_blade_walk *walk
 /* cut_private: what is inside an sb_cut. Internal.
  *
  * Tets are those of the uncut mesh, in the order of the body's cells at creation; each has a chain of pieces, the first
- * of which has the tet's number. Nodes of the uncut mesh keep their numbers. */
+ * of which has the tet's number (sbi_cut_first_piece). Nodes of the uncut mesh keep their numbers. */
 #ifndef SB_CUT_PRIVATE_H
 #define SB_CUT_PRIVATE_H
 
 
 typedef struct sbi_cut_piece {
-    uint64_t points; /* of the lattice */
-    int cell;        /* of the body */
-    int next;        /* piece of the same tet with the next lowest point, or -1 */
+    uint64_t points; /* of the lattice; 0: what a body without material has left */
+    int cell;        /* of the body; -1: all of the tet was taken out, and it has no piece */
+    int next;        /* piece of the same tet with the next lowest point, or -1; of a free one the next free one */
+    int crumb;       /* of a call: the search for crumbs that has found it last */
 } sbi_cut_piece;
 
 /* A piece near what a call has parted, as it is to be. */
 typedef struct sbi_cut_cell {
     uint64_t points;
     int tet;
-    int piece;  /* that it is of now */
-    int is_new; /* 1: another piece has that one's cell */
-    int is_cut; /* 1: its tet falls into other pieces now */
-    int cell;
+    int piece;     /* that it is of now */
+    int is_new;    /* 1: another piece has that one's cell */
+    int is_cut;    /* 1: its tet falls into other pieces now */
+    int is_gone;   /* 1: it is taken out, or nothing is left of it */
+    int crumb;     /* as of a piece */
+    int cell;      /* -1: it has none */
+    sb_real share; /* of its tet's volume, where crumbs are looked for */
     int old_nodes[4], nodes[4];
     unsigned short marks[4]; /* on the faces */
 } sbi_cut_cell;
@@ -70724,6 +70821,12 @@ typedef struct sbi_cut_seam {
 typedef struct sbi_cut_released {
     sb_real area, glued_area, energy;
 } sbi_cut_released;
+
+/* What a call has taken out. */
+typedef struct sbi_cut_removed {
+    int crumbs;
+    double volume, mass, momentum[3]; /* at rest (m^3), kg, kg m/s */
+} sbi_cut_removed;
 
 typedef struct sbi_cut_list {
     int *items;
@@ -70771,8 +70874,10 @@ struct sb_cut {
     sb_index_table neighbours; /* [tet_count][4] across faces, -1: none */
     sb_index_lists node_tets;  /* tets of each node, ascending */
 
+    int *cells_at_first;   /* [tet_count] of the body, before any cut */
     sbi_cut_piece *pieces; /* [piece_capacity] */
     int piece_count, piece_capacity;
+    int free_piece; /* or -1 */
     sbi_cut_links links;
     sbi_cut_glued *glue, *next_glue; /* by tet and place; those of the call at work */
     int glue_count, glue_capacity, next_glue_count, next_glue_capacity;
@@ -70781,6 +70886,8 @@ struct sb_cut {
 
     double rest_size;        /* of the body's box at rest (m) */
     sb_real element_size;    /* mean edge of elements at rest (m) */
+    sb_real least_volume;    /* of a free part at rest (m^3) */
+    sb_real least_piece;     /* of the def */
     sbi_cut_stroke *strokes; /* [max_strokes] */
     int max_strokes;
 
@@ -70824,7 +70931,14 @@ struct sb_cut {
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
+    uint64_t *was_lost;   /* [tet_count] links.lost before the call, of tets that lose points */
+    sbi_cut_list flooded; /* pieces of a part: a record, or ~ a piece of a tet without records */
+    int floods;           /* searches for crumbs so far */
+    sbi_cut_removed removed;
 };
+
+/* The first piece of a tet, or -1. */
+SB_INLINE int sbi_cut_first_piece(const sb_cut *cut, int tet) { return cut->pieces[tet].cell < 0 ? -1 : tet; }
 
 enum { SBI_CUT_ALL_PARTS = -1 };
 SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
@@ -70832,7 +70946,7 @@ SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
     return part == SBI_CUT_ALL_PARTS || cut->body->node_component[node] == part;
 }
 
-enum { SBI_CUT_TOUCHED = 1, SBI_CUT_PARTED = 2, SBI_CUT_NEAR = 4 };
+enum { SBI_CUT_TOUCHED = 1, SBI_CUT_PARTED = 2, SBI_CUT_NEAR = 4, SBI_CUT_LOSES = 8 };
 
 /* ---- cut_lists.c ---- */
 
@@ -70853,6 +70967,8 @@ SBI_API void sbi_cut_box_widen(sbi_cut_box *box, sb_real by);
 SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count);
 /* Lists the tets around a link in cut->around. */
 SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key);
+/* Lists a tet as touched. */
+SBI_API void sbi_cut_touch(sb_cut *cut, int tet);
 /* Cuts or predicts (state) a link that is whole, and lists the tets around it as touched. blade: that did, or -1. 0: no
  * memory. */
 SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t, int state, int blade);
@@ -70920,7 +71036,7 @@ SBI_API void sbi_cut_free_glue(sb_cut *cut);
 
 #define SBI_CUT_PART "cut" /* of the body's state */
 /* What a recording holds of a cut. Calls of strokes: the stroke, and the edge. */
-enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4 };
+enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4, SBI_CUT_ABLATE = 5 };
 SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
 
 /* ---- cut_along.c ---- */
@@ -70931,15 +71047,43 @@ SBI_API double sbi_cut_size_of(const sbi_cut_box *box);
 
 /* Lists the tets near the box of points in space, or no farther from it than that (m), in cut->near. */
 SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin);
+/* Volume of an element at rest (m^3). */
+SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet);
 /* Cuts near tets along triangles, and says what that did (info may be NULL). On failure nothing has happened. */
 SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
+/* Finds tets that have parted, and what of the lips is glued after the call; 0: no memory. */
+SBI_API int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count);
+/* Makes the pieces that links cut in this call, whose first new one is `first`, and points lost in it leave, and says
+ * what that did (info may be NULL). ringed: links cut by rule. Without memory so far (done 0) or on failure links and
+ * points are as they were, and all else. */
+SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, sb_cut_info *info, sb_error *error);
 /* Whether a call may go on: SB_ERROR_STATE. */
 SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error);
 
 /* ---- topology.c ---- */
 
-/* Lists touched tets that fall into more pieces than before, and marks their nodes. */
+/* Lists touched tets that fall into more pieces than before, or lose points, and marks their nodes. */
 SBI_API void sbi_cut_find_parted(sb_cut *cut);
+/* Takes back what points touched tets have lost in this call. */
+SBI_API void sbi_cut_take_back_lost(sb_cut *cut);
+/* The corner of a record that is this node of the uncut mesh; -1: none. */
+SBI_API int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node);
+/* Where the records of a tet end, one of which is `first`. */
+SBI_API int sbi_cut_end_of(const sb_cut *cut, int first);
+/* The root of corner a of record i, for 4 i + a. */
+SBI_API int sbi_cut_root(const sb_cut *cut, int i);
+/* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
+SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner);
+/* Records of the pieces of a tet as they are to be; 0: no memory. */
+SBI_API int sbi_cut_add_tet(sb_cut *cut, int tet);
+/* How near an end of its link a crossing may be, of the link, for masses and stiffness. */
+SBI_API sb_real sbi_cut_least(const sb_cut *cut);
+
+/* ---- cut_crumb.c ---- */
+
+/* Marks the records of free parts that are too small as gone; of tets that had none, records come behind the others.
+ * Corners of records have been joined. 0: no memory. */
+SBI_API int sbi_cut_find_crumbs(sb_cut *cut);
 /* Makes pieces, copies and cells of what they have become, and glue of next_glue, by a change of the body's mesh. On
  * failure nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
@@ -71101,6 +71245,13 @@ SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key)
     }
 }
 
+SBI_API void sbi_cut_touch(sb_cut *cut, int tet)
+{
+    if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
+        cut->touched.items[cut->touched.count++] = tet;
+    cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
+}
+
 /* A blade has struck a link; 0: no memory. */
 static int sbi_cut_strike(sb_cut *cut, int item, int blade)
 {
@@ -71109,12 +71260,8 @@ static int sbi_cut_strike(sb_cut *cut, int item, int blade)
     cut->links.items[item].struck = blade;
     cut->struck.items[cut->struck.count++] = item;
     sbi_cut_list_around(cut, &cut->links.items[item].key);
-    for (int i = 0; i < cut->around.count; i++) {
-        int tet = cut->around.items[i];
-        if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
-            cut->touched.items[cut->touched.count++] = tet;
-        cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
-    }
+    for (int i = 0; i < cut->around.count; i++)
+        sbi_cut_touch(cut, cut->around.items[i]);
     return 1;
 }
 
@@ -71192,7 +71339,7 @@ SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box
 {
     const sb_vec3 *x = cut->body->position;
     int meets = 0;
-    for (int piece = tet; piece >= 0 && !meets; piece = cut->pieces[piece].next) {
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0 && !meets; piece = cut->pieces[piece].next) {
         const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
         sbi_cut_box of;
         of.low = of.high = x[nodes[0]];
@@ -71392,7 +71539,7 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
     int count = 0;
     if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
         return 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
         const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
         sbi_cut_crossings found;
         if (!sbi_cut_is_of(cut, nodes[0], work->part) || !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
@@ -71740,8 +71887,9 @@ static int sbi_cut_predict_corners(sb_cut *cut, const sbi_crossing_frame *frame,
 {
     sbi_parted parted;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    if (parted.piece_of[0] != parted.piece_of[1] || parted.piece_of[0] != parted.piece_of[2] ||
-        parted.piece_of[0] != parted.piece_of[3] || !sbi_cut_corners_part(cut, &parted))
+    if (parted.piece_of[0] == SBI_PARTED_LOST || parted.piece_of[0] != parted.piece_of[1] ||
+        parted.piece_of[0] != parted.piece_of[2] || parted.piece_of[0] != parted.piece_of[3] ||
+        !sbi_cut_corners_part(cut, &parted))
         return 1;
     return sbi_cut_predict_points(cut, frame, part, tet, parted.pieces[parted.piece_of[0]], &parted);
 }
@@ -72093,7 +72241,9 @@ SBI_API void sbi_cut_take_next_glue(sb_cut *cut)
  * Every piece of a tet is a cell with all four corners. Corners of pieces that touch over a face with that node are one
  * node: classes of a union-find over the pieces around the node. The class with the material at the node's place keeps
  * its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does not hold.
- * All loops are in ascending order of nodes, tets and lattice points: so are new numbers. */
+ * All loops are in ascending order of nodes, tets and lattice points: so are new numbers.
+ *
+ * What is taken out has records, too, which are gone: they touch nothing, and their cells are removed. */
 
 #include <string.h>
 
@@ -72107,7 +72257,7 @@ static void sbi_cut_parted(const sb_cut *cut, int tet, sbi_parted *parted)
 static int sbi_cut_chain_length(const sb_cut *cut, int tet)
 {
     int count = 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
         count++;
     return count;
 }
@@ -72118,7 +72268,7 @@ SBI_API void sbi_cut_find_parted(sb_cut *cut)
     for (int i = 0; i < cut->touched.count; i++) {
         int tet = cut->touched.items[i];
         sbi_cut_parted(cut, tet, &parted);
-        if (parted.piece_count == sbi_cut_chain_length(cut, tet))
+        if (parted.piece_count == sbi_cut_chain_length(cut, tet) && !(cut->tet_marks[tet] & SBI_CUT_LOSES))
             continue;
         cut->tet_marks[tet] |= SBI_CUT_PARTED;
         cut->parted.items[cut->parted.count++] = tet;
@@ -72135,7 +72285,15 @@ SBI_API void sbi_cut_find_parted(sb_cut *cut)
 
 /* ---- records of the pieces around ---- */
 
-static void sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, const sbi_corner_order *order)
+SBI_API void sbi_cut_take_back_lost(sb_cut *cut)
+{
+    for (int i = 0; i < cut->touched.count; i++)
+        if (cut->tet_marks[cut->touched.items[i]] & SBI_CUT_LOSES)
+            cut->links.lost[cut->touched.items[i]] = cut->was_lost[cut->touched.items[i]];
+}
+
+/* A record of a piece with these points; 0: of one that nothing is left of. */
+static sbi_cut_cell *sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, const sbi_corner_order *order)
 {
     sbi_cut_cell *cell = cut->cells + cut->cell_count;
     const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
@@ -72144,40 +72302,56 @@ static void sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, c
     cell->piece = piece;
     cell->is_cut = (cut->tet_marks[tet] & SBI_CUT_PARTED) != 0;
     cell->cell = cut->pieces[piece].cell;
-    cell->is_new = 0;
-    for (int k = cut->cell_of[tet] - 1; k < cut->cell_count; k++)
-        cell->is_new |= cut->cells[k].piece == piece;
+    cell->is_new = cell->crumb = 0;
+    cell->is_gone = points == 0;
+    cell->share = sb_body_cell_share(cut->body, cell->cell);
     for (int a = 0; a < 4; a++) {
         cell->old_nodes[a] = cell->nodes[a] = nodes[a];
         cell->marks[a] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, a, points);
     }
     cut->cell_count++;
+    return cell;
 }
 
-/* Records of the pieces of a tet as they are to be; 0: no memory. */
-static int sbi_cut_add_tet(sb_cut *cut, int tet)
+/* Records of the pieces that a tet falls into, then of those that nothing is left of. */
+static void sbi_cut_add_parted(sb_cut *cut, int tet, const sbi_corner_order *order)
+{
+    sb_real shares[SBI_LATTICE_POINTS];
+    sbi_parted parted;
+    sbi_cut_parted(cut, tet, &parted);
+    if (cut->least_volume > 0)
+        sbi_parted_shares(&parted, sbi_cut_least(cut), shares);
+    for (int k = 0; k < parted.piece_count; k++) {
+        int piece = tet;
+        sbi_cut_cell *cell;
+        while (!(cut->pieces[piece].points & parted.pieces[k]))
+            piece = cut->pieces[piece].next;
+        cell = sbi_cut_add_cell(cut, tet, parted.pieces[k], piece, order);
+        cell->share = cut->least_volume > 0 ? shares[k] : cell->share;
+    }
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        if (!(cut->pieces[piece].points & ~parted.lost))
+            (void)sbi_cut_add_cell(cut, tet, 0, piece, order);
+}
+
+SBI_API int sbi_cut_add_tet(sb_cut *cut, int tet)
 {
     sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     void *cells = cut->cells;
-    sbi_parted parted;
-    int grown = sbi_cut_grow(&cut->allocator, &cells, &cut->cell_capacity, cut->cell_count, SBI_LATTICE_POINTS,
+    int grown = sbi_cut_grow(&cut->allocator, &cells, &cut->cell_capacity, cut->cell_count, SBI_LATTICE_POINTS + 1,
                              sizeof *cut->cells);
     cut->cells = (sbi_cut_cell *)cells;
     if (!grown)
         return 0;
+    if (sbi_cut_first_piece(cut, tet) < 0)
+        return 1;
     cut->cell_of[tet] = cut->cell_count + 1;
-    if (!(cut->tet_marks[tet] & SBI_CUT_PARTED)) {
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
-            sbi_cut_add_cell(cut, tet, cut->pieces[piece].points, piece, &order);
+    if (cut->tet_marks[tet] & SBI_CUT_PARTED) {
+        sbi_cut_add_parted(cut, tet, &order);
         return 1;
     }
-    sbi_cut_parted(cut, tet, &parted);
-    for (int k = 0; k < parted.piece_count; k++) {
-        int piece = tet;
-        while (!(cut->pieces[piece].points & parted.pieces[k]))
-            piece = cut->pieces[piece].next;
-        sbi_cut_add_cell(cut, tet, parted.pieces[k], piece, &order);
-    }
+    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        (void)sbi_cut_add_cell(cut, tet, cut->pieces[piece].points, piece, &order);
     return 1;
 }
 
@@ -72189,8 +72363,7 @@ static int sbi_cut_add_tets(sb_cut *cut)
     return sbi_cut_list_grow(cut, &cut->roots, 4 * cut->cell_count - cut->roots.count);
 }
 
-/* Records of a tet end here. */
-static int sbi_cut_end_of(const sb_cut *cut, int first)
+SBI_API int sbi_cut_end_of(const sb_cut *cut, int first)
 {
     int end = first;
     while (end < cut->cell_count && cut->cells[end].tet == cut->cells[first].tet)
@@ -72200,7 +72373,7 @@ static int sbi_cut_end_of(const sb_cut *cut, int first)
 
 /* ---- classes ---- */
 
-static int sbi_cut_root(const sb_cut *cut, int i)
+SBI_API int sbi_cut_root(const sb_cut *cut, int i)
 {
     int *parent = cut->roots.items;
     while (parent[i] != i)
@@ -72250,8 +72423,7 @@ static void sbi_cut_join_all(sb_cut *cut)
 
 /* ---- copies ---- */
 
-/* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
-static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner)
+SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner)
 {
     int held = 0;
     for (int face = 0; face < 4; face++) {
@@ -72267,8 +72439,7 @@ static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int co
     return held;
 }
 
-/* Corner of a record that is this node; -1: none. */
-static int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
+SBI_API int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
 {
     for (int a = 0; a < 4; a++)
         if (cut->tets[4 * (size_t)cell->tet + (size_t)a] == node)
@@ -72290,14 +72461,16 @@ static int sbi_cut_list_classes(sb_cut *cut, int node)
 {
     cut->class_count = 0;
     for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
-        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
+        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = first < 0 ? -1 : sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
             const sbi_cut_cell *cell = cut->cells + i;
             int corner = sbi_cut_corner_of(cut, cell, node), root = sbi_cut_root(cut, 4 * i + corner);
-            int at = sbi_cut_class_of(cut, root);
+            int at = sbi_cut_class_of(cut, root), grown;
             void *classes = cut->classes;
-            int grown = sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, cut->class_count, 1,
-                                     sizeof *cut->classes);
+            if (cell->is_gone)
+                continue;
+            grown = sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, cut->class_count, 1,
+                                 sizeof *cut->classes);
             cut->classes = (sbi_cut_class *)classes;
             if (!grown)
                 return 0;
@@ -72361,10 +72534,12 @@ static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int no
             return result;
     }
     for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
-        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
+        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = first < 0 ? -1 : sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
             int corner = sbi_cut_corner_of(cut, cut->cells + i, node);
-            cut->cells[i].nodes[corner] = cut->classes[sbi_cut_class_of(cut, sbi_cut_root(cut, 4 * i + corner))].number;
+            if (!cut->cells[i].is_gone)
+                cut->cells[i].nodes[corner] =
+                    cut->classes[sbi_cut_class_of(cut, sbi_cut_root(cut, 4 * i + corner))].number;
         }
     }
     return SB_OK;
@@ -72383,7 +72558,7 @@ static sb_result sbi_cut_number_nodes(sb_cut *cut, sb_body_change *change, sb_er
 
 /* How near an end of its link a crossing may be, of the link, for masses and stiffness. Explicit steps are as long as
  * the lightest corner of a piece allows: a sixteenth of the element's edge leaves them a third of the uncut ones. */
-static sb_real sbi_cut_least(const sb_cut *cut)
+SBI_API sb_real sbi_cut_least(const sb_cut *cut)
 {
     return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;
 }
@@ -72431,23 +72606,39 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
                         : sb_body_change_replace_cell(change, cell->cell, &made, error);
 }
 
+/* 1 when a record is to have another cell than there is. */
+static int sbi_cut_differs(const sbi_cut_cell *cell)
+{
+    return !cell->is_gone && (cell->is_cut || memcmp(cell->nodes, cell->old_nodes, sizeof cell->nodes) != 0);
+}
+
+/* Of the records of one piece the first that stays keeps its cell. */
+static void sbi_cut_claim_cells(sb_cut *cut, int first, int end)
+{
+    for (int i = first; i < end; i++) {
+        sbi_cut_cell *cell = cut->cells + i;
+        cell->is_new = 0;
+        for (int k = first; k < i; k++)
+            cell->is_new |= cut->cells[k].piece == cell->piece && !cut->cells[k].is_gone;
+    }
+}
+
 /* The cells of one tet's records that are others now. */
 static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first, int end, sb_error *error)
 {
     sbi_cut_measures measures;
     sb_result result = SB_OK;
-    int differs = 0;
+    int differs = 0, is_whole = cut->cells[first].points == sbi_lattice_all(&cut->lattice);
+    sbi_cut_claim_cells(cut, first, end);
     for (int i = first; i < end; i++)
-        differs |= cut->cells[i].is_cut ||
-                   memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0;
+        differs |= sbi_cut_differs(cut->cells + i);
     if (!differs)
         return SB_OK;
-    if (end - first > 1)
+    if (!is_whole)
         sbi_cut_measure(cut, cut->cells[first].tet, &measures);
     for (int i = first; i < end && result == SB_OK; i++)
-        if (cut->cells[i].is_cut ||
-            memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0)
-            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? &measures : NULL, i - first, error);
+        if (sbi_cut_differs(cut->cells + i))
+            result = sbi_cut_put_cell(cut, change, i, is_whole ? NULL : &measures, i - first, error);
     return result;
 }
 
@@ -72461,6 +72652,77 @@ static sb_result sbi_cut_put_cells(sb_cut *cut, sb_body_change *change, sb_error
     return result;
 }
 
+/* 1 when a record is the first of a piece none of which stays. */
+static int sbi_cut_ends_piece(const sb_cut *cut, int record)
+{
+    int piece = cut->cells[record].piece, end = sbi_cut_end_of(cut, record), ends = cut->cells[record].is_gone;
+    for (int i = cut->cell_of[cut->cells[record].tet] - 1; i < end && ends; i++)
+        ends = cut->cells[i].piece != piece || (cut->cells[i].is_gone && i >= record);
+    return ends;
+}
+
+/* Makes the cell of a record an empty piece: the last one of a body without material. */
+static sb_result sbi_cut_empty_cell(const sb_cut *cut, sb_body_change *change, int record, sb_error *error)
+{
+    static const sb_real nothing[4][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    const sb_real middle = (sb_real)0.25;
+    sb_change_cell made = sb_default_change_cell();
+    sb_cell_moments moments;
+    moments.centroid = sb_v3(middle, middle, middle);
+    moments.covariance = sb_m3_zero();
+    made.nodes = cut->cells[record].old_nodes;
+    made.parent = cut->cells[record].cell;
+    made.share = 0;
+    made.moments = &moments;
+    made.face_loads = nothing;
+    return sb_body_change_replace_cell(change, made.parent, &made, error);
+}
+
+/* Removes the cells of pieces that are gone, but for the last cell of all. */
+static sb_result sbi_cut_remove_cells(sb_cut *cut, sb_body_change *change, sb_error *error)
+{
+    const sbi_slots *cells = &cut->body->live->cells;
+    int left = cells->fresh - cells->count + cut->made_cells;
+    sb_result result = SB_OK;
+    for (int i = 0; i < cut->cell_count && result == SB_OK; i++) {
+        sbi_cut_cell *cell = cut->cells + i;
+        int ends = sbi_cut_ends_piece(cut, i);
+        if (ends && left == 1) {
+            result = sbi_cut_empty_cell(cut, change, i, error);
+            continue;
+        }
+        if (ends)
+            result = sb_body_change_remove_cell(change, cell->cell, error);
+        left -= ends;
+        if (cell->is_gone)
+            cell->cell = -1;
+    }
+    return result;
+}
+
+/* What is taken out, before the change with a factor 1, and with -1 after it. */
+static void sbi_cut_weigh(sb_cut *cut, double factor)
+{
+    sbi_live_moment sum;
+    double volume = 0;
+    memset(&sum, 0, sizeof sum);
+    for (int first = 0, end; first < cut->cell_count; first = end) {
+        int tet = cut->cells[first].tet, loses = (cut->tet_marks[tet] & SBI_CUT_LOSES) != 0, piece;
+        end = sbi_cut_end_of(cut, first);
+        for (int i = first; i < end; i++)
+            loses |= cut->cells[i].is_gone;
+        for (piece = sbi_cut_first_piece(cut, tet); piece >= 0 && loses; piece = cut->pieces[piece].next) {
+            int cell = cut->pieces[piece].cell;
+            volume += (double)sb_body_cell_share(cut->body, cell) * (double)sbi_cut_tet_volume(cut, tet);
+            sbi_live_add_cell(cut->body, cell, sb_v3(0, 0, 0), 1, &sum, NULL);
+        }
+    }
+    cut->removed.volume += factor * volume;
+    cut->removed.mass += factor * sum.mass;
+    for (int k = 0; k < 3; k++)
+        cut->removed.momentum[k] += factor * sum.linear[k];
+}
+
 /* ---- pieces ---- */
 
 /* Room for the pieces that the records have more than there are; 0: no memory. */
@@ -72469,7 +72731,7 @@ static int sbi_cut_reserve_pieces(sb_cut *cut)
     int more = 0, cells = 0, grown;
     void *pieces = cut->pieces;
     for (int i = 0; i < cut->cell_count; i++) {
-        more += cut->cells[i].is_new;
+        more += cut->cells[i].is_new && !cut->cells[i].is_gone;
         cells = sbi_max_int(cells, cut->cells[i].cell + 1);
     }
     grown = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, cut->piece_count, more, sizeof *cut->pieces);
@@ -72477,31 +72739,75 @@ static int sbi_cut_reserve_pieces(sb_cut *cut)
     return grown && sbi_cut_list_grow(cut, &cut->elements, sbi_max_int(cells - cut->elements.count, 0));
 }
 
+/* A piece behind the last one of a tet, in a slot that there is room for. */
+static int sbi_cut_append_piece(sb_cut *cut, int last)
+{
+    int piece = cut->free_piece >= 0 ? cut->free_piece : cut->piece_count++;
+    if (piece == cut->free_piece)
+        cut->free_piece = cut->pieces[piece].next;
+    cut->pieces[last].next = piece;
+    return piece;
+}
+
 /* Takes the pieces of a tet from its records. */
 static void sbi_cut_keep_tet(sb_cut *cut, int first, int end)
 {
-    int tet = cut->cells[first].tet, piece = tet, last = tet;
-    for (int more = end - first - sbi_cut_chain_length(cut, tet); more > 0; more--) {
-        while (cut->pieces[last].next >= 0)
-            last = cut->pieces[last].next;
-        cut->pieces[last].next = cut->piece_count;
-        cut->pieces[cut->piece_count++].next = -1;
+    int tet = cut->cells[first].tet, last = -1;
+    for (int piece = cut->pieces[tet].next, next; piece >= 0; piece = next) {
+        next = cut->pieces[piece].next;
+        cut->pieces[piece].next = cut->free_piece;
+        cut->free_piece = piece;
     }
-    for (int i = first; i < end; i++, piece = cut->pieces[piece].next) {
-        cut->pieces[piece].points = cut->cells[i].points;
-        cut->pieces[piece].cell = cut->cells[i].cell;
+    cut->pieces[tet].cell = cut->pieces[tet].next = -1;
+    for (int i = first; i < end; i++) {
+        const sbi_cut_cell *cell = cut->cells + i;
+        if (cell->is_gone)
+            cut->links.lost[tet] |= cell->points;
+        if (cell->cell < 0)
+            continue;
+        last = last < 0 ? tet : sbi_cut_append_piece(cut, last);
+        cut->pieces[last].points = cell->is_gone ? 0 : cell->points;
+        cut->pieces[last].cell = cell->cell;
+        cut->pieces[last].next = -1;
+        cut->pieces[last].crumb = 0;
+    }
+}
+
+/* Cells and copies that are gone are of no element and no node. */
+static void sbi_cut_forget_gone(sb_cut *cut)
+{
+    for (int i = 0; i < cut->cell_count; i++) {
+        int cell = cut->pieces[cut->cells[i].piece].cell;
+        if (cut->cells[i].cell < 0 && !sb_body_cell_in_use(cut->body, cell))
+            cut->elements.items[cell] = -1;
+        for (int a = 0; a < 4 && cut->cells[i].is_gone; a++) {
+            int node = cut->cells[i].old_nodes[a];
+            if (node >= cut->node_end && sbi_live_first_cell(cut->body, node) < 0)
+                cut->origins.items[node] = -1;
+        }
     }
 }
 
 static void sbi_cut_keep(sb_cut *cut)
 {
+    sbi_cut_forget_gone(cut);
     for (int first = 0, end; first < cut->cell_count; first = end) {
         end = sbi_cut_end_of(cut, first);
         sbi_cut_keep_tet(cut, first, end);
     }
+    sbi_cut_weigh(cut, -1);
 }
 
 /* ---- all of it ---- */
+
+/* 1 when something is taken out. */
+static int sbi_cut_is_eaten(const sb_cut *cut)
+{
+    int eaten = 0;
+    for (int i = 0; i < cut->cell_count && !eaten; i++)
+        eaten = cut->cells[i].is_gone || (cut->tet_marks[cut->cells[i].tet] & SBI_CUT_LOSES);
+    return eaten;
+}
 
 /* Makes the change, with records and classes found. */
 static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
@@ -72512,12 +72818,17 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         result = sbi_cut_number_nodes(cut, change, error);
     if (result == SB_OK)
         result = sbi_cut_put_cells(cut, change, error);
+    if (result == SB_OK)
+        result = sbi_cut_remove_cells(cut, change, error);
     if (result == SB_OK && (!sbi_cut_reserve_pieces(cut) || !sbi_cut_make_ties(cut)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
     for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
-        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
+        if (cut->cells[i].cell >= 0)
+            sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         sbi_change_set_glue(change, cut->ties, cut->tie_count);
+        if (sbi_cut_is_eaten(cut))
+            sbi_change_erode(change);
         cut->changing = cut->body->live->find_knows = 1;
         sbi_body_mute(cut->body); /* a recording has the call itself */
         result = sb_body_change_commit(change, error);
@@ -72531,12 +72842,12 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
 
 SBI_API void sbi_cut_clear(sb_cut *cut)
 {
-    if (!cut->touched.count)
+    if (!cut->touched.count && !cut->cell_count)
         return;
     memset(cut->tet_marks, 0, (size_t)cut->tet_count);
     memset(cut->node_marks, 0, (size_t)cut->node_end);
     memset(cut->cell_of, 0, (size_t)cut->tet_count * sizeof(int));
-    cut->touched.count = cut->parted.count = 0;
+    cut->touched.count = cut->parted.count = cut->cell_count = 0;
 }
 
 /* Where glue has been released between pieces that stay. */
@@ -72552,25 +72863,247 @@ static sb_result sbi_cut_release(sb_cut *cut, sb_error *error)
     return SB_OK;
 }
 
+/* Records of all pieces about what has parted or been released; 0: no memory. */
+static int sbi_cut_make_records(sb_cut *cut)
+{
+    if (cut->parted.count == 0 && cut->next_glue_count == cut->glue_count)
+        return 1;
+    if (cut->parted.count > 0) {
+        if (!sbi_cut_add_tets(cut))
+            return 0;
+        sbi_cut_join_all(cut);
+    }
+    return !(cut->least_volume > 0) || sbi_cut_find_crumbs(cut);
+}
+
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
 {
     sb_result result = SB_OK;
     cut->cell_count = cut->made_nodes = cut->made_cells = 0;
-    if (cut->parted.count == 0) {
+    memset(&cut->removed, 0, sizeof cut->removed);
+    if (!sbi_cut_make_records(cut))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    else if (cut->cell_count == 0)
         result = sbi_cut_release(cut, error);
-    } else {
-        if (sbi_cut_add_tets(cut)) {
-            sbi_cut_join_all(cut);
-            result = sbi_cut_change(cut, error);
-        } else
-            result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    else {
+        sbi_cut_weigh(cut, 1);
+        result = sbi_cut_change(cut, error);
         if (result == SB_OK)
             sbi_cut_keep(cut);
     }
     if (result == SB_OK)
         sbi_cut_take_next_glue(cut);
+    else
+        sbi_cut_take_back_lost(cut);
     sbi_cut_clear(cut);
     return result;
+}
+
+/* ==== src/softbody/cut/cut_crumb.c ==== */
+/* cut_crumb: parts that a cut leaves and that are too small to keep.
+ *
+ * From each piece that a call has made, or that it has released from its glue, its part is searched, over nodes that
+ * cells will share and over glue, until it is larger than a crumb or has a support: a few pieces as a rule. What an
+ * earlier search of the call has met is no crumb's: those are searched to their ends. */
+
+#include <string.h>
+
+/* A piece as it is to be: a record, or ~ a piece of a tet that has no records. */
+typedef int sbi_cut_handle;
+
+enum { SBI_CUT_CRUMBLES = -1 }; /* in place of the search that has found a piece */
+
+static int *sbi_cut_crumb_mark(sb_cut *cut, sbi_cut_handle at)
+{
+    return at >= 0 ? &cut->cells[at].crumb : &cut->pieces[~at].crumb;
+}
+
+/* Element of a handle. */
+static int sbi_cut_handle_tet(const sb_cut *cut, sbi_cut_handle at)
+{
+    return at >= 0 ? cut->cells[at].tet : cut->elements.items[cut->pieces[~at].cell];
+}
+
+/* The node of a corner before the call. */
+static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int corner)
+{
+    return at >= 0 ? cut->cells[at].old_nodes[corner] : sb_body_cell_nodes(cut->body, cut->pieces[~at].cell)[corner];
+}
+
+/* ---- one search ---- */
+
+typedef struct sbi_cut_flood {
+    int number; /* of the search */
+    int first;  /* of its pieces in cut->flooded */
+    int ends;   /* 1: it is no crumb */
+    int failed; /* 1: no memory */
+    double volume;
+} sbi_cut_flood;
+
+static void sbi_cut_visit(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at)
+{
+    int *mark = sbi_cut_crumb_mark(cut, at);
+    flood->ends |= *mark != 0 && *mark != flood->number;
+    if (*mark != 0)
+        return;
+    if (!sbi_cut_list_grow(cut, &cut->flooded, 1)) {
+        flood->failed = 1;
+        return;
+    }
+    *mark = flood->number;
+    cut->flooded.items[cut->flooded.count++] = at;
+}
+
+/* Visits the pieces around a node of the uncut mesh that will share corner a of a piece. */
+static void sbi_cut_visit_around(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at, int a)
+{
+    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)a], is_new = cut->node_marks[node];
+    int mine = is_new ? sbi_cut_root(cut, 4 * at + a) : sbi_cut_handle_node(cut, at, a);
+    for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
+        int tet = cut->node_tets.items[k], first = cut->cell_of[tet] - 1, corner = 0;
+        while (cut->tets[4 * (size_t)tet + (size_t)corner] != node)
+            corner++;
+        for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            if (!cut->cells[i].is_gone &&
+                (is_new ? sbi_cut_root(cut, 4 * i + corner) : cut->cells[i].old_nodes[corner]) == mine)
+                sbi_cut_visit(cut, flood, i);
+        for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+            if (sbi_cut_handle_node(cut, ~piece, corner) == mine)
+                sbi_cut_visit(cut, flood, ~piece);
+    }
+}
+
+static void sbi_cut_visit_tet(sb_cut *cut, sbi_cut_flood *flood, int tet)
+{
+    int first = cut->cell_of[tet] - 1;
+    for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+        if (!cut->cells[i].is_gone)
+            sbi_cut_visit(cut, flood, i);
+    for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+        sbi_cut_visit(cut, flood, ~piece);
+}
+
+/* First triangle of a tet, or of one behind it, that is to be glued. */
+static int sbi_cut_first_glued(const sb_cut *cut, int tet)
+{
+    int low = 0, high = cut->next_glue_count;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (cut->next_glue[middle].tet < tet)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
+{
+    int at = sbi_cut_first_glued(cut, tet);
+    return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
+}
+
+/* 1 when a corner of a piece is to be supported. */
+static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int corner)
+{
+    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)corner];
+    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, corner)])
+        return 0;
+    return !cut->node_marks[node] || (cut->cells[at].points >> corner & 1) ||
+           sbi_cut_held_axes(cut, cut->cells + at, corner);
+}
+
+/* Searches the part of a piece; 1: it is a crumb. */
+static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
+{
+    flood->number++;
+    flood->first = cut->flooded.count;
+    flood->ends = 0;
+    flood->volume = 0;
+    sbi_cut_visit(cut, flood, seed);
+    for (int k = flood->first; k < cut->flooded.count && !flood->ends && !flood->failed; k++) {
+        sbi_cut_handle at = cut->flooded.items[k];
+        int tet = sbi_cut_handle_tet(cut, at);
+        sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
+        flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
+        flood->ends |= flood->volume >= (double)cut->least_volume;
+        for (int a = 0; a < 4 && !flood->ends; a++) {
+            flood->ends |= sbi_cut_is_held(cut, at, a);
+            sbi_cut_visit_around(cut, flood, at, a);
+        }
+        if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
+            sbi_cut_visit_tet(cut, flood, tet);
+    }
+    return !flood->ends && !flood->failed;
+}
+
+/* ---- all of them ---- */
+
+/* Searches from one piece, and marks those of a crumb. */
+static void sbi_cut_try_crumb(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
+{
+    if (*sbi_cut_crumb_mark(cut, seed) != 0 || flood->failed || !sbi_cut_flood_from(cut, flood, seed))
+        return;
+    cut->removed.crumbs += flood->volume > 0;
+    for (int k = flood->first; k < cut->flooded.count; k++)
+        *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = SBI_CUT_CRUMBLES;
+}
+
+/* From records of what has parted, and from what was glued before the call. */
+static void sbi_cut_try_all(sb_cut *cut, sbi_cut_flood *flood)
+{
+    for (int i = 0; i < cut->cell_count; i++)
+        if (cut->cells[i].is_cut && !cut->cells[i].is_gone)
+            sbi_cut_try_crumb(cut, flood, i);
+    for (int k = 0; k < cut->glue_count && cut->next_glue_count != cut->glue_count; k++) {
+        int tet = cut->glue[k].tet, first = cut->cell_of[tet] - 1;
+        if (k > 0 && cut->glue[k - 1].tet == tet)
+            continue;
+        for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            if (!cut->cells[i].is_gone)
+                sbi_cut_try_crumb(cut, flood, i);
+        for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_try_crumb(cut, flood, ~piece);
+    }
+}
+
+/* Records of the pieces of crumbs are gone, and so is the glue within; 0: no memory. */
+static int sbi_cut_lose_crumbs(sb_cut *cut)
+{
+    int kept = 0;
+    for (int k = 0; k < cut->flooded.count; k++) {
+        sbi_cut_handle at = cut->flooded.items[k];
+        int tet = sbi_cut_handle_tet(cut, at), first = cut->cell_of[tet] - 1;
+        if (*sbi_cut_crumb_mark(cut, at) != SBI_CUT_CRUMBLES)
+            continue;
+        if (at < 0 && first < 0 && !sbi_cut_add_tet(cut, tet))
+            return 0;
+        if (at >= 0)
+            cut->cells[at].is_gone = 1;
+        first = cut->cell_of[tet] - 1;
+        for (int i = first, end = at >= 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            cut->cells[i].is_gone |= cut->cells[i].piece == ~at;
+    }
+    for (int k = 0; k < cut->next_glue_count; k++) { /* all pieces of a glued tet are of one part */
+        int first = cut->cell_of[cut->next_glue[k].tet] - 1;
+        if (first < 0 || !cut->cells[first].is_gone)
+            cut->next_glue[kept++] = cut->next_glue[k];
+    }
+    cut->next_glue_count = kept;
+    return 1;
+}
+
+SBI_API int sbi_cut_find_crumbs(sb_cut *cut)
+{
+    sbi_cut_flood flood;
+    int done;
+    memset(&flood, 0, sizeof flood);
+    cut->flooded.count = 0;
+    sbi_cut_try_all(cut, &flood);
+    done = !flood.failed && (!cut->removed.crumbs || sbi_cut_lose_crumbs(cut));
+    for (int k = 0; k < cut->flooded.count; k++)
+        *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = 0;
+    return done;
 }
 
 /* ==== src/softbody/cut/cut_find.c ==== */
@@ -72580,7 +73113,7 @@ SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
 {
     const sb_cut *cut = (const sb_cut *)user;
     int tet = cell >= 0 && cell < cut->elements.count && !cut->stale ? cut->elements.items[cell] : -1, piece, at;
-    int records = tet >= 0 && cut->changing ? cut->cell_of[tet] : 0;
+    int records = tet >= 0 && cut->changing ? cut->cell_of[tet] : 0, first = records - 1;
     sb_real barycentrics[4];
     sbi_parted parted;
     if (tet < 0 || (!records && cut->pieces[tet].next < 0))
@@ -72588,9 +73121,14 @@ SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
     barycentrics[0] = 1 - xi[0] - xi[1] - xi[2];
     barycentrics[1] = xi[0], barycentrics[2] = xi[1], barycentrics[3] = xi[2];
+    if (parted.piece_count == 0)
+        return cell;
     piece = parted.piece_count > 1 ? sbi_parted_piece_at(&parted, barycentrics) : 0;
+    if (records && cut->cells[first + piece].cell < 0) /* it is a crumb: the first piece that stays */
+        for (piece = 0; piece < parted.piece_count - 1 && cut->cells[first + piece].cell < 0;)
+            piece++;
     if (records)
-        return cut->cells[records - 1 + piece].cell;
+        return cut->cells[first + piece].cell < 0 ? cell : cut->cells[first + piece].cell;
     for (at = tet; piece > 0 && cut->pieces[at].next >= 0; piece--)
         at = cut->pieces[at].next;
     return cut->pieces[at].cell;
@@ -72624,6 +73162,14 @@ SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part
         sbi_cut_box_add(&box, x[i]);
     }
     return box;
+}
+
+SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet)
+{
+    const int *nodes = cut->tets + 4 * (size_t)tet;
+    const sb_vec3 *x = cut->body->reference;
+    sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
+    return sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]])) / 6;
 }
 
 SBI_API double sbi_cut_size_of(const sbi_cut_box *box) { return (double)sb_v3_norm(sb_v3_sub(box->high, box->low)); }
@@ -72718,12 +73264,11 @@ static int sbi_cut_in_frames(sb_cut *cut, const sb_vec3 *triangles, int count, s
     return swept;
 }
 
-/* What of the lips is glued after the call; 0: no memory. */
-static int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
+SBI_API int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
 {
     sbi_cut_find_parted(cut);
     return sbi_cut_list_seams(cut) &&
-           (!cut->seam_count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
+           (!cut->seam_count || !count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
            sbi_cut_keep_seams(cut);
 }
 
@@ -72749,32 +73294,43 @@ static void sbi_cut_tell_info(const sb_cut *cut, int first, int ringed, sb_cut_i
     info->glued_area = cut->released.glued_area;
     info->released_area = cut->released.area;
     info->released_energy = cut->released.energy;
+    info->crumbs = cut->removed.crumbs;
+    info->removed_volume = (sb_real)cut->removed.volume;
+    info->removed_mass = (sb_real)cut->removed.mass;
+    info->removed_momentum =
+        sb_v3((sb_real)cut->removed.momentum[0], (sb_real)cut->removed.momentum[1], (sb_real)cut->removed.momentum[2]);
+}
+
+SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, sb_cut_info *info, sb_error *error)
+{
+    sb_result result;
+    if (done) {
+        result = sbi_cut_part(cut, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
+        sbi_cut_take_back_lost(cut);
+        sbi_cut_clear(cut);
+    }
+    if (result != SB_OK) {
+        sbi_cut_take_back(cut, first);
+        return result;
+    }
+    if (info)
+        sbi_cut_tell_info(cut, first, ringed, info);
+    cut->crossed.count = 0;
+    sbi_cut_forget_struck(cut);
+    return SB_OK;
 }
 
 SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
 {
     int links = cut->links.count, ringed = 0, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
-    sb_result result;
     if (swept) {
         int before = sbi_cut_count_cut(cut, links);
         swept = cut->keeps_rings || sbi_cut_close_rings(cut, links);
         ringed = sbi_cut_count_cut(cut, links) - before;
     }
-    if (swept && sbi_cut_settle_seams(cut, triangles, count)) {
-        result = sbi_cut_part(cut, error);
-    } else {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
-        sbi_cut_clear(cut);
-    }
-    if (result != SB_OK) {
-        sbi_cut_take_back(cut, links);
-        return result;
-    }
-    if (info)
-        sbi_cut_tell_info(cut, links, ringed, info);
-    cut->crossed.count = 0;
-    sbi_cut_forget_struck(cut);
-    return SB_OK;
+    return sbi_cut_finish(cut, links, ringed, swept && sbi_cut_settle_seams(cut, triangles, count), info, error);
 }
 
 SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
@@ -72786,6 +73342,146 @@ SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int cou
     }
     if (result == SB_OK)
         sbi_cut_tell(cut, SBI_CUT_TRIANGLES, 0, triangles, 3 * count);
+    return result;
+}
+
+/* ==== src/softbody/cut/cut_ablate.c ==== */
+/* cut_ablate: takes out the material in a ball.
+ *
+ * Where a lattice point is goes by the cell that has its material, the same to the last digit from all elements around
+ * it; so all of them lose it or none. Links from lost points to others are cut where they leave the ball. */
+#include <math.h>
+
+
+/* A ball in space. */
+typedef struct sbi_cut_ball {
+    sb_vec3 centre;
+    sb_real radius;
+} sbi_cut_ball;
+
+/* A near tet at work. */
+typedef struct sbi_cut_burn {
+    int tet;
+    sbi_corner_order order;
+    uint64_t lost;                      /* in this call */
+    sb_vec3 places[SBI_LATTICE_POINTS]; /* from the ball's centre, of points of its pieces */
+} sbi_cut_burn;
+
+static int sbi_cut_is_in(const sbi_cut_ball *ball, sb_vec3 from_centre)
+{
+    return sb_v3_norm(from_centre) <= ball->radius;
+}
+
+/* Where a piece of a tet has its points, and which of them are in the ball. */
+static void sbi_cut_burn_piece(const sb_cut *cut, const sbi_cut_ball *ball, int piece, sbi_cut_burn *burn)
+{
+    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    sb_vec3 x[4];
+    for (int a = 0; a < 4; a++)
+        x[a] = cut->body->position[nodes[a]];
+    for (int p = 0; p < cut->lattice.point_count; p++) {
+        sb_real at[4];
+        if (!(cut->pieces[piece].points >> p & 1))
+            continue;
+        sbi_lattice_point(&cut->lattice, p, at);
+        burn->places[p] = sb_v3_sub(sbi_lattice_place(&burn->order, at, x), ball->centre);
+        if (sbi_cut_is_in(ball, burn->places[p]))
+            burn->lost |= (uint64_t)1 << p;
+    }
+}
+
+/* Where the way from a point in the ball to one outside leaves it: |p + t (q - p)| = r. */
+static sb_real sbi_cut_leave_ball(const sbi_cut_ball *ball, sb_vec3 in, sb_vec3 out)
+{
+    double p[3], e[3], a = 0, b = 0, c = -(double)ball->radius * (double)ball->radius, root, t;
+    p[0] = (double)in.x, p[1] = (double)in.y, p[2] = (double)in.z;
+    e[0] = (double)out.x - p[0], e[1] = (double)out.y - p[1], e[2] = (double)out.z - p[2];
+    for (int k = 0; k < 3; k++) {
+        a += e[k] * e[k];
+        b += p[k] * e[k];
+        c += p[k] * p[k];
+    }
+    root = b * b - a * c;
+    root = root > 0 ? sqrt(root) : 0;
+    t = b > 0 ? -c / (b + root) : (root - b) / a; /* without cancellation; c <= 0 */
+    return t > 0 ? (sb_real)(t < 1 ? t : 1) : 0;  /* also of what is no number */
+}
+
+/* Cuts a link with one lost end where it was whole or predicted; 0: no memory. */
+static int sbi_cut_burn_link(sb_cut *cut, const sbi_cut_ball *ball, const sbi_cut_burn *burn, int link)
+{
+    sbi_link_key key = sbi_lattice_key(&cut->lattice, &burn->order, burn->tet, link);
+    int item = sbi_cut_links_find(&cut->links, &key), ends[2], from;
+    sb_real t;
+    if (item >= 0)
+        return cut->links.items[item].state == SBI_LINK_CUT || sbi_cut_cross_link(cut, item, -1);
+    sbi_lattice_ends(&cut->lattice, &burn->order, link, ends);
+    from = (int)(burn->lost >> ends[0] & 1) ? 0 : 1;
+    t = sbi_cut_leave_ball(ball, burn->places[ends[from]], burn->places[ends[1 - from]]);
+    if (!sbi_cut_add_link(cut, &key, from ? 1 - t : t, SBI_LINK_CUT, -1))
+        return 0;
+    cut->links.items[cut->links.count - 1].charred = 1;
+    return 1;
+}
+
+/* Takes the points of a near tet that are in the ball; 0: no memory. */
+static int sbi_cut_burn_tet(sb_cut *cut, const sbi_cut_ball *ball, int tet)
+{
+    sbi_cut_burn burn;
+    uint64_t left;
+    int done = 1;
+    burn.tet = tet;
+    burn.order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    burn.lost = 0;
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
+        sbi_cut_burn_piece(cut, ball, piece, &burn);
+    if (!burn.lost)
+        return 1;
+    cut->was_lost[tet] = cut->links.lost[tet];
+    cut->links.lost[tet] |= burn.lost;
+    sbi_cut_touch(cut, tet);
+    cut->tet_marks[tet] |= SBI_CUT_LOSES;
+    left = sbi_lattice_all(&cut->lattice) & ~cut->links.lost[tet];
+    for (int l = 0; l < cut->lattice.link_count && done; l++) {
+        const unsigned char *ends = cut->lattice.links[l];
+        if (((burn.lost >> ends[0] & 1) && (left >> ends[1] & 1)) ||
+            ((burn.lost >> ends[1] & 1) && (left >> ends[0] & 1)))
+            done = sbi_cut_burn_link(cut, ball, &burn, l);
+    }
+    return done;
+}
+
+static sb_result sbi_cut_check_ball(const sb_cut *cut, const sbi_cut_ball *ball, sb_error *error)
+{
+    sb_result result;
+    if (!cut)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_ablate needs a cut");
+    result = sbi_cut_check_use(cut, error);
+    if (result == SB_OK && (!sb_v3_is_finite(ball->centre) || !sb_is_finite(ball->radius)))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the ball's centre or radius is not finite");
+    if (result == SB_OK && ball->radius < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the ball's radius is %g", (double)ball->radius);
+    return result;
+}
+
+SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_cut_info *info, sb_error *error)
+{
+    sbi_cut_ball ball = {centre, radius};
+    sb_result result = sbi_cut_check_ball(cut, &ball, error);
+    sb_vec3 told[2];
+    int links, done = 1;
+    if (result != SB_OK)
+        return result;
+    links = cut->links.count;
+    sbi_cut_list_reached(cut, &centre, 1, radius + cut->element_size / 1024); /* more than places are rounded by */
+    for (int i = 0; i < cut->near.count && done; i++)
+        done = sbi_cut_burn_tet(cut, &ball, cut->near.items[i]);
+    result = sbi_cut_finish(cut, links, 0, done && sbi_cut_settle_seams(cut, NULL, 0), info, error);
+    if (result == SB_OK) {
+        told[0] = centre;
+        told[1] = sb_v3(radius, 0, 0);
+        sbi_cut_tell(cut, SBI_CUT_ABLATE, 0, told, 2);
+    }
     return result;
 }
 
@@ -72887,7 +73583,7 @@ static int sbi_cut_piece_at(const sb_cut *cut, int tet, const sb_real at[4])
     if (cut->pieces[tet].next < 0)
         return tet;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    points = parted.pieces[sbi_parted_piece_at(&parted, at)];
+    points = parted.pieces[sbi_parted_piece_at(&parted, at)]; /* there are several pieces */
     while (cut->pieces[piece].next >= 0 && !(cut->pieces[piece].points & points))
         piece = cut->pieces[piece].next;
     return piece;
@@ -72904,7 +73600,7 @@ static void sbi_cut_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
 static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
 {
     sb_vec3 x[4], place = {0, 0, 0};
-    if (sample->tet < 0)
+    if (sample->tet < 0 || sbi_cut_first_piece(cut, sample->tet) < 0)
         return sample->place;
     sbi_cut_corners(cut, sbi_cut_piece_at(cut, sample->tet, sample->at), x);
     for (int a = 0; a < 4; a++)
@@ -72929,7 +73625,8 @@ static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, 
     sample->tet = -1;
     sample->place = p;
     for (int i = 0; i < cut->near.count; i++)
-        for (int tet = cut->near.items[i], piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+        for (int tet = cut->near.items[i], piece = sbi_cut_first_piece(cut, tet); piece >= 0;
+             piece = cut->pieces[piece].next) {
             sb_vec3 x[4];
             sb_real at[4], depth;
             if (!sbi_cut_meets_tet(cut, tet, &box))
@@ -73025,7 +73722,7 @@ static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *c
             int tet = passing.tet = cut->near.items[i];
             if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
                 continue;
-            for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+            for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
                 if (!sbi_cut_add_passes(cut, piece, skin ? sbi_cut_skin : 0, &passing, ends, count))
                     return 0;
         }
@@ -73177,7 +73874,12 @@ SB_API void sb_cut_end(sb_cut *cut, int stroke)
 #include <string.h>
 
 
-enum { SBI_CUT_STATE_VERSION = 2, SBI_CUT_LINK_BYTES = 5 * 4 + 8, SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8 };
+enum {
+    SBI_CUT_STATE_VERSION = 3,
+    SBI_CUT_LINK_BYTES = 5 * 4 + 8,
+    SBI_CUT_LOST_BYTES = 3 * 4,
+    SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8
+};
 
 /* ---- numbers ---- */
 
@@ -73253,29 +73955,52 @@ static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
     make[4] = sbi_int_of(hash & 0xFFFFFFFFu);
     make[5] = sbi_int_of(hash >> 32);
     make[6] = cut->glues;
-    make[7] = sbi_int_of(sbi_hash_word(0, sbi_real_bits(cut->beta)) & 0xFFFFFFFFu);
+    hash = sbi_hash_word(sbi_hash_word(0, sbi_real_bits(cut->beta)), sbi_real_bits(cut->least_piece));
+    make[7] = sbi_int_of(hash & 0xFFFFFFFFu);
 }
 
 static int sbi_cut_count_pieces(const sb_cut *cut, int tet)
 {
     int count = 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
         count++;
     return count;
+}
+
+/* Which points of which tets were taken out. */
+static void sbi_cut_save_lost(const sb_cut *cut, sbi_state_out *out)
+{
+    int count = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        count += cut->links.lost[tet] != 0;
+    sbi_cut_put_int(out, count);
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        if (!cut->links.lost[tet])
+            continue;
+        sbi_cut_put_int(out, tet);
+        sbi_cut_put_int(out, sbi_int_of(cut->links.lost[tet] & 0xFFFFFFFFu));
+        sbi_cut_put_int(out, sbi_int_of(cut->links.lost[tet] >> 32));
+    }
+}
+
+/* 1 when a tet is one whole piece, with the cell that it had at first. */
+static int sbi_cut_is_whole(const sb_cut *cut, int tet)
+{
+    return cut->pieces[tet].next < 0 && cut->links.lost[tet] == 0;
 }
 
 static void sbi_cut_save_pieces(const sb_cut *cut, sbi_state_out *out)
 {
     int parted = 0;
     for (int tet = 0; tet < cut->tet_count; tet++)
-        parted += cut->pieces[tet].next >= 0;
+        parted += !sbi_cut_is_whole(cut, tet);
     sbi_cut_put_int(out, parted);
     for (int tet = 0; tet < cut->tet_count; tet++) {
-        if (cut->pieces[tet].next < 0)
+        if (sbi_cut_is_whole(cut, tet))
             continue;
         sbi_cut_put_int(out, tet);
         sbi_cut_put_int(out, sbi_cut_count_pieces(cut, tet));
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
             sbi_cut_put_int(out, cut->pieces[piece].cell);
     }
 }
@@ -73312,9 +74037,10 @@ static void sbi_cut_save(const void *user, sbi_state_out *out)
         const sbi_cut_link *link = cut->links.items + i;
         for (int k = 0; k < 4; k++)
             sbi_cut_put_int(out, link->key.at[k]);
-        sbi_cut_put_int(out, link->state);
+        sbi_cut_put_int(out, link->state | link->charred << 8);
         sbi_cut_put_real(out, link->t);
     }
+    sbi_cut_save_lost(cut, out);
     sbi_cut_save_pieces(cut, out);
     sbi_cut_put_int(out, cut->glue_count);
     for (int i = 0; i < cut->glue_count; i++) {
@@ -73375,11 +74101,13 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d links of a saved cut", count);
     for (int i = 0; i < count; i++) {
         sbi_link_key key;
-        int state, ends;
+        int state, charred, ends;
         sb_real t;
         for (int k = 0; k < 4; k++)
             key.at[k] = sbi_cut_get_int(in);
         state = sbi_cut_get_int(in);
+        charred = state == (SBI_LINK_CUT | 1 << 8);
+        state = charred ? SBI_LINK_CUT : state;
         t = sbi_cut_get_real(in);
         ends = key.at[1] < 0 ? cut->tet_count : cut->node_end;
         if (in->bad || (state != SBI_LINK_CUT && state != SBI_LINK_PREDICTED) || !(t >= 0) || !(t <= 1) ||
@@ -73387,8 +74115,38 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
             key.at[2] >= cut->node_end || sbi_cut_links_find(&cut->loaded_links, &key) >= 0)
             return sbi_cut_damaged("links", error);
         sbi_cut_links_add(&cut->loaded_links, &key, t, state);
+        cut->loaded_links.items[i].charred = charred;
     }
     return in->bad ? sbi_cut_damaged("links", error) : SB_OK;
+}
+
+/* loaded_links.lost: what was taken out. */
+static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+{
+    int count = sbi_cut_get_count(in, SBI_CUT_LOST_BYTES), last = -1;
+    uint64_t all = sbi_lattice_all(&cut->lattice);
+    memset(cut->loaded_links.lost, 0, (size_t)cut->tet_count * sizeof(uint64_t));
+    for (int i = 0; i < count; i++) {
+        int tet = sbi_cut_get_int(in);
+        uint64_t lost = (uint64_t)sbi_cut_get(in, 4);
+        lost |= sbi_cut_get(in, 4) << 32;
+        if (in->bad || tet <= last || tet >= cut->tet_count || !lost || (lost & ~all))
+            return sbi_cut_damaged("holes", error);
+        cut->loaded_links.lost[tet] = lost;
+        last = tet;
+    }
+    return in->bad ? sbi_cut_damaged("holes", error) : SB_OK;
+}
+
+/* 1 when no whole or predicted link goes from what was taken out to something else. */
+static int sbi_cut_holes_end(const sbi_parted *parted)
+{
+    int end = 1;
+    for (int l = 0; l < parted->lattice->link_count && end && parted->lost; l++) {
+        const unsigned char *ends = parted->lattice->links[l];
+        end = parted->cut[l] == SBI_LINK_CUT || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
+    }
+    return end;
 }
 
 /* Whether a cell of the body can be a piece of a tet with these points: it has the tet's own nodes where it has the
@@ -73406,20 +74164,22 @@ static int sbi_cut_cell_fits(const sb_cut *cut, const sb_body *body, int tet, in
     return 1;
 }
 
-/* The cells of a tet's pieces; those of one that has not parted are not in the image. */
-static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, sbi_cut_in *in,
-                                   sb_error *error)
+/* The cells of a tet's pieces; those of one that is whole are not in the image. is_last: it may have the empty cell
+ * that a body without material has. */
+static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, int is_last,
+                                   sbi_cut_in *in, sb_error *error)
 {
     sbi_parted parted;
     int count = is_parted ? sbi_cut_get_int(in) : 1;
     sbi_parted_make(&cut->lattice, &cut->loaded_links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    if (count != parted.piece_count || (is_parted && count < 2))
+    if ((count != parted.piece_count && !(is_last && count == 1 && parted.piece_count == 0)) ||
+        is_parted != (parted.piece_count > 1 || parted.lost) || !sbi_cut_holes_end(&parted))
         return sbi_cut_damaged("pieces", error);
     if (!sbi_cut_list_grow(cut, &cut->loaded_cells, count + 2))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
     for (int k = 0; k < count; k++) {
-        int cell = is_parted ? sbi_cut_get_int(in) : cut->pieces[tet].cell;
-        if ((k == 0 && cell != cut->pieces[tet].cell) || !sbi_cut_cell_fits(cut, body, tet, cell, parted.pieces[k]))
+        int cell = is_parted ? sbi_cut_get_int(in) : cut->cells_at_first[tet];
+        if (!sbi_cut_cell_fits(cut, body, tet, cell, parted.piece_count ? parted.pieces[k] : 0))
             return sbi_cut_damaged("pieces", error);
         cut->loaded_cells.items[cut->loaded_cells.count++] = cell;
     }
@@ -73429,8 +74189,8 @@ static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, in
 /* loaded_cells: the cells of all tets, in their order. */
 static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
 {
-    int parted = sbi_cut_get_count(in, 4 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
-    int end = sb_body_element_count(body);
+    int parted = sbi_cut_get_count(in, 2 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
+    int end = sb_body_element_count(body), slots = cut->tet_count;
     sb_result result = SB_OK;
     cut->loaded_cells.count = cut->loaded_elements.count = 0;
     if (!sbi_cut_list_grow(cut, &cut->loaded_elements, end) ||
@@ -73442,7 +74202,9 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
     }
     cut->loaded_elements.count = end;
     for (int tet = 0; tet < cut->tet_count && result == SB_OK; tet++) {
-        result = sbi_cut_check_tet(cut, body, tet, tet == next, in, error);
+        int before = cut->loaded_cells.count;
+        result = sbi_cut_check_tet(cut, body, tet, tet == next, cells == 1, in, error);
+        slots += sbi_max_int(cut->loaded_cells.count - before - 1, 0);
         if (tet == next)
             next = --parted > 0 ? sbi_cut_get_int(in) : -1;
     }
@@ -73451,7 +74213,7 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
     if (result == SB_OK) {
         void *pieces = cut->pieces;
         int grown = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, cut->piece_count,
-                                 cells - cut->piece_count, sizeof *cut->pieces);
+                                 slots - cut->piece_count, sizeof *cut->pieces);
         cut->pieces = (sbi_cut_piece *)pieces;
         if (!grown)
             result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
@@ -73523,6 +74285,8 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
     if (result == SB_OK && !stale) {
         result = sbi_cut_check_links(cut, &in, error);
         if (result == SB_OK)
+            result = sbi_cut_check_lost(cut, &in, error);
+        if (result == SB_OK)
             result = sbi_cut_check_pieces(cut, body, &in, error);
         if (result == SB_OK)
             result = sbi_cut_check_glue(cut, &in, error);
@@ -73539,17 +74303,27 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
 static void sbi_cut_load_pieces(sb_cut *cut)
 {
     const int *cell = cut->loaded_cells.items;
+    const int *end = cell + cut->loaded_cells.count;
     cut->piece_count = cut->tet_count;
+    cut->free_piece = -1;
     for (int tet = 0; tet < cut->tet_count; tet++) {
         sbi_parted parted;
         int piece = tet;
         sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+        cut->pieces[tet].cell = cut->pieces[tet].next = -1;
         for (int k = 0; k < parted.piece_count; k++) {
             cut->pieces[piece].points = parted.pieces[k];
             cut->pieces[piece].cell = *cell++;
+            cut->pieces[piece].crumb = 0;
             cut->pieces[piece].next = k + 1 < parted.piece_count ? cut->piece_count++ : -1;
             piece = cut->pieces[piece].next;
         }
+    }
+    if (cell < end) { /* the empty one */
+        int tet = cut->elements.items[*cell];
+        cut->pieces[tet].points = 0;
+        cut->pieces[tet].cell = *cell;
+        cut->pieces[tet].crumb = 0;
     }
 }
 
@@ -73558,8 +74332,10 @@ static void sbi_cut_load_origins(sb_cut *cut)
 {
     cut->origins.count = 0;
     sbi_cut_list_set(&cut->origins, sb_body_node_count(cut->body) - 1, -1);
+    for (int i = 0; i < cut->node_end; i++)
+        cut->origins.items[i] = i;
     for (int tet = 0; tet < cut->tet_count; tet++)
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
             const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
             for (int a = 0; a < 4; a++)
                 cut->origins.items[nodes[a]] = cut->tets[4 * (size_t)tet + (size_t)a];
@@ -73574,12 +74350,15 @@ static void sbi_cut_load_stroke(sbi_cut_stroke *stroke, sbi_cut_in *in)
         stroke->samples[i] = sbi_cut_get_sample(in);
 }
 
-/* Steps over links, pieces and glue, which are in cut->loaded and next_glue. */
+/* Steps over links, holes, pieces and glue, which are in cut->loaded and next_glue. */
 static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
 {
     int count = sbi_cut_get_int(in);
     in->bytes += (size_t)count * SBI_CUT_LINK_BYTES;
     in->left -= (size_t)count * SBI_CUT_LINK_BYTES;
+    count = sbi_cut_get_int(in);
+    in->bytes += (size_t)count * SBI_CUT_LOST_BYTES;
+    in->left -= (size_t)count * SBI_CUT_LOST_BYTES;
     for (count = sbi_cut_get_int(in); count > 0; count--) {
         (void)sbi_cut_get_int(in);
         for (int k = sbi_cut_get_int(in); k > 0; k--)
@@ -73635,6 +74414,8 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
     if (command == SBI_CUT_MOVE && ints[1] >= 0 && ints[1] < cut->max_strokes && count > 0 &&
         cut->strokes[ints[1]].edge_count == count)
         return sb_cut_move(cut, ints[1], points, NULL, error);
+    if (command == SBI_CUT_ABLATE && count == 2)
+        return sb_cut_ablate(cut, points[0], points[1].x, NULL, error);
     if (command == SBI_CUT_END && count == 0) {
         sb_cut_end(cut, ints[1]);
         return SB_OK;
@@ -73682,6 +74463,7 @@ SB_API sb_cut_def sb_default_cut_def(void)
     def.lattice = 2;
     def.front = SB_CUT_LAG;
     def.glue = 10;
+    def.least_piece = 1;
     def.max_strokes = 4;
     def.cookie = SBI_CUT_COOKIE;
     return def;
@@ -73703,6 +74485,8 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.front is %d, which is none", (int)def->front);
     if (!sb_is_finite(def->glue) || !(def->glue > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.glue is %g, it must be > 0", (double)def->glue);
+    if (!sb_is_finite(def->least_piece) || !(def->least_piece >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.least_piece is %g, it must be >= 0", (double)def->least_piece);
     if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
                         SBI_CUT_MOST_STROKES);
@@ -73721,15 +74505,16 @@ static void sbi_cut_measure_rest(sb_cut *cut)
 {
     const sb_vec3 *x = sb_body_rest_positions(cut->body);
     sbi_cut_box box = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
-    double sum = 0;
+    double sum = 0, volumes = 0;
     for (int tet = 0; tet < cut->tet_count; tet++) {
-        const int *nodes = cut->tets + 4 * (size_t)tet;
-        sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
-        double volume = (double)sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]]));
-        sum += sbi_dense_cbrt(volume > 0 ? volume : -volume);
+        double volume = (double)sbi_cut_tet_volume(cut, tet);
+        volume = volume > 0 ? volume : -volume;
+        volumes += volume;
+        sum += sbi_dense_cbrt(6 * volume);
     }
     cut->rest_size = sbi_cut_size_of(&box);
     cut->element_size = (sb_real)(sum / (double)cut->tet_count);
+    cut->least_volume = cut->least_piece * (sb_real)(volumes / (double)cut->tet_count);
 }
 
 /* Tets, their neighbours, and those around each node. */
@@ -73741,11 +74526,14 @@ static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
     memset(&mesh, 0, sizeof mesh);
     cut->node_end = sb_body_node_count(body);
     cut->tets = (int *)sbi_alloc(&cut->allocator, (size_t)sb_body_element_count(body), 4 * sizeof(int));
-    if (!cut->tets)
+    cut->cells_at_first = (int *)sbi_alloc(&cut->allocator, (size_t)sb_body_element_count(body), sizeof(int));
+    if (!cut->tets || !cut->cells_at_first)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", sb_body_element_count(body));
     for (int e = 0; e < sb_body_element_count(body); e++)
-        if (sb_body_cell_in_use(body, e))
-            memcpy(cut->tets + 4 * (size_t)cut->tet_count++, sb_body_cell_nodes(body, e), 4 * sizeof(int));
+        if (sb_body_cell_in_use(body, e)) {
+            memcpy(cut->tets + 4 * (size_t)cut->tet_count, sb_body_cell_nodes(body, e), 4 * sizeof(int));
+            cut->cells_at_first[cut->tet_count++] = e;
+        }
     mesh.element_type = SB_TET4;
     mesh.node_count = cut->node_end;
     mesh.nodes = body->reference;
@@ -73782,14 +74570,18 @@ static int sbi_cut_take_pieces(sb_cut *cut)
     cut->tet_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
     cut->node_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->node_end, 1);
     cut->cell_of = (int *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(int));
+    cut->links.lost = (uint64_t *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(uint64_t));
+    cut->loaded_links.lost = (uint64_t *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(uint64_t));
+    cut->was_lost = (uint64_t *)sbi_alloc(&cut->allocator, (size_t)cut->tet_count, sizeof(uint64_t));
     cut->is_near = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
-    if (!taken || !cut->is_near || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
-        !sbi_cut_list_grow(cut, &cut->elements, cells) || !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
+    if (!taken || !cut->links.lost || !cut->loaded_links.lost || !cut->was_lost || !cut->is_near || !cut->tet_marks ||
+        !cut->node_marks || !cut->cell_of || !sbi_cut_list_grow(cut, &cut->elements, cells) ||
+        !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
         !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) || !sbi_cut_list_grow(cut, &cut->near, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->near_hits, cut->tet_count + 1) ||
         !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) || !sbi_cut_list_grow(cut, &cut->struck, FEW + 8 * more) ||
-        !sbi_cut_list_grow(cut, &cut->crossed, FEW) ||
+        !sbi_cut_list_grow(cut, &cut->crossed, FEW) || !sbi_cut_list_grow(cut, &cut->flooded, 4 * FEW + more) ||
         !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||
         !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
         return 0;
@@ -73799,6 +74591,7 @@ static int sbi_cut_take_pieces(sb_cut *cut)
             piece->points = sbi_lattice_all(&cut->lattice);
             piece->cell = e;
             piece->next = -1;
+            piece->crumb = 0;
             sbi_cut_list_set(&cut->elements, e, cut->piece_count++);
         }
     for (int i = 0; i < cut->node_end; i++)
@@ -73847,6 +74640,8 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
     made->listener = -1;
     made->glues = def->front == SB_CUT_GLUE;
     made->beta = def->glue;
+    made->least_piece = def->least_piece;
+    made->free_piece = -1;
     sbi_lattice_make(def->lattice, &made->lattice);
     result = sbi_cut_take_mesh(made, error);
     if (result == SB_OK)
@@ -73883,6 +74678,11 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
     sbi_free(&allocator, cut->tets);
+    sbi_free(&allocator, cut->cells_at_first);
+    sbi_free(&allocator, cut->links.lost);
+    sbi_free(&allocator, cut->loaded_links.lost);
+    sbi_free(&allocator, cut->was_lost);
+    sbi_free(&allocator, cut->flooded.items);
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);
     sbi_free(&allocator, cut->links.table);
@@ -73936,6 +74736,8 @@ SB_API int sb_cut_cell_element(const sb_cut *cut, int cell)
 
 /* ==== src/softbody/cut/cut_surface.c ==== */
 /* cut_surface: skin and lips of a body that is cut.
+ *
+ * What was taken out is drawn as a side that nobody sees: its skin and lips are left out, and those across are walls.
  *
  * Vertices stand for points of the lattices: lattice points on the skin, points of cut links, of faces of micro-tets,
  * and centres of micro-tets. Each has one vertex for each side of the cut that it is on. A link has two sides, unless
@@ -74452,7 +75254,7 @@ static void sbi_draw_load_tet(const sb_cut_surface *s, int tet, sbi_draw_tet *t)
     int count = 0;
     t->tet = tet;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &t->parted);
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
         t->cells[count++] = cut->pieces[piece].cell;
 }
 
@@ -74585,6 +75387,25 @@ static void sbi_draw_find_fans(sb_cut_surface *s)
 
 /* ---- drawing an element ---- */
 
+static int sbi_draw_is_lost(const sbi_draw_tet *t, int point) { return t->parted.piece_of[point] == SBI_PARTED_LOST; }
+
+/* What one end of a cut link on the skin has of the edge from corner `edge` to the next one: end is the corner. */
+static void sbi_draw_skin_half(sb_cut_surface *s, const sbi_draw_tet *t, int micro, const int local[3], int edge,
+                               int end, int link, const sb_real middle[4])
+{
+    const sb_vec3 none = {0, 0, 0};
+    int point = t->parted.lattice->micros[micro][local[end]], at, crossing, hub;
+    if (sbi_draw_is_lost(t, point))
+        return;
+    at = sbi_draw_point(s, t, point);
+    crossing = sbi_draw_link(s, t, link, point, SB_CUT_SKIN, none);
+    hub = sbi_draw_face(s, t, micro, local, end, middle, SB_CUT_SKIN, none);
+    if (end == edge)
+        sbi_draw_add_triangle(s, at, crossing, hub, SB_CUT_SKIN, t->cells[t->parted.piece_of[point]]);
+    else
+        sbi_draw_add_triangle(s, crossing, at, hub, SB_CUT_SKIN, t->cells[t->parted.piece_of[point]]);
+}
+
 /* A triangle of the lattice on the skin: whole where no link of it is cut, else as its flags about the face's point. */
 static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int micro, int x)
 {
@@ -74598,6 +75419,8 @@ static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int mi
     for (int k = 0; k < 3; k++)
         cut |= t->parted.cut[lattice->micro_links[micro][s->edge_of[local[k]][local[(k + 1) % 3]]]];
     if (!cut) {
+        if (sbi_draw_is_lost(t, corners[local[0]]))
+            return;
         sbi_draw_add_triangle(s, sbi_draw_point(s, t, corners[local[0]]), sbi_draw_point(s, t, corners[local[1]]),
                               sbi_draw_point(s, t, corners[local[2]]), SB_CUT_SKIN,
                               t->cells[t->parted.piece_of[corners[local[0]]]]);
@@ -74613,18 +75436,14 @@ static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int mi
     }
     for (int k = 0; k < 3; k++) {
         int v = local[k], w = local[(k + 1) % 3], link = lattice->micro_links[micro][s->edge_of[v][w]];
-        int from = sbi_draw_point(s, t, corners[v]), to = sbi_draw_point(s, t, corners[w]);
-        int hub = sbi_draw_face(s, t, micro, local, k, middle, SB_CUT_SKIN, none);
-        int cell = t->cells[t->parted.piece_of[corners[v]]];
-        if (!t->parted.cut[link]) {
-            sbi_draw_add_triangle(s, from, to, hub, SB_CUT_SKIN, cell);
-            continue;
+        if (t->parted.cut[link]) {
+            sbi_draw_skin_half(s, t, micro, local, k, k, link, middle);
+            sbi_draw_skin_half(s, t, micro, local, k, (k + 1) % 3, link, middle);
+        } else if (!sbi_draw_is_lost(t, corners[v])) {
+            int hub = sbi_draw_face(s, t, micro, local, k, middle, SB_CUT_SKIN, none);
+            sbi_draw_add_triangle(s, sbi_draw_point(s, t, corners[v]), sbi_draw_point(s, t, corners[w]), hub,
+                                  SB_CUT_SKIN, t->cells[t->parted.piece_of[corners[v]]]);
         }
-        sbi_draw_add_triangle(s, from, sbi_draw_link(s, t, link, corners[v], SB_CUT_SKIN, none), hub, SB_CUT_SKIN,
-                              cell);
-        hub = sbi_draw_face(s, t, micro, local, (k + 1) % 3, middle, SB_CUT_SKIN, none);
-        sbi_draw_add_triangle(s, sbi_draw_link(s, t, link, corners[w], SB_CUT_SKIN, none), to, hub, SB_CUT_SKIN,
-                              t->cells[t->parted.piece_of[corners[w]]]);
     }
 }
 
@@ -74639,6 +75458,8 @@ static void sbi_draw_skin_fan(sb_cut_surface *s, const sbi_draw_tet *t, int face
     sb_element_face(SB_TET4, face, local, NULL);
     for (int k = 0; k < 3; k++)
         middle[local[k]] = (sb_real)1 / 3;
+    if (sbi_draw_is_lost(t, local[0]))
+        return;
     piece = t->parted.piece_of[local[0]];
     cell = t->cells[piece];
     key = sbi_draw_key_make(SBI_DRAW_MIDDLE, t->tet, face, 0, 0, sbi_draw_node(s, t, piece, middle));
@@ -74685,7 +75506,7 @@ static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, int micro, co
 {
     const sbi_lattice *lattice = t->parted.lattice;
     const unsigned char *corners = lattice->micros[micro];
-    int link = lattice->micro_links[micro][s->edge_of[v][w]], local[3];
+    int link = lattice->micro_links[micro][s->edge_of[v][w]], local[3], tag;
     const sb_real *of_face = points->tet[SBI_MICRO_FACES + sbi_draw_opposite[x]];
     const sb_real *of_link = points->tet[s->edge_of[v][w]], *of_centre = points->tet[SBI_MICRO_CENTRE];
     sb_vec3 rest[3], nodes[4], normal;
@@ -74695,25 +75516,29 @@ static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, int micro, co
     rest[1] = sbi_lattice_place(&t->parted.order, of_face, nodes);
     rest[2] = sbi_lattice_place(&t->parted.order, of_centre, nodes);
     normal = sb_v3_cross(sb_v3_sub(rest[1], rest[0]), sb_v3_sub(rest[2], rest[0]));
+    tag = s->cut->links.items[t->parted.rank[link]].charred ? SB_CUT_CHAR : SB_CUT_LIP;
     sbi_draw_micro_face(s, x, local);
     for (int side = 0; side < 2; side++) {
         int corner = side ? w : v, piece = t->parted.piece_of[corners[corner]], k = 0, a, b, c;
+        if (sbi_draw_is_lost(t, corners[corner]))
+            continue;
         while (local[k] != corner)
             k++;
         a = sbi_draw_link(s, t, link, corners[corner], SB_CUT_LIP, normal);
         b = sbi_draw_face(s, t, micro, local, k, of_face, SB_CUT_LIP, normal);
         c = sbi_draw_centre(s, t, micro, piece, of_centre, normal);
         if (side == turned)
-            sbi_draw_add_triangle(s, a, b, c, SB_CUT_LIP, t->cells[piece]);
+            sbi_draw_add_triangle(s, a, b, c, tag, t->cells[piece]);
         else
-            sbi_draw_add_triangle(s, a, c, b, SB_CUT_LIP, t->cells[piece]);
+            sbi_draw_add_triangle(s, a, c, b, tag, t->cells[piece]);
     }
 }
 
 static void sbi_draw_lips(sb_cut_surface *s, const sbi_draw_tet *t)
 {
     const sbi_lattice *lattice = t->parted.lattice;
-    for (int micro = 0; micro < lattice->micro_count && t->parted.piece_count > 1; micro++) {
+    int has_lips = t->parted.piece_count > 1 || t->parted.lost;
+    for (int micro = 0; micro < lattice->micro_count && has_lips; micro++) {
         const unsigned char *corners = lattice->micros[micro];
         sbi_micro_points points;
         if (!sbi_parted_is_split(&t->parted, micro))
@@ -74746,7 +75571,7 @@ static int sbi_draw_reserve_merged(sb_cut_surface *s)
 /* 1 when a whole face of an element without cuts is drawn as it is now. */
 static int sbi_draw_is_same(const sb_cut_surface *s, int f, int tet, const int *local)
 {
-    int cell = s->cut->pieces[tet].cell, same = s->cells[f] == cell;
+    int cell = s->cut->pieces[tet].cell, same = s->cut->pieces[tet].points != 0 && cell >= 0 && s->cells[f] == cell;
     for (int k = 0; k < 3 && same; k++)
         same = sb_body_cell_nodes(s->cut->body, cell)[local[k]] == s->names.keys[s->triangles[f][k]].at[5];
     return same;
@@ -74766,6 +75591,10 @@ static void sbi_draw_whole_faces(sb_cut_surface *s)
         if (s->triangles_before > f && !s->tet_marks[tet] && sbi_draw_is_same(s, f, tet, local))
             continue;
         sbi_draw_load_tet(s, tet, &t);
+        if (sbi_draw_is_lost(&t, local[0])) {
+            sbi_draw_set_triangle(s, f, 0, 0, 0, SB_CUT_SKIN, -1);
+            continue;
+        }
         sbi_draw_set_triangle(s, f, sbi_draw_point(s, &t, local[0]), sbi_draw_point(s, &t, local[1]),
                               sbi_draw_point(s, &t, local[2]), SB_CUT_SKIN, t.cells[t.parted.piece_of[local[0]]]);
     }
@@ -74810,7 +75639,7 @@ static int sbi_draw_rebuild(sb_cut_surface *s)
 static void sbi_draw_find_unused(sb_cut_surface *s)
 {
     for (int f = 0; f < s->face_count; f++)
-        for (int k = 0; k < 3 && s->face_states[f] == SBI_DRAW_WHOLE; k++)
+        for (int k = 0; k < 3 && s->face_states[f] == SBI_DRAW_WHOLE && s->cells[f] >= 0; k++)
             s->vertices[s->triangles[f][k]].stamp = s->stamp;
     for (int i = 0; i < s->names.count; i++)
         s->origins[i].element = s->vertices[i].stamp == s->stamp ? s->vertices[i].origin.element : -1;
@@ -77249,6 +78078,15 @@ SBI_API sb_result sbi_contact_faces_create_skin(const sb_body *body, const sb_al
     return SB_OK;
 }
 
+/* 0: all of the body was taken out (sb_cut_ablate), and its surface with it. */
+static int sbi_contact_has_material(const sb_body *body)
+{
+    int has = 0;
+    for (int i = 0; i < body->domain.node_count && !has; i++)
+        has = body->node_component[i] >= 0;
+    return has;
+}
+
 SBI_API sb_result sbi_contact_faces_fill_skin(sbi_contact_faces *faces, const sb_body *body, const int (*triangles)[3],
                                               int count, const int *cells, const sb_vec3 *points, sb_error *error)
 {
@@ -77267,7 +78105,7 @@ SBI_API sb_result sbi_contact_faces_fill_skin(sbi_contact_faces *faces, const sb
         faces->versions[f] = -1;
         sbi_contact_measure(faces, body, f);
     }
-    if (faces->flat_count == count)
+    if (faces->flat_count == count && sbi_contact_has_material(body))
         return sbi_fail(error, SB_ERROR_MESH, "no triangle of the skin has an area: contact has none to act on");
     sbi_contact_build_tree(faces, body, &faces->live.order);
     return SB_OK;

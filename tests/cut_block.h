@@ -52,6 +52,7 @@ static inline void block_cut_create_with(block *b, int lattice, sb_cut_front fro
     def.body = b->body;
     def.lattice = lattice;
     def.front = front;
+    def.least_piece = 0;
     if (!CHECK_OK(sb_cut_create(&def, &b->cut, &error)))
         printf("%s\n", error.message);
 }
@@ -139,8 +140,8 @@ static inline void block_shake(block *b) { block_shake_at(b, 2); }
 
 /* ---- what holds after every cut ---------------------------------------------------------------------------------- */
 
-/* Masks divide the lattice, both tets of a face see the same touching pieces as the same nodes, the body's own check,
- * and the numbers of nodes stand for the material at their places. */
+/* Masks and what was taken out divide the lattice, both tets of a face see the same touching pieces as the same nodes,
+ * the body's own check, and the numbers of nodes stand for the material at their places. */
 static inline void check_pieces(const block *b)
 {
     const sb_cut *cut = b->cut;
@@ -151,7 +152,7 @@ static inline void check_pieces(const block *b)
         uint64_t all = 0;
         double share = 0;
         sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * tet);
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
             int cell = cut->pieces[piece].cell;
             const int *nodes = sb_body_cell_nodes(b->body, cell);
             CHECK((all & cut->pieces[piece].points) == 0);
@@ -170,7 +171,7 @@ static inline void check_pieces(const block *b)
                 while (cut->neighbours.items[4 * other + there] != tet)
                     there++;
                 its = sbi_corner_order_make(cut->tets + 4 * other);
-                for (int k = other; k >= 0; k = cut->pieces[k].next) {
+                for (int k = sbi_cut_first_piece(cut, other); k >= 0; k = cut->pieces[k].next) {
                     const int *others = sb_body_cell_nodes(b->body, cut->pieces[k].cell);
                     if (!(sbi_lattice_face_marks(&cut->lattice, &order, face, cut->pieces[piece].points) &
                           sbi_lattice_face_marks(&cut->lattice, &its, there, cut->pieces[k].points)))
@@ -181,8 +182,10 @@ static inline void check_pieces(const block *b)
                 }
             }
         }
-        CHECK(all == sbi_lattice_all(&cut->lattice));
-        CHECK_NEAR(share, 1, scene_tolerance(1e-13, 64));
+        CHECK((all & cut->links.lost[tet]) == 0 && (all | cut->links.lost[tet]) == sbi_lattice_all(&cut->lattice));
+        if (cut->links.lost[tet] == 0)
+            CHECK_NEAR(share, 1, scene_tolerance(1e-13, 64));
+        CHECK(share <= 1 + scene_tolerance(1e-13, 64) && (all != 0 || share == 0));
     }
 }
 
@@ -259,6 +262,26 @@ static inline int part_volumes(const block *b, double *volumes, int capacity)
     return parts;
 }
 
+/* Faces of the uncut block, all of its skin or those in the plane x = its length. */
+static inline int *skin_faces(const block *b, int end_only, int *count)
+{
+    const sb_cut *cut = b->cut;
+    int *faces = (int *)malloc((size_t)cut->tet_count * 12 * sizeof(int));
+    *count = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        for (int face = 0; face < 4; face++) {
+            int local[SB_MAX_FACE_NODES], at_end = 1;
+            sb_element_face(SB_TET4, face, local, NULL);
+            for (int k = 0; k < 3; k++) {
+                int node = cut->tets[4 * tet + local[k]];
+                faces[3 * *count + k] = node;
+                at_end &= b->mesh.nodes[node].x > REAL(0.9999) * block_size.x;
+            }
+            *count += cut->neighbours.items[4 * tet + face] < 0 && (at_end || !end_only);
+        }
+    return faces;
+}
+
 /* A small block whose memory is counted. */
 static inline block counted_block_with(scene_memory *memory, int nx, double slack, sb_cut_front front)
 {
@@ -275,6 +298,7 @@ static inline block counted_block_with(scene_memory *memory, int nx, double slac
     cut.body = b.body;
     cut.allocator = def.allocator;
     cut.front = front;
+    cut.least_piece = 0;
     CHECK_OK(sb_cut_create(&cut, &b.cut, NULL));
     return b;
 }

@@ -61,6 +61,7 @@ typedef struct sbi_live {
     int version;
     int rebuilds;         /* times that a change made a body anew, or tried to: for tests */
     sb_body_change *open; /* the change under way, or NULL */
+    int erodes;           /* 1: it is as sbi_change_erode says */
     sbi_listener *listeners;
     int listener_count, listener_capacity, last_listener;
 } sbi_live;
@@ -135,9 +136,13 @@ enum { SBI_LIVE_MOTIONS = 2 }; /* velocity and acceleration */
 /* What the cells that a change takes or reshapes have, before it: all of them, and those reshaped or with children. */
 typedef struct sbi_live_balance {
     sb_vec3 about;
-    int motions; /* 1: velocity only */
+    int motions;  /* 1: velocity only */
+    int is_eaten; /* 1: momentum goes with what is removed, see sbi_change_erode */
     sbi_live_moment all[SBI_LIVE_MOTIONS], parents[SBI_LIVE_MOTIONS];
 } sbi_live_balance;
+/* Adds what the lumped mass of a cell has of so many motions; also: other sums that get the same, or NULL. */
+SBI_API void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
+                               sbi_live_moment *also);
 /* The cell made or reshaped that momentum is summed about (the place of its first node after the change), or -1: there
  * is none, and nothing to keep. */
 SBI_API int sbi_live_first_changed(const sbi_mesh_change *change);
@@ -193,12 +198,17 @@ SBI_API sb_result sbi_live_check_glue(const sb_body *body, sb_error *error);
 /* The change leads to these ties, of which it reads cells and Gram matrices; the list is borrowed until it is committed
  * or cancelled. */
 SBI_API void sbi_change_set_glue(sb_body_change *change, const sbi_glue_tie *ties, int count);
+/* What the change removes is gone for good, with its motion: nodes may be left without a cell, and stand still then
+ * without mass; loads may lose their last face, the body its last material (an empty piece is all that is left then);
+ * and velocities stay as they are. */
+SBI_API void sbi_change_erode(sb_body_change *change);
 /* Between changes: the ties that there are, in the order that the last change gave them in, have these Gram matrices.
  */
 SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int count);
 
-/* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
-SBI_API void sbi_live_park_node(sb_body *body, int node);
+/* Holds a node that has no material where it is, if all of its cells are empty or its last one went (had: it was of a
+ * part before): nothing moves it. Others are left alone. */
+SBI_API void sbi_live_park_node(sb_body *body, int node, int had);
 
 SB_INLINE int sbi_live_is_piece(const sb_body *body, int cell)
 {

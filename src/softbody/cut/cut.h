@@ -10,6 +10,7 @@
  *     sb_cut_begin(cut, edge, 2, &stroke, &error);                a blade
  *     ... sb_cut_move(cut, stroke, edge, &info, &error) and sb_body_step, frame by frame ...
  *     sb_cut_end(cut, stroke);
+ *     ... sb_cut_ablate(cut, tip, radius, &info, &error) ...      a cautery or a sucker
  *
  * How it works (virtual nodes: Molino, Bao and Fedkiw 2004). Each element carries a lattice of links, which triangles
  * cut where the body is now; an element that its cut links part becomes one cell for each piece, with the shape
@@ -34,7 +35,15 @@
  *   for that of glue that is released (sb_cut_info.released_energy).
  * - Points in an element that is cut go with the piece that has their material: of embeddings that follow the body
  *   (sb_embedding_follow), of rows of mappings; sb_body_find_cell says which piece that is.
- * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then.
+ * - Parts that nothing holds fly free; a static solve says SB_ERROR_UNCONSTRAINED then. Crumbs are taken out
+ *   (sb_cut_def.least_piece).
+ * - Material that is taken out, by ablation or as a crumb, goes with its mass and its momentum, and what is left keeps
+ *   its velocities, and its numbers: nodes without material stay in use, stand where they were and weigh nothing;
+ *   elements without material lose their cells (sb_body_cell_in_use), whose numbers later pieces may get. Pressures and
+ *   tractions act on what is left of their faces. A point of an embedding that follows, or of a mapping, in material
+ *   that was taken out goes with the nearest piece of its element, and where nothing is left of that: of an embedding,
+ *   as points outside of the mesh do; of a mapping, with its nodes, on which it pulls in vain where they have no
+ *   material. Where all of a body was taken out, one cell without volume is left, and steps do nothing.
  * - Supports: a copy is held along an axis where its pieces keep some of a boundary face whose nodes are all held along
  *   it. Constraints, regions and forces on nodes follow as live_mesh.h says; a copy has none of its own.
  * - Pressures and tractions on a face that is cut go to the parts of the face, each with what acts on it: force and
@@ -60,6 +69,8 @@
  *   an element beyond the cut; on the cut's surface (sb_cut_surface_skin) it touches skin and lips where they are. Lips
  *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
+ * - Ablation is as fine as the lattice: with 1, elements whose corners are all in the ball go whole, and others are
+ *   trimmed between their corners; a ball between the points of the lattice takes nothing.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
@@ -89,9 +100,12 @@ typedef struct sb_cut_def {
     int lattice;   /* intervals of the lattice along an element's edge: 1 (cuts go as far as elements have corners on
                     * both sides), 2 (default: slices half an element thick) or 4 (fine trims; slower) */
     sb_cut_front front; /* default SB_CUT_LAG */
-    sb_real glue;    /* beta > 0, stiffness of the ties: they hold as beta (lambda + 2 mu) A / h does for an area A of
-                      * an element of size h; default 10 */
-    int max_strokes; /* that are under way at once, >= 0; default 4 */
+    sb_real glue; /* beta > 0, stiffness of the ties: they hold as beta (lambda + 2 mu) A / h does for an area A of
+                   * an element of size h; default 10 */
+    sb_real least_piece; /* parts without supports that are smaller than so many mean elements (volume at rest) are
+                          * taken out in the call that cuts them off, but for those that glue ties to others; >= 0,
+                          * default 1; 0 keeps them all */
+    int max_strokes;     /* that are under way at once, >= 0; default 4 */
     sb_allocator allocator;
     unsigned cookie; /* of sb_default_cut_def */
 } sb_cut_def;
@@ -106,6 +120,9 @@ typedef struct sb_cut_info {
     int glued;                         /* triangles of lips that are glued now */
     sb_real glued_area, released_area; /* of lips that are glued now, and that this call has opened: at rest (m^2) */
     sb_real released_energy; /* of the glue that it has released: what the elastic energy has lost by that (J) */
+    int crumbs;              /* parts that it took out, see sb_cut_def.least_piece */
+    sb_real removed_volume, removed_mass; /* of what it took out, crumbs among it: at rest (m^3), kg */
+    sb_vec3 removed_momentum;             /* that went with it (kg m/s) */
 } sb_cut_info;
 
 /* Makes what cuts a body; one at a time for each body, to be destroyed before or after it. SB_ERROR_ARGUMENT,
@@ -136,6 +153,14 @@ SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error);
 /* Ends a stroke; one that is not under way is fine. */
 SB_API void sb_cut_end(sb_cut *cut, int stroke);
+/* Takes out what lies in a ball: as a cautery burns or a sucker draws it.
+ * centre, radius  where the body is now (m); radius >= 0
+ * info            may be NULL
+ * Points of the lattice in the ball go, and links from them to others are cut at the ball's surface, where
+ * sb_cut_surface says SB_CUT_CHAR; what comes off thereby is a part of its own. Of a smooth ball of twice an element's
+ * size lattice 4 takes the volume to 2 %. Errors as sb_cut_triangles, and SB_ERROR_ARGUMENT: a negative radius. Cost as
+ * of a cut of the elements on the ball's surface. */
+SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_cut_info *info, sb_error *error);
 /* Node of the uncut mesh that a node is a copy of, or itself; -1: none. Of elements: the one that a cell is of. */
 SB_API int sb_cut_node_origin(const sb_cut *cut, int node);
 SB_API int sb_cut_cell_element(const sb_cut *cut, int cell);

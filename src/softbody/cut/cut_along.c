@@ -17,6 +17,14 @@ SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part
     return box;
 }
 
+SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet)
+{
+    const int *nodes = cut->tets + 4 * (size_t)tet;
+    const sb_vec3 *x = cut->body->reference;
+    sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
+    return sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]])) / 6;
+}
+
 SBI_API double sbi_cut_size_of(const sbi_cut_box *box) { return (double)sb_v3_norm(sb_v3_sub(box->high, box->low)); }
 
 SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error)
@@ -109,12 +117,11 @@ static int sbi_cut_in_frames(sb_cut *cut, const sb_vec3 *triangles, int count, s
     return swept;
 }
 
-/* What of the lips is glued after the call; 0: no memory. */
-static int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
+SBI_API int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
 {
     sbi_cut_find_parted(cut);
     return sbi_cut_list_seams(cut) &&
-           (!cut->seam_count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
+           (!cut->seam_count || !count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
            sbi_cut_keep_seams(cut);
 }
 
@@ -140,32 +147,43 @@ static void sbi_cut_tell_info(const sb_cut *cut, int first, int ringed, sb_cut_i
     info->glued_area = cut->released.glued_area;
     info->released_area = cut->released.area;
     info->released_energy = cut->released.energy;
+    info->crumbs = cut->removed.crumbs;
+    info->removed_volume = (sb_real)cut->removed.volume;
+    info->removed_mass = (sb_real)cut->removed.mass;
+    info->removed_momentum =
+        sb_v3((sb_real)cut->removed.momentum[0], (sb_real)cut->removed.momentum[1], (sb_real)cut->removed.momentum[2]);
+}
+
+SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, sb_cut_info *info, sb_error *error)
+{
+    sb_result result;
+    if (done) {
+        result = sbi_cut_part(cut, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
+        sbi_cut_take_back_lost(cut);
+        sbi_cut_clear(cut);
+    }
+    if (result != SB_OK) {
+        sbi_cut_take_back(cut, first);
+        return result;
+    }
+    if (info)
+        sbi_cut_tell_info(cut, first, ringed, info);
+    cut->crossed.count = 0;
+    sbi_cut_forget_struck(cut);
+    return SB_OK;
 }
 
 SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
 {
     int links = cut->links.count, ringed = 0, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
-    sb_result result;
     if (swept) {
         int before = sbi_cut_count_cut(cut, links);
         swept = cut->keeps_rings || sbi_cut_close_rings(cut, links);
         ringed = sbi_cut_count_cut(cut, links) - before;
     }
-    if (swept && sbi_cut_settle_seams(cut, triangles, count)) {
-        result = sbi_cut_part(cut, error);
-    } else {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
-        sbi_cut_clear(cut);
-    }
-    if (result != SB_OK) {
-        sbi_cut_take_back(cut, links);
-        return result;
-    }
-    if (info)
-        sbi_cut_tell_info(cut, links, ringed, info);
-    cut->crossed.count = 0;
-    sbi_cut_forget_struck(cut);
-    return SB_OK;
+    return sbi_cut_finish(cut, links, ringed, swept && sbi_cut_settle_seams(cut, triangles, count), info, error);
 }
 
 SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)

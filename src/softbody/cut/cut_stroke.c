@@ -97,7 +97,7 @@ static int sbi_cut_piece_at(const sb_cut *cut, int tet, const sb_real at[4])
     if (cut->pieces[tet].next < 0)
         return tet;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    points = parted.pieces[sbi_parted_piece_at(&parted, at)];
+    points = parted.pieces[sbi_parted_piece_at(&parted, at)]; /* there are several pieces */
     while (cut->pieces[piece].next >= 0 && !(cut->pieces[piece].points & points))
         piece = cut->pieces[piece].next;
     return piece;
@@ -114,7 +114,7 @@ static void sbi_cut_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
 static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
 {
     sb_vec3 x[4], place = {0, 0, 0};
-    if (sample->tet < 0)
+    if (sample->tet < 0 || sbi_cut_first_piece(cut, sample->tet) < 0)
         return sample->place;
     sbi_cut_corners(cut, sbi_cut_piece_at(cut, sample->tet, sample->at), x);
     for (int a = 0; a < 4; a++)
@@ -139,7 +139,8 @@ static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, 
     sample->tet = -1;
     sample->place = p;
     for (int i = 0; i < cut->near.count; i++)
-        for (int tet = cut->near.items[i], piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+        for (int tet = cut->near.items[i], piece = sbi_cut_first_piece(cut, tet); piece >= 0;
+             piece = cut->pieces[piece].next) {
             sb_vec3 x[4];
             sb_real at[4], depth;
             if (!sbi_cut_meets_tet(cut, tet, &box))
@@ -235,7 +236,7 @@ static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *c
             int tet = passing.tet = cut->near.items[i];
             if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
                 continue;
-            for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+            for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
                 if (!sbi_cut_add_passes(cut, piece, skin ? sbi_cut_skin : 0, &passing, ends, count))
                     return 0;
         }
