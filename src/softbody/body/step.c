@@ -331,22 +331,21 @@ static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
 {
     if (!step->touch->mend(step->touch->user, step->body->displacement, whole))
         return SB_OK;
-    step->touch->mended = 1;
+    step->moved = step->touch->mended = 1;
     return sbi_step_take_motion(step);
 }
 
-/* Where the material does not admit the rest all motion stays. Of implicit Euler alone: other schemes would turn what
- * is taken out of the end of a step into speed the other way. */
+/* Where the material does not admit the rest all motion stays. */
 static sb_result sbi_step_hold_touch(sbi_step *step)
 {
     sbi_touch *touch = step->touch;
     sb_body *b = step->body;
     size_t size = (size_t)b->domain.node_count * sizeof(sb_vec3);
-    if (b->integrator != SB_EULER)
-        return SB_OK;
     memcpy(b->previous, b->displacement, size);
-    if (!touch->hold(touch->user, b->displacement) || sbi_step_take_motion(step) == SB_OK)
+    step->moved = touch->hold(touch->user, b->displacement);
+    if (!step->moved || sbi_step_take_motion(step) == SB_OK)
         return SB_OK;
+    step->moved = 0;
     memcpy(b->displacement, b->previous, size);
     sbi_step_forget_error(step->info);
     return sbi_step_take_motion(step);
