@@ -36,7 +36,7 @@ SBI_API void sbi_live_add_pushes(const sb_body *body, sb_vec3 *forces)
     const sbi_live *live = body->live;
     for (int i = 0; live && i < live->push_count; i++) {
         int node = live->pushes[i].node;
-        if (sbi_slots_is_used(&live->nodes, node))
+        if (node < live->nodes.end && live->nodes.used[node])
             forces[node] = sb_v3_add(forces[node], live->pushes[i].force);
     }
 }
