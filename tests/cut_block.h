@@ -28,6 +28,7 @@ typedef struct block_options {
     sb_integrator integrator;
     double slack;
     sb_cut_front front;
+    double toughness;
 } block_options;
 
 static inline block_options block_default(int lattice)
@@ -45,16 +46,22 @@ static inline block_options block_default(int lattice)
     return options;
 }
 
-static inline void block_cut_create_with(block *b, int lattice, sb_cut_front front)
+static inline void block_cut_create_tough(block *b, int lattice, sb_cut_front front, double toughness)
 {
     sb_cut_def def = sb_default_cut_def();
     sb_error error;
+    def.toughness = REAL(toughness);
     def.body = b->body;
     def.lattice = lattice;
     def.front = front;
     def.least_piece = 0;
     if (!CHECK_OK(sb_cut_create(&def, &b->cut, &error)))
         printf("%s\n", error.message);
+}
+
+static inline void block_cut_create_with(block *b, int lattice, sb_cut_front front)
+{
+    block_cut_create_tough(b, lattice, front, 0);
 }
 
 static inline void block_cut_create(block *b, int lattice) { block_cut_create_with(b, lattice, SB_CUT_LAG); }
@@ -70,7 +77,7 @@ static inline block block_make(const block_options *options)
     def.slack = REAL(options->slack);
     def.integrator = options->integrator;
     b.body = scene_body(&def);
-    block_cut_create_with(&b, options->lattice, options->front);
+    block_cut_create_tough(&b, options->lattice, options->front, options->toughness);
     return b;
 }
 
@@ -283,7 +290,8 @@ static inline int *skin_faces(const block *b, int end_only, int *count)
 }
 
 /* A small block whose memory is counted. */
-static inline block counted_block_with(scene_memory *memory, int nx, double slack, sb_cut_front front)
+static inline block counted_block_tough(scene_memory *memory, int nx, double slack, sb_cut_front front,
+                                        double toughness)
 {
     sb_body_def def = sb_default_body_def();
     sb_cut_def cut = sb_default_cut_def();
@@ -299,8 +307,14 @@ static inline block counted_block_with(scene_memory *memory, int nx, double slac
     cut.allocator = def.allocator;
     cut.front = front;
     cut.least_piece = 0;
+    cut.toughness = REAL(toughness);
     CHECK_OK(sb_cut_create(&cut, &b.cut, NULL));
     return b;
+}
+
+static inline block counted_block_with(scene_memory *memory, int nx, double slack, sb_cut_front front)
+{
+    return counted_block_tough(memory, nx, slack, front, 0);
 }
 
 static inline block counted_block(scene_memory *memory, int nx, double slack)

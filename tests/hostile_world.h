@@ -373,6 +373,7 @@ static sb_cut_def *world_cut_def(world *w)
     w->cut_def.body = world_idle(w);
     w->cut_def.allocator = w->allocator;
     w->cut_def.front = SB_CUT_GLUE;
+    w->cut_def.toughness = REAL(100);
     return &w->cut_def;
 }
 

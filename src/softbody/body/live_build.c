@@ -554,6 +554,11 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->substep_room_size = old.substep_room_size;
     next->touch = NULL;
     next->substep_room = NULL;
+    sbi_free(&next->allocator, made->pushes);
+    made->pushes = live->pushes;
+    made->push_count = live->push_count;
+    made->push_capacity = live->push_capacity;
+    live->pushes = NULL;
     made->open = live->open;
     made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;

@@ -36,15 +36,23 @@ typedef struct sbi_listener {
     sb_body_listener calls;
 } sbi_listener;
 
+/* A force (N) on a node in the next step, see live_push.c. */
+typedef struct sbi_push {
+    int node;
+    sb_vec3 force;
+} sbi_push;
+
 typedef struct sbi_live {
     sbi_slots nodes, cells;
-    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
-    sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
-    int piece_count;         /* cells that are pieces */
-    sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
-    sbi_glue glue;           /* what ties pieces to each other, see live_glue.c; lent to the assembly */
-    sbi_glue next_glue;      /* of the change under way */
-    int (*couplings)[2];     /* [32 glue.capacity] scratch */
+    sb_real *shares;        /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
+    sbi_piece *pieces;      /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
+    int piece_count;        /* cells that are pieces */
+    sbi_inner_rows slivers; /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
+    sbi_glue glue;          /* what ties pieces to each other, see live_glue.c; lent to the assembly */
+    sbi_glue next_glue;     /* of the change under way */
+    int (*couplings)[2];    /* [32 glue.capacity] scratch */
+    sbi_push *pushes;       /* [push_capacity] */
+    int push_count, push_capacity;
     sb_quadrature_kind rule; /* of the domain's points */
     sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
     void *find_user;
@@ -205,6 +213,17 @@ SBI_API void sbi_change_erode(sb_body_change *change);
 /* Between changes: the ties that there are, in the order that the last change gave them in, have these Gram matrices.
  */
 SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int count);
+
+/* ---- live_push.c: forces in the next time step alone ---- */
+
+/* Room for so many more; 0: no memory. */
+SBI_API int sbi_live_reserve_pushes(sb_body *body, int more);
+/* Adds one that there is room for. */
+SBI_API void sbi_live_push(sb_body *body, int node, sb_vec3 force);
+/* forces [nodes] += all of them; of any body. */
+SBI_API void sbi_live_add_pushes(const sb_body *body, sb_vec3 *forces);
+/* The step is done; of any body. */
+SBI_API void sbi_live_forget_pushes(sb_body *body);
 
 /* Holds a node that has no material where it is, if all of its cells are empty or its last one went (had: it was of a
  * part before): nothing moves it. Others are left alone. */

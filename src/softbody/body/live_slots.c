@@ -170,6 +170,7 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_free(&body->allocator, live->glue.ties);
     sbi_free(&body->allocator, live->next_glue.ties);
     sbi_free(&body->allocator, live->couplings);
+    sbi_free(&body->allocator, live->pushes);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;

@@ -38,6 +38,8 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.glue is %g, it must be > 0", (double)def->glue);
     if (!sb_is_finite(def->least_piece) || !(def->least_piece >= 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.least_piece is %g, it must be >= 0", (double)def->least_piece);
+    if (!sb_is_finite(def->toughness) || !(def->toughness >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.toughness is %g, it must be >= 0", (double)def->toughness);
     if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
                         SBI_CUT_MOST_STROKES);
@@ -193,12 +195,13 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
     made->beta = def->glue;
     made->least_piece = def->least_piece;
     made->free_piece = -1;
+    made->toughness = def->toughness;
     sbi_lattice_make(def->lattice, &made->lattice);
     result = sbi_cut_take_mesh(made, error);
     if (result == SB_OK)
         sbi_cut_measure_rest(made);
     if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_cut_take_strokes(made, def->max_strokes) &&
-                             sbi_cut_take_glue(made) && sbi_live_take_pieces(made->body)))
+                             sbi_cut_take_glue(made) && sbi_cut_take_force(made) && sbi_live_take_pieces(made->body)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", made->tet_count);
     if (result == SB_OK)
         result = sbi_cut_listen(made, error);
@@ -223,6 +226,7 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_cut_leave_state(cut);
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    sbi_cut_free_force(cut);
     sbi_cut_free_strokes(cut);
     if (cut->body && cut->body->live->find_user == cut)
         cut->body->live->find = NULL;

@@ -58,6 +58,8 @@ typedef struct sbi_cut_glued {
 /* One that is to be glued, or may stay so, in the call at work. */
 typedef struct sbi_cut_seam {
     int tet, place;
+    int link;
+    sb_real at[4];        /* barycentrics of its centroid */
     int part;             /* connected part of the body */
     int is_new, is_swept; /* of this call */
     sb_real area, energy; /* at rest (m^2); that its glue holds now (J) */
@@ -74,6 +76,20 @@ typedef struct sbi_cut_removed {
     int crumbs;
     double volume, mass, momentum[3]; /* at rest (m^3), kg, kg m/s */
 } sbi_cut_removed;
+
+/* A triangle of a lip that has been freed and that the blade is still to pay for, see cut_force.c. */
+typedef struct sbi_cut_debt {
+    int tet;
+    int sides[2];  /* lattice points on either side */
+    sb_real at[4]; /* barycentrics of its centroid */
+    sb_real area;  /* at rest, that has not been paid for (m^2) */
+    sb_real way;   /* of the blade until it has (m) */
+} sbi_cut_debt;
+
+typedef struct sbi_cut_debts {
+    sbi_cut_debt *items;
+    int count, capacity;
+} sbi_cut_debts;
 
 typedef struct sbi_cut_list {
     int *items;
@@ -102,18 +118,20 @@ typedef struct sbi_cut_stroke {
     int edge_count;          /* corners of the blade's edge; 0: no stroke */
     sbi_cut_sample *samples; /* the front, from the first corner to the last, all corners among them */
     int sample_count, sample_capacity;
+    sbi_cut_debts debts; /* none without toughness */
 } sbi_cut_stroke;
 
 struct sb_cut {
     sb_body *body; /* NULL: it is gone */
     sb_allocator allocator;
     int listener;
-    int joined;      /* 1: a part of the body's state */
-    int changing;    /* 1: the change under way is our own */
-    int stale;       /* 1: the body's mesh is not what we know */
-    int keeps_rings; /* 1: links in rings stay whole: for tests */
-    int glues;       /* 1: SB_CUT_GLUE */
-    sb_real beta;    /* of the glue */
+    int joined;        /* 1: a part of the body's state */
+    int changing;      /* 1: the change under way is our own */
+    int stale;         /* 1: the body's mesh is not what we know */
+    int keeps_rings;   /* 1: links in rings stay whole: for tests */
+    int glues;         /* 1: SB_CUT_GLUE */
+    sb_real beta;      /* of the glue */
+    sb_real toughness; /* J_c (J/m^2) */
     sbi_lattice lattice;
 
     int tet_count, node_end;
@@ -160,6 +178,7 @@ struct sb_cut {
     sbi_cut_seam *seams;
     int seam_count, seam_capacity;
     sbi_cut_released released;
+    sbi_cut_debts freed; /* where there is toughness */
     sbi_glue_tie *ties;
     int tie_count, tie_capacity;
     sb_vec3 *strip; /* triangles of a move */
@@ -279,6 +298,20 @@ SBI_API int sbi_cut_make_ties(sb_cut *cut);
 SBI_API void sbi_cut_take_next_glue(sb_cut *cut);
 SBI_API void sbi_cut_free_glue(sb_cut *cut);
 
+/* ---- cut_force.c ---- */
+
+/* Room for what comes first; 0: no memory. */
+SBI_API int sbi_cut_take_force(sb_cut *cut);
+/* Room for so many more in cut->freed, and for so many debts in a stroke; 0: no memory. */
+SBI_API int sbi_cut_reserve_freed(sb_cut *cut, int more);
+SBI_API int sbi_cut_reserve_debts(const sb_cut *cut, sbi_cut_stroke *stroke, int count);
+/* This call has freed the triangle of a seam. */
+SBI_API void sbi_cut_add_freed(sb_cut *cut, const sbi_cut_seam *seam);
+/* The blade of a stroke pays for what the call has freed, and for what it owes, along the strip it has come: adds what
+ * it feels to info, and pushes the tissue. */
+SBI_API void sbi_cut_pay(const sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec3 *strip, sb_cut_info *info);
+SBI_API void sbi_cut_free_force(sb_cut *cut);
+
 /* ---- cut_tell.c ---- */
 
 #define SBI_CUT_PART "cut" /* of the body's state */
@@ -296,8 +329,10 @@ SBI_API double sbi_cut_size_of(const sbi_cut_box *box);
 SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin);
 /* Volume of an element at rest (m^3). */
 SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet);
-/* Cuts near tets along triangles, and says what that did (info may be NULL). On failure nothing has happened. */
-SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error);
+/* Cuts near tets along triangles, which are the strip of a stroke's move or, stroke NULL, anything, and says what that
+ * did (info may be NULL). On failure nothing has happened. */
+SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
+                                sb_cut_info *info, sb_error *error);
 /* Finds tets that have parted, and what of the lips is glued after the call; 0: no memory. */
 SBI_API int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count);
 /* Makes the pieces that links cut in this call, whose first new one is `first`, and points lost in it leave, and says

@@ -1,7 +1,8 @@
 /* cut_state: a cut as a part of its body's saved state, and in its recordings.
  *
  * Saved are the cut links, the cells of the pieces of each tet that has parted, and the strokes under way; what the
- * pieces are follows from the links, and what nodes are copies of from the cells. A recording has the calls. */
+ * pieces are follows from the links, and what nodes are copies of from the cells. With toughness also what strokes owe,
+ * and forces that wait for the next step. A recording has the calls. */
 #include "cut_private.h"
 
 #include <string.h>
@@ -12,7 +13,9 @@ enum {
     SBI_CUT_STATE_VERSION = 3,
     SBI_CUT_LINK_BYTES = 5 * 4 + 8,
     SBI_CUT_LOST_BYTES = 3 * 4,
-    SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8
+    SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8,
+    SBI_CUT_DEBT_BYTES = 3 * 4 + 6 * 8,
+    SBI_CUT_PUSH_BYTES = 4 + 3 * 8
 };
 
 /* ---- numbers ---- */
@@ -90,6 +93,8 @@ static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
     make[5] = sbi_int_of(hash >> 32);
     make[6] = cut->glues;
     hash = sbi_hash_word(sbi_hash_word(0, sbi_real_bits(cut->beta)), sbi_real_bits(cut->least_piece));
+    if (cut->toughness > 0)
+        hash = sbi_hash_word(hash, sbi_real_bits(cut->toughness));
     make[7] = sbi_int_of(hash & 0xFFFFFFFFu);
 }
 
@@ -139,6 +144,41 @@ static void sbi_cut_save_pieces(const sb_cut *cut, sbi_state_out *out)
     }
 }
 
+static void sbi_cut_put_vector(sbi_state_out *out, sb_vec3 v)
+{
+    sbi_cut_put_real(out, v.x);
+    sbi_cut_put_real(out, v.y);
+    sbi_cut_put_real(out, v.z);
+}
+
+static void sbi_cut_save_debts(const sbi_cut_debts *debts, sbi_state_out *out)
+{
+    sbi_cut_put_int(out, debts->count);
+    for (int i = 0; i < debts->count; i++) {
+        const sbi_cut_debt *debt = debts->items + i;
+        sbi_cut_put_int(out, debt->tet);
+        sbi_cut_put_int(out, debt->sides[0]);
+        sbi_cut_put_int(out, debt->sides[1]);
+        for (int a = 0; a < 4; a++)
+            sbi_cut_put_real(out, debt->at[a]);
+        sbi_cut_put_real(out, debt->area);
+        sbi_cut_put_real(out, debt->way);
+    }
+}
+
+/* What a cut with toughness has besides. */
+static void sbi_cut_save_force(const sb_cut *cut, sbi_state_out *out)
+{
+    const sbi_live *live = cut->body->live;
+    for (int i = 0; i < cut->max_strokes; i++)
+        sbi_cut_save_debts(&cut->strokes[i].debts, out);
+    sbi_cut_put_int(out, live->push_count);
+    for (int i = 0; i < live->push_count; i++) {
+        sbi_cut_put_int(out, live->pushes[i].node);
+        sbi_cut_put_vector(out, live->pushes[i].force);
+    }
+}
+
 static void sbi_cut_save_stroke(const sbi_cut_stroke *stroke, sbi_state_out *out)
 {
     sbi_cut_put_int(out, stroke->edge_count);
@@ -150,9 +190,7 @@ static void sbi_cut_save_stroke(const sbi_cut_stroke *stroke, sbi_state_out *out
         sbi_cut_put_int(out, sample->tet);
         for (int a = 0; a < 4; a++)
             sbi_cut_put_real(out, sample->at[a]);
-        sbi_cut_put_real(out, sample->place.x);
-        sbi_cut_put_real(out, sample->place.y);
-        sbi_cut_put_real(out, sample->place.z);
+        sbi_cut_put_vector(out, sample->place);
     }
 }
 
@@ -183,6 +221,8 @@ static void sbi_cut_save(const void *user, sbi_state_out *out)
     }
     for (int i = 0; i < cut->max_strokes; i++)
         sbi_cut_save_stroke(cut->strokes + i, out);
+    if (cut->toughness > 0)
+        sbi_cut_save_force(cut, out);
 }
 
 /* ---- checking: links and cells are read into cut->loaded ---- */
@@ -373,6 +413,12 @@ static sb_result sbi_cut_check_glue(sb_cut *cut, sbi_cut_in *in, sb_error *error
     return in->bad ? sbi_cut_damaged("glue", error) : SB_OK;
 }
 
+static sb_vec3 sbi_cut_get_vector(sbi_cut_in *in)
+{
+    sb_real x = sbi_cut_get_real(in), y = sbi_cut_get_real(in);
+    return sb_v3(x, y, sbi_cut_get_real(in));
+}
+
 static sbi_cut_sample sbi_cut_get_sample(sbi_cut_in *in)
 {
     sbi_cut_sample sample;
@@ -381,9 +427,7 @@ static sbi_cut_sample sbi_cut_get_sample(sbi_cut_in *in)
     sample.tet = sbi_cut_get_int(in);
     for (int a = 0; a < 4; a++)
         sample.at[a] = sbi_cut_get_real(in);
-    sample.place.x = sbi_cut_get_real(in);
-    sample.place.y = sbi_cut_get_real(in);
-    sample.place.z = sbi_cut_get_real(in);
+    sample.place = sbi_cut_get_vector(in);
     return sample;
 }
 
@@ -402,6 +446,52 @@ static sb_result sbi_cut_check_stroke(sb_cut *cut, sbi_cut_stroke *stroke, sbi_c
         side = sample.side;
     }
     return in->bad ? sbi_cut_damaged("strokes", error) : SB_OK;
+}
+
+static sbi_cut_debt sbi_cut_get_debt(sbi_cut_in *in)
+{
+    sbi_cut_debt debt;
+    debt.tet = sbi_cut_get_int(in);
+    debt.sides[0] = sbi_cut_get_int(in);
+    debt.sides[1] = sbi_cut_get_int(in);
+    for (int a = 0; a < 4; a++)
+        debt.at[a] = sbi_cut_get_real(in);
+    debt.area = sbi_cut_get_real(in);
+    debt.way = sbi_cut_get_real(in);
+    return debt;
+}
+
+/* Room for what a stroke of the image owes; what there is stays. */
+static sb_result sbi_cut_check_debts(const sb_cut *cut, sbi_cut_stroke *stroke, sbi_cut_in *in, sb_error *error)
+{
+    int count = sbi_cut_get_count(in, SBI_CUT_DEBT_BYTES), points = cut->lattice.point_count;
+    if (!sbi_cut_reserve_debts(cut, stroke, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the forces of a saved cut");
+    for (int i = 0; i < count; i++) {
+        sbi_cut_debt debt = sbi_cut_get_debt(in);
+        in->bad |= debt.tet < 0 || debt.tet >= cut->tet_count || debt.sides[0] < 0 || debt.sides[0] >= points ||
+                   debt.sides[1] < 0 || debt.sides[1] >= points || !(debt.area >= 0) || !(debt.way > 0);
+    }
+    return in->bad ? sbi_cut_damaged("forces", error) : SB_OK;
+}
+
+static sb_result sbi_cut_check_force(const sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int count;
+    for (int i = 0; i < cut->max_strokes && result == SB_OK; i++)
+        result = sbi_cut_check_debts(cut, cut->strokes + i, in, error);
+    if (result != SB_OK)
+        return result;
+    count = sbi_cut_get_count(in, SBI_CUT_PUSH_BYTES);
+    if (!sbi_live_reserve_pushes(cut->body, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the forces of a saved cut");
+    for (int i = 0; i < count; i++) {
+        int node = sbi_cut_get_int(in);
+        (void)sbi_cut_get_vector(in);
+        in->bad |= node < 0 || node >= sb_body_node_count(body);
+    }
+    return in->bad ? sbi_cut_damaged("forces", error) : SB_OK;
 }
 
 static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
@@ -426,6 +516,8 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
             result = sbi_cut_check_glue(cut, &in, error);
         for (int i = 0; i < cut->max_strokes && result == SB_OK; i++)
             result = sbi_cut_check_stroke(cut, cut->strokes + i, &in, error);
+        if (result == SB_OK && cut->toughness > 0)
+            result = sbi_cut_check_force(cut, body, &in, error);
     }
     if (result == SB_OK && (in.bad || in.left > 0))
         result = sbi_cut_damaged("length", error);
@@ -484,6 +576,20 @@ static void sbi_cut_load_stroke(sbi_cut_stroke *stroke, sbi_cut_in *in)
         stroke->samples[i] = sbi_cut_get_sample(in);
 }
 
+static void sbi_cut_load_force(const sb_cut *cut, sbi_cut_in *in)
+{
+    for (int i = 0; i < cut->max_strokes; i++) {
+        sbi_cut_debts *debts = &cut->strokes[i].debts;
+        debts->count = sbi_cut_get_int(in);
+        for (int k = 0; k < debts->count; k++)
+            debts->items[k] = sbi_cut_get_debt(in);
+    }
+    for (int count = sbi_cut_get_int(in); count > 0; count--) {
+        int node = sbi_cut_get_int(in);
+        sbi_live_push(cut->body, node, sbi_cut_get_vector(in));
+    }
+}
+
 /* Steps over links, holes, pieces and glue, which are in cut->loaded and next_glue. */
 static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
 {
@@ -525,6 +631,8 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
     sbi_cut_skip_to_strokes(&in);
     for (int i = 0; i < cut->max_strokes; i++)
         sbi_cut_load_stroke(cut->strokes + i, &in);
+    if (cut->toughness > 0)
+        sbi_cut_load_force(cut, &in);
 }
 
 /* ---- recording ---- */

@@ -363,7 +363,7 @@ SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cu
     samples = sbi_cut_find_front(cut, edge, of->edge_count);
     if (!samples || !sbi_cut_stroke_reserve(cut, of, samples))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
-    result = sbi_cut_along(cut, cut->strip, triangles, info, error);
+    result = sbi_cut_along(cut, cut->strip, triangles, of, info, error);
     if (result != SB_OK)
         return result;
     sbi_cut_take_front(cut, of, of->edge_count, samples);
@@ -375,6 +375,6 @@ SB_API void sb_cut_end(sb_cut *cut, int stroke)
 {
     if (!cut || stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
         return;
-    cut->strokes[stroke].edge_count = cut->strokes[stroke].sample_count = 0;
+    cut->strokes[stroke].edge_count = cut->strokes[stroke].sample_count = cut->strokes[stroke].debts.count = 0;
     sbi_cut_tell(cut, SBI_CUT_END, stroke, NULL, 0);
 }
