@@ -729,6 +729,7 @@
 #define sb_cut_triangles sb_cut_triangles_f32
 #define sb_cut_begin sb_cut_begin_f32
 #define sb_cut_move sb_cut_move_f32
+#define sb_cut_scissors sb_cut_scissors_f32
 #define sb_cut_end sb_cut_end_f32
 #define sb_cut_ablate sb_cut_ablate_f32
 #define sb_cut_node_origin sb_cut_node_origin_f32
@@ -6086,7 +6087,7 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   last digit: samples stand wherever the edge goes through a face of an element. Near the skin, outside of the
  *   tissue, it moves with the skin, so that tissue that comes upon a blade at rest is cut as well. What rounding leaves
  *   between strips is cut by a rule: a whole link that cut ones surround in all elements around it holds nothing but
- *   itself.
+ *   itself. Scissors (sb_cut_scissors) are strokes whose edge is both blades, and which cut only as they close.
  * - With def.toughness J_c a blade feels what it frees: J_c times the area (at rest) of the lips that open is the work
  *   that it takes, J_c w / (1 + xi^2) across a stretch w of the edge and xi times as much along it, xi = d_t / d_n of
  *   its way past the tissue (Atkins, Xu and Jeronimidis 2004), so that slicing takes less force than pushing. Each
@@ -6195,6 +6196,13 @@ SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *
  * On failure body, cut and stroke are as they were, and the next move goes on from the last good one: SB_ERROR_INDEX
  * (no such stroke), and as sb_cut_triangles. */
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error);
+/* Moves scissors: their stroke is begun with the edge tips[0], hinge, tips[1]. Closing cuts what the blades pass
+ * between where they were in the tissue and where they are now, until they meet; open or opening, at rest or shut they
+ * cut nothing, wherever they go. hinge      where both blades begin, now (m) tips       [2] their ends info       may
+ * be NULL. torque is about the hinge; work over the angle is the moment that closing takes Else as sb_cut_move;
+ * SB_ERROR_ARGUMENT also for a stroke that has not 3 corners. */
+SB_API sb_result sb_cut_scissors(sb_cut *cut, int stroke, sb_vec3 hinge, const sb_vec3 tips[2], sb_cut_info *info,
+                                 sb_error *error);
 /* Ends a stroke; one that is not under way is fine. */
 SB_API void sb_cut_end(sb_cut *cut, int stroke);
 /* Takes out what lies in a ball: as a cautery burns or a sucker draws it.
@@ -70983,6 +70991,7 @@ typedef struct sbi_cut_stroke {
     sbi_cut_sample *samples; /* the front, from the first corner to the last, all corners among them */
     int sample_count, sample_capacity;
     sbi_cut_debts debts; /* none without toughness */
+    sb_vec3 about;       /* of the call at work: what its torque is about (m) */
 } sbi_cut_stroke;
 
 struct sb_cut {
@@ -71180,7 +71189,14 @@ SBI_API void sbi_cut_free_force(sb_cut *cut);
 
 #define SBI_CUT_PART "cut" /* of the body's state */
 /* What a recording holds of a cut. Calls of strokes: the stroke, and the edge. */
-enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4, SBI_CUT_ABLATE = 5 };
+enum {
+    SBI_CUT_TRIANGLES = 1,
+    SBI_CUT_BEGIN = 2,
+    SBI_CUT_MOVE = 3,
+    SBI_CUT_END = 4,
+    SBI_CUT_SCISSORS = 5,
+    SBI_CUT_ABLATE = 6
+};
 SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
 
 /* ---- cut_along.c ---- */
@@ -72548,7 +72564,6 @@ static void sbi_cut_push(const sb_cut *cut, const sbi_cut_debt *debt, const sbi_
 SBI_API void sbi_cut_pay(const sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec3 *strip, sb_cut_info *info)
 {
     sbi_cut_debts *debts = &stroke->debts;
-    sb_vec3 about = strip[5]; /* the edge's first corner */
     int kept = 0;
     for (int i = 0; i < cut->freed.count; i++)
         debts->items[debts->count++] = cut->freed.items[i];
@@ -72564,7 +72579,7 @@ SBI_API void sbi_cut_pay(const sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec
             sbi_cut_push(cut, debt, &lips, force);
         info->work += work;
         info->force = sb_v3_sub(info->force, force);
-        info->torque = sb_v3_sub(info->torque, sb_v3_cross(sb_v3_sub(lips.place, about), force));
+        info->torque = sb_v3_sub(info->torque, sb_v3_cross(sb_v3_sub(lips.place, stroke->about), force));
         if (debt->way > 0)
             debts->items[kept++] = *debt;
     }
@@ -74191,33 +74206,117 @@ SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *
     return SB_OK;
 }
 
+/* A stroke that goes on, with the edge that its blade has now. */
+static sb_result sbi_cut_check_move(const sb_cut *cut, int stroke, const sb_vec3 *edge, sb_error *error)
+{
+    if (stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
+        return sbi_fail(error, SB_ERROR_INDEX, "there is no stroke %d under way", stroke);
+    return sbi_cut_check_edge(cut, edge, cut->strokes[stroke].edge_count, error);
+}
+
+/* Takes the edge of a stroke to where it is now, and cuts what lies between, or, cuts 0, nothing. */
+static sb_result sbi_cut_go_on(sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec3 *edge, int cuts, sb_cut_info *info,
+                               sb_error *error)
+{
+    int samples, triangles = cuts ? 2 * (stroke->sample_count - 1) : 0;
+    sb_result result;
+    if (!sbi_cut_reserve_strip(cut, stroke->sample_count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    sbi_cut_make_strip(cut, stroke, edge, cut->strip);
+    if (cuts)
+        sbi_cut_list_reached(cut, cut->strip, 3 * triangles, cut->element_size);
+    else
+        sbi_cut_list_reached(cut, edge, stroke->edge_count, cut->element_size);
+    samples = sbi_cut_find_front(cut, edge, stroke->edge_count);
+    if (!samples || !sbi_cut_stroke_reserve(cut, stroke, samples))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    result = sbi_cut_along(cut, cut->strip, triangles, cuts ? stroke : NULL, info, error);
+    if (result == SB_OK)
+        sbi_cut_take_front(cut, stroke, stroke->edge_count, samples);
+    return result;
+}
+
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error)
 {
     sbi_cut_stroke *of;
-    int samples, triangles;
     sb_result result;
     if (!cut || !edge)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_move needs a cut and an edge");
-    if (stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
-        return sbi_fail(error, SB_ERROR_INDEX, "there is no stroke %d under way", stroke);
+    result = sbi_cut_check_move(cut, stroke, edge, error);
+    if (result != SB_OK)
+        return result;
     of = cut->strokes + stroke;
-    result = sbi_cut_check_edge(cut, edge, of->edge_count, error);
+    of->about = edge[0];
+    result = sbi_cut_go_on(cut, of, edge, 1, info, error);
+    if (result == SB_OK)
+        sbi_cut_tell(cut, SBI_CUT_MOVE, stroke, edge, of->edge_count);
+    return result;
+}
+
+/* ---- scissors: the edge goes from one tip to the hinge and on to the other tip ---- */
+
+enum { SBI_CUT_HINGE = 1, SBI_CUT_SCISSORS_CORNERS = 3 };
+
+/* How far scissors are open: the distance of their blades at length 1, and how one has to turn to the other. Of blades
+ * without length: not at all. */
+static sb_real sbi_cut_opening(const sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS], sb_vec3 *turn)
+{
+    sb_vec3 a = sb_v3_sub(edge[0], edge[SBI_CUT_HINGE]), b = sb_v3_sub(edge[2], edge[SBI_CUT_HINGE]);
+    sb_real of_a = sb_v3_norm(a), of_b = sb_v3_norm(b);
+    *turn = sb_v3(0, 0, 0);
+    if (!(of_a > 0) || !(of_b > 0))
+        return 0;
+    a = sb_v3_scale(1 / of_a, a);
+    b = sb_v3_scale(1 / of_b, b);
+    *turn = sb_v3_cross(a, b);
+    return sb_v3_norm(sb_v3_sub(a, b));
+}
+
+/* Where the corners of a stroke of scissors were at the last call. */
+static void sbi_cut_last_edge(const sbi_cut_stroke *stroke, sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS])
+{
+    for (int i = 0; i < stroke->sample_count; i++) {
+        const sbi_cut_sample *sample = stroke->samples + i;
+        if (sample->along == 0 || sample->along == 1)
+            edge[sample->side + (sample->along == 1)] = sample->place;
+    }
+}
+
+/* 1 when scissors close: their blades are nearer to each other than at the last call, or have passed each other. */
+static int sbi_cut_closes(const sbi_cut_stroke *stroke, const sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS])
+{
+    const sb_real rounding = 64 * SB_EPSILON;
+    sb_vec3 last[SBI_CUT_SCISSORS_CORNERS], turn, last_turn;
+    sb_real opening, last_opening;
+    memcpy(last, edge, sizeof last);
+    sbi_cut_last_edge(stroke, last);
+    opening = sbi_cut_opening(edge, &turn);
+    last_opening = sbi_cut_opening(last, &last_turn);
+    return opening < last_opening - rounding || (last_opening > rounding && sb_v3_dot(turn, last_turn) < 0);
+}
+
+SB_API sb_result sb_cut_scissors(sb_cut *cut, int stroke, sb_vec3 hinge, const sb_vec3 tips[2], sb_cut_info *info,
+                                 sb_error *error)
+{
+    sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS];
+    sbi_cut_stroke *of;
+    sb_result result;
+    if (!cut || !tips)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_scissors needs a cut and two tips");
+    edge[0] = tips[0], edge[SBI_CUT_HINGE] = hinge, edge[2] = tips[1];
+    if (stroke >= 0 && stroke < cut->max_strokes && cut->strokes[stroke].edge_count &&
+        cut->strokes[stroke].edge_count != SBI_CUT_SCISSORS_CORNERS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stroke %d has %d corners: scissors have 3, tip, hinge and tip",
+                        stroke, cut->strokes[stroke].edge_count);
+    result = sbi_cut_check_move(cut, stroke, edge, error);
     if (result != SB_OK)
         return result;
-    triangles = 2 * (of->sample_count - 1);
-    if (!sbi_cut_reserve_strip(cut, of->sample_count))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
-    sbi_cut_make_strip(cut, of, edge, cut->strip);
-    sbi_cut_list_reached(cut, cut->strip, 3 * triangles, cut->element_size);
-    samples = sbi_cut_find_front(cut, edge, of->edge_count);
-    if (!samples || !sbi_cut_stroke_reserve(cut, of, samples))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
-    result = sbi_cut_along(cut, cut->strip, triangles, of, info, error);
-    if (result != SB_OK)
-        return result;
-    sbi_cut_take_front(cut, of, of->edge_count, samples);
-    sbi_cut_tell(cut, SBI_CUT_MOVE, stroke, edge, of->edge_count);
-    return SB_OK;
+    of = cut->strokes + stroke;
+    of->about = hinge;
+    result = sbi_cut_go_on(cut, of, edge, sbi_cut_closes(of, edge), info, error);
+    if (result == SB_OK)
+        sbi_cut_tell(cut, SBI_CUT_SCISSORS, stroke, edge, SBI_CUT_SCISSORS_CORNERS);
+    return result;
 }
 
 SB_API void sb_cut_end(sb_cut *cut, int stroke)
@@ -74887,6 +74986,12 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
         return sb_cut_move(cut, ints[1], points, NULL, error);
     if (command == SBI_CUT_ABLATE && count == 2)
         return sb_cut_ablate(cut, points[0], points[1].x, NULL, error);
+    if (command == SBI_CUT_SCISSORS && count == 3) {
+        sb_vec3 tips[2];
+        tips[0] = points[0];
+        tips[1] = points[2];
+        return sb_cut_scissors(cut, ints[1], points[1], tips, NULL, error);
+    }
     if (command == SBI_CUT_END && count == 0) {
         sb_cut_end(cut, ints[1]);
         return SB_OK;

@@ -410,6 +410,14 @@ static int world_stroke(world *w)
     return stroke;
 }
 
+/* The same of scissors. */
+static int world_scissors(world *w)
+{
+    int stroke = 0;
+    CHECK_OK(sb_cut_begin(world_cut(w), world_blade(), 3, &stroke, NULL));
+    return stroke;
+}
+
 /* Clear of the mesh. */
 static sb_pose *world_pose(world *w)
 {

@@ -52,7 +52,7 @@
  *   last digit: samples stand wherever the edge goes through a face of an element. Near the skin, outside of the
  *   tissue, it moves with the skin, so that tissue that comes upon a blade at rest is cut as well. What rounding leaves
  *   between strips is cut by a rule: a whole link that cut ones surround in all elements around it holds nothing but
- *   itself.
+ *   itself. Scissors (sb_cut_scissors) are strokes whose edge is both blades, and which cut only as they close.
  * - With def.toughness J_c a blade feels what it frees: J_c times the area (at rest) of the lips that open is the work
  *   that it takes, J_c w / (1 + xi^2) across a stretch w of the edge and xi times as much along it, xi = d_t / d_n of
  *   its way past the tissue (Atkins, Xu and Jeronimidis 2004), so that slicing takes less force than pushing. Each
@@ -162,6 +162,13 @@ SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *
  * On failure body, cut and stroke are as they were, and the next move goes on from the last good one: SB_ERROR_INDEX
  * (no such stroke), and as sb_cut_triangles. */
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error);
+/* Moves scissors: their stroke is begun with the edge tips[0], hinge, tips[1]. Closing cuts what the blades pass
+ * between where they were in the tissue and where they are now, until they meet; open or opening, at rest or shut they
+ * cut nothing, wherever they go. hinge      where both blades begin, now (m) tips       [2] their ends info       may
+ * be NULL. torque is about the hinge; work over the angle is the moment that closing takes Else as sb_cut_move;
+ * SB_ERROR_ARGUMENT also for a stroke that has not 3 corners. */
+SB_API sb_result sb_cut_scissors(sb_cut *cut, int stroke, sb_vec3 hinge, const sb_vec3 tips[2], sb_cut_info *info,
+                                 sb_error *error);
 /* Ends a stroke; one that is not under way is fine. */
 SB_API void sb_cut_end(sb_cut *cut, int stroke);
 /* Takes out what lies in a ball: as a cautery burns or a sucker draws it.

@@ -160,7 +160,6 @@ static void sbi_cut_push(const sb_cut *cut, const sbi_cut_debt *debt, const sbi_
 SBI_API void sbi_cut_pay(const sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec3 *strip, sb_cut_info *info)
 {
     sbi_cut_debts *debts = &stroke->debts;
-    sb_vec3 about = strip[5]; /* the edge's first corner */
     int kept = 0;
     for (int i = 0; i < cut->freed.count; i++)
         debts->items[debts->count++] = cut->freed.items[i];
@@ -176,7 +175,7 @@ SBI_API void sbi_cut_pay(const sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec
             sbi_cut_push(cut, debt, &lips, force);
         info->work += work;
         info->force = sb_v3_sub(info->force, force);
-        info->torque = sb_v3_sub(info->torque, sb_v3_cross(sb_v3_sub(lips.place, about), force));
+        info->torque = sb_v3_sub(info->torque, sb_v3_cross(sb_v3_sub(lips.place, stroke->about), force));
         if (debt->way > 0)
             debts->items[kept++] = *debt;
     }

@@ -119,6 +119,7 @@ typedef struct sbi_cut_stroke {
     sbi_cut_sample *samples; /* the front, from the first corner to the last, all corners among them */
     int sample_count, sample_capacity;
     sbi_cut_debts debts; /* none without toughness */
+    sb_vec3 about;       /* of the call at work: what its torque is about (m) */
 } sbi_cut_stroke;
 
 struct sb_cut {
@@ -316,7 +317,14 @@ SBI_API void sbi_cut_free_force(sb_cut *cut);
 
 #define SBI_CUT_PART "cut" /* of the body's state */
 /* What a recording holds of a cut. Calls of strokes: the stroke, and the edge. */
-enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4, SBI_CUT_ABLATE = 5 };
+enum {
+    SBI_CUT_TRIANGLES = 1,
+    SBI_CUT_BEGIN = 2,
+    SBI_CUT_MOVE = 3,
+    SBI_CUT_END = 4,
+    SBI_CUT_SCISSORS = 5,
+    SBI_CUT_ABLATE = 6
+};
 SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
 
 /* ---- cut_along.c ---- */

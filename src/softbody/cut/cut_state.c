@@ -658,6 +658,12 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
         return sb_cut_move(cut, ints[1], points, NULL, error);
     if (command == SBI_CUT_ABLATE && count == 2)
         return sb_cut_ablate(cut, points[0], points[1].x, NULL, error);
+    if (command == SBI_CUT_SCISSORS && count == 3) {
+        sb_vec3 tips[2];
+        tips[0] = points[0];
+        tips[1] = points[2];
+        return sb_cut_scissors(cut, ints[1], points[1], tips, NULL, error);
+    }
     if (command == SBI_CUT_END && count == 0) {
         sb_cut_end(cut, ints[1]);
         return SB_OK;
