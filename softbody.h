@@ -71207,8 +71207,6 @@ SBI_API double sbi_cut_size_of(const sbi_cut_box *box);
 
 /* Lists the tets near the box of points in space, or no farther from it than that (m), in cut->near. */
 SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin);
-/* Volume of an element at rest (m^3). */
-SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet);
 /* Cuts near tets along triangles, which are the strip of a stroke's move or, stroke NULL, anything, and says what that
  * did (info may be NULL). On failure nothing has happened. */
 SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
@@ -71222,8 +71220,12 @@ SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, s
 /* Whether a call may go on: SB_ERROR_STATE. */
 SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error);
 
-/* ---- topology.c ---- */
+/* ---- cut_record.c ---- */
 
+/* Volume of an element at rest (m^3). */
+SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet);
+/* What links and losses leave of a tet now. */
+SBI_API void sbi_cut_parted(const sb_cut *cut, int tet, sbi_parted *parted);
 /* Lists touched tets that fall into more pieces than before, or lose points, and marks their nodes. */
 SBI_API void sbi_cut_find_parted(sb_cut *cut);
 /* Takes back what points touched tets have lost in this call. */
@@ -71236,8 +71238,11 @@ SBI_API int sbi_cut_end_of(const sb_cut *cut, int first);
 SBI_API int sbi_cut_root(const sb_cut *cut, int i);
 /* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
 SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner);
-/* Records of the pieces of a tet as they are to be; 0: no memory. */
+/* Records of the pieces of a tet as they are to be, and of all tets near what has parted; 0: no memory. */
 SBI_API int sbi_cut_add_tet(sb_cut *cut, int tet);
+SBI_API int sbi_cut_add_tets(sb_cut *cut);
+/* Joins corners of records over all faces between their tets. */
+SBI_API void sbi_cut_join_all(sb_cut *cut);
 /* How near an end of its link a crossing may be, of the link, for masses and stiffness. */
 SBI_API sb_real sbi_cut_least(const sb_cut *cut);
 
@@ -71246,6 +71251,9 @@ SBI_API sb_real sbi_cut_least(const sb_cut *cut);
 /* Marks the records of free parts that are too small as gone; of tets that had none, records come behind the others.
  * Corners of records have been joined. 0: no memory. */
 SBI_API int sbi_cut_find_crumbs(sb_cut *cut);
+
+/* ---- topology.c ---- */
+
 /* Makes pieces, copies and cells of what they have become, and glue of next_glue, by a change of the body's mesh. On
  * failure nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
@@ -72593,21 +72601,27 @@ SBI_API void sbi_cut_free_force(sb_cut *cut)
     sbi_free(&cut->allocator, cut->freed.items);
 }
 
-/* ==== src/softbody/cut/topology.c ==== */
-/* topology: which cells and copies of nodes a cut makes.
- *
- * Every piece of a tet is a cell with all four corners. Corners of pieces that touch over a face with that node are one
- * node: classes of a union-find over the pieces around the node. The class with the material at the node's place keeps
- * its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does not hold.
- * All loops are in ascending order of nodes, tets and lattice points: so are new numbers.
+/* ==== src/softbody/cut/cut_record.c ==== */
+/* cut_record: records of the pieces about what a call cuts, as they are to be, and which of their corners hang
+ * together.
  *
  * What is taken out has records, too, which are gone: they touch nothing, and their cells are removed. */
 
 #include <string.h>
 
+/* ---- elements ---- */
+
+SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet)
+{
+    const int *nodes = cut->tets + 4 * (size_t)tet;
+    const sb_vec3 *x = cut->body->reference;
+    sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
+    return sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]])) / 6;
+}
+
 /* ---- tets that have parted ---- */
 
-static void sbi_cut_parted(const sb_cut *cut, int tet, sbi_parted *parted)
+SBI_API void sbi_cut_parted(const sb_cut *cut, int tet, sbi_parted *parted)
 {
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, parted);
 }
@@ -72713,7 +72727,7 @@ SBI_API int sbi_cut_add_tet(sb_cut *cut, int tet)
     return 1;
 }
 
-static int sbi_cut_add_tets(sb_cut *cut)
+SBI_API int sbi_cut_add_tets(sb_cut *cut)
 {
     for (int tet = 0; tet < cut->tet_count; tet++)
         if ((cut->tet_marks[tet] & SBI_CUT_NEAR) && !sbi_cut_add_tet(cut, tet))
@@ -72758,8 +72772,7 @@ static void sbi_cut_join_over(const sb_cut *cut, int mine, int its, int face)
                 sbi_cut_join(cut, 4 * mine + corners[k], 4 * its + a);
 }
 
-/* Joins corners over all faces between tets with records. */
-static void sbi_cut_join_all(sb_cut *cut)
+SBI_API void sbi_cut_join_all(sb_cut *cut)
 {
     for (int i = 0; i < 4 * cut->cell_count; i++)
         cut->roots.items[i] = i;
@@ -72778,8 +72791,6 @@ static void sbi_cut_join_all(sb_cut *cut)
         }
     }
 }
-
-/* ---- copies ---- */
 
 SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner)
 {
@@ -72804,6 +72815,232 @@ SBI_API int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int n
             return a;
     return -1;
 }
+
+/* How near an end of its link a crossing may be, of the link, for masses and stiffness. Explicit steps are as long as
+ * the lightest corner of a piece allows: a sixteenth of the element's edge leaves them a third of the uncut ones. */
+SBI_API sb_real sbi_cut_least(const sb_cut *cut)
+{
+    return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;
+}
+
+/* ==== src/softbody/cut/cut_crumb.c ==== */
+/* cut_crumb: parts that a cut leaves and that are too small to keep.
+ *
+ * From each piece that a call has made, or that it has released from its glue, its part is searched, over nodes that
+ * cells will share and over glue, until it is larger than a crumb or has a support: a few pieces as a rule. What an
+ * earlier search of the call has met is no crumb's: those are searched to their ends. */
+
+#include <string.h>
+
+/* A piece as it is to be: a record, or ~ a piece of a tet that has no records. */
+typedef int sbi_cut_handle;
+
+enum { SBI_CUT_CRUMBLES = -1 }; /* in place of the search that has found a piece */
+
+static int *sbi_cut_crumb_mark(sb_cut *cut, sbi_cut_handle at)
+{
+    return at >= 0 ? &cut->cells[at].crumb : &cut->pieces[~at].crumb;
+}
+
+/* Element of a handle. */
+static int sbi_cut_handle_tet(const sb_cut *cut, sbi_cut_handle at)
+{
+    return at >= 0 ? cut->cells[at].tet : cut->elements.items[cut->pieces[~at].cell];
+}
+
+/* The node of a corner before the call. */
+static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int corner)
+{
+    return at >= 0 ? cut->cells[at].old_nodes[corner] : sb_body_cell_nodes(cut->body, cut->pieces[~at].cell)[corner];
+}
+
+/* ---- one search ---- */
+
+typedef struct sbi_cut_flood {
+    int number; /* of the search */
+    int first;  /* of its pieces in cut->flooded */
+    int ends;   /* 1: it is no crumb */
+    int failed; /* 1: no memory */
+    double volume;
+} sbi_cut_flood;
+
+static void sbi_cut_visit(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at)
+{
+    int *mark = sbi_cut_crumb_mark(cut, at);
+    flood->ends |= *mark != 0 && *mark != flood->number;
+    if (*mark != 0)
+        return;
+    if (!sbi_cut_list_grow(cut, &cut->flooded, 1)) {
+        flood->failed = 1;
+        return;
+    }
+    *mark = flood->number;
+    cut->flooded.items[cut->flooded.count++] = at;
+}
+
+/* Visits the pieces around a node of the uncut mesh that will share corner a of a piece. */
+static void sbi_cut_visit_around(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at, int a)
+{
+    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)a], is_new = cut->node_marks[node];
+    int mine = is_new ? sbi_cut_root(cut, 4 * at + a) : sbi_cut_handle_node(cut, at, a);
+    for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
+        int tet = cut->node_tets.items[k], first = cut->cell_of[tet] - 1, corner = 0;
+        while (cut->tets[4 * (size_t)tet + (size_t)corner] != node)
+            corner++;
+        for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            if (!cut->cells[i].is_gone &&
+                (is_new ? sbi_cut_root(cut, 4 * i + corner) : cut->cells[i].old_nodes[corner]) == mine)
+                sbi_cut_visit(cut, flood, i);
+        for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+            if (sbi_cut_handle_node(cut, ~piece, corner) == mine)
+                sbi_cut_visit(cut, flood, ~piece);
+    }
+}
+
+static void sbi_cut_visit_tet(sb_cut *cut, sbi_cut_flood *flood, int tet)
+{
+    int first = cut->cell_of[tet] - 1;
+    for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+        if (!cut->cells[i].is_gone)
+            sbi_cut_visit(cut, flood, i);
+    for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+        sbi_cut_visit(cut, flood, ~piece);
+}
+
+/* First triangle of a tet, or of one behind it, that is to be glued. */
+static int sbi_cut_first_glued(const sb_cut *cut, int tet)
+{
+    int low = 0, high = cut->next_glue_count;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (cut->next_glue[middle].tet < tet)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
+{
+    int at = sbi_cut_first_glued(cut, tet);
+    return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
+}
+
+/* 1 when a corner of a piece is to be supported. */
+static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int corner)
+{
+    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)corner];
+    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, corner)])
+        return 0;
+    return !cut->node_marks[node] || (cut->cells[at].points >> corner & 1) ||
+           sbi_cut_held_axes(cut, cut->cells + at, corner);
+}
+
+/* Searches the part of a piece; 1: it is a crumb. */
+static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
+{
+    flood->number++;
+    flood->first = cut->flooded.count;
+    flood->ends = 0;
+    flood->volume = 0;
+    sbi_cut_visit(cut, flood, seed);
+    for (int k = flood->first; k < cut->flooded.count && !flood->ends && !flood->failed; k++) {
+        sbi_cut_handle at = cut->flooded.items[k];
+        int tet = sbi_cut_handle_tet(cut, at);
+        sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
+        flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
+        flood->ends |= flood->volume >= (double)cut->least_volume;
+        for (int a = 0; a < 4 && !flood->ends; a++) {
+            flood->ends |= sbi_cut_is_held(cut, at, a);
+            sbi_cut_visit_around(cut, flood, at, a);
+        }
+        if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
+            sbi_cut_visit_tet(cut, flood, tet);
+    }
+    return !flood->ends && !flood->failed;
+}
+
+/* ---- all of them ---- */
+
+/* Searches from one piece, and marks those of a crumb. */
+static void sbi_cut_try_crumb(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
+{
+    if (*sbi_cut_crumb_mark(cut, seed) != 0 || flood->failed || !sbi_cut_flood_from(cut, flood, seed))
+        return;
+    cut->removed.crumbs += flood->volume > 0;
+    for (int k = flood->first; k < cut->flooded.count; k++)
+        *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = SBI_CUT_CRUMBLES;
+}
+
+/* From records of what has parted, and from what was glued before the call. */
+static void sbi_cut_try_all(sb_cut *cut, sbi_cut_flood *flood)
+{
+    for (int i = 0; i < cut->cell_count; i++)
+        if (cut->cells[i].is_cut && !cut->cells[i].is_gone)
+            sbi_cut_try_crumb(cut, flood, i);
+    for (int k = 0; k < cut->glue_count && cut->next_glue_count != cut->glue_count; k++) {
+        int tet = cut->glue[k].tet, first = cut->cell_of[tet] - 1;
+        if (k > 0 && cut->glue[k - 1].tet == tet)
+            continue;
+        for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            if (!cut->cells[i].is_gone)
+                sbi_cut_try_crumb(cut, flood, i);
+        for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_try_crumb(cut, flood, ~piece);
+    }
+}
+
+/* Records of the pieces of crumbs are gone, and so is the glue within; 0: no memory. */
+static int sbi_cut_lose_crumbs(sb_cut *cut)
+{
+    int kept = 0;
+    for (int k = 0; k < cut->flooded.count; k++) {
+        sbi_cut_handle at = cut->flooded.items[k];
+        int tet = sbi_cut_handle_tet(cut, at), first = cut->cell_of[tet] - 1;
+        if (*sbi_cut_crumb_mark(cut, at) != SBI_CUT_CRUMBLES)
+            continue;
+        if (at < 0 && first < 0 && !sbi_cut_add_tet(cut, tet))
+            return 0;
+        if (at >= 0)
+            cut->cells[at].is_gone = 1;
+        first = cut->cell_of[tet] - 1;
+        for (int i = first, end = at >= 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            cut->cells[i].is_gone |= cut->cells[i].piece == ~at;
+    }
+    for (int k = 0; k < cut->next_glue_count; k++) { /* all pieces of a glued tet are of one part */
+        int first = cut->cell_of[cut->next_glue[k].tet] - 1;
+        if (first < 0 || !cut->cells[first].is_gone)
+            cut->next_glue[kept++] = cut->next_glue[k];
+    }
+    cut->next_glue_count = kept;
+    return 1;
+}
+
+SBI_API int sbi_cut_find_crumbs(sb_cut *cut)
+{
+    sbi_cut_flood flood;
+    int done;
+    memset(&flood, 0, sizeof flood);
+    cut->flooded.count = 0;
+    sbi_cut_try_all(cut, &flood);
+    done = !flood.failed && (!cut->removed.crumbs || sbi_cut_lose_crumbs(cut));
+    for (int k = 0; k < cut->flooded.count; k++)
+        *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = 0;
+    return done;
+}
+
+/* ==== src/softbody/cut/topology.c ==== */
+/* topology: which cells and copies of nodes a cut makes.
+ *
+ * Every piece of a tet is a cell with all four corners. Corners of pieces that touch over a face with that node are one
+ * node: classes of a union-find over the pieces around the node. The class with the material at the node's place keeps
+ * its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does not hold.
+ * All loops are in ascending order of nodes, tets and lattice points: so are new numbers. */
+
+#include <string.h>
+
+/* ---- copies ---- */
 
 /* The class of a corner among those listed, or the next one. */
 static int sbi_cut_class_of(const sb_cut *cut, int root)
@@ -72913,13 +73150,6 @@ static sb_result sbi_cut_number_nodes(sb_cut *cut, sb_body_change *change, sb_er
 }
 
 /* ---- cells ---- */
-
-/* How near an end of its link a crossing may be, of the link, for masses and stiffness. Explicit steps are as long as
- * the lightest corner of a piece allows: a sixteenth of the element's edge leaves them a third of the uncut ones. */
-SBI_API sb_real sbi_cut_least(const sb_cut *cut)
-{
-    return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;
-}
 
 /* What the pieces of a tet are. */
 typedef struct sbi_cut_measures {
@@ -73257,213 +73487,6 @@ SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
     return result;
 }
 
-/* ==== src/softbody/cut/cut_crumb.c ==== */
-/* cut_crumb: parts that a cut leaves and that are too small to keep.
- *
- * From each piece that a call has made, or that it has released from its glue, its part is searched, over nodes that
- * cells will share and over glue, until it is larger than a crumb or has a support: a few pieces as a rule. What an
- * earlier search of the call has met is no crumb's: those are searched to their ends. */
-
-#include <string.h>
-
-/* A piece as it is to be: a record, or ~ a piece of a tet that has no records. */
-typedef int sbi_cut_handle;
-
-enum { SBI_CUT_CRUMBLES = -1 }; /* in place of the search that has found a piece */
-
-static int *sbi_cut_crumb_mark(sb_cut *cut, sbi_cut_handle at)
-{
-    return at >= 0 ? &cut->cells[at].crumb : &cut->pieces[~at].crumb;
-}
-
-/* Element of a handle. */
-static int sbi_cut_handle_tet(const sb_cut *cut, sbi_cut_handle at)
-{
-    return at >= 0 ? cut->cells[at].tet : cut->elements.items[cut->pieces[~at].cell];
-}
-
-/* The node of a corner before the call. */
-static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int corner)
-{
-    return at >= 0 ? cut->cells[at].old_nodes[corner] : sb_body_cell_nodes(cut->body, cut->pieces[~at].cell)[corner];
-}
-
-/* ---- one search ---- */
-
-typedef struct sbi_cut_flood {
-    int number; /* of the search */
-    int first;  /* of its pieces in cut->flooded */
-    int ends;   /* 1: it is no crumb */
-    int failed; /* 1: no memory */
-    double volume;
-} sbi_cut_flood;
-
-static void sbi_cut_visit(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at)
-{
-    int *mark = sbi_cut_crumb_mark(cut, at);
-    flood->ends |= *mark != 0 && *mark != flood->number;
-    if (*mark != 0)
-        return;
-    if (!sbi_cut_list_grow(cut, &cut->flooded, 1)) {
-        flood->failed = 1;
-        return;
-    }
-    *mark = flood->number;
-    cut->flooded.items[cut->flooded.count++] = at;
-}
-
-/* Visits the pieces around a node of the uncut mesh that will share corner a of a piece. */
-static void sbi_cut_visit_around(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at, int a)
-{
-    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)a], is_new = cut->node_marks[node];
-    int mine = is_new ? sbi_cut_root(cut, 4 * at + a) : sbi_cut_handle_node(cut, at, a);
-    for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
-        int tet = cut->node_tets.items[k], first = cut->cell_of[tet] - 1, corner = 0;
-        while (cut->tets[4 * (size_t)tet + (size_t)corner] != node)
-            corner++;
-        for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
-            if (!cut->cells[i].is_gone &&
-                (is_new ? sbi_cut_root(cut, 4 * i + corner) : cut->cells[i].old_nodes[corner]) == mine)
-                sbi_cut_visit(cut, flood, i);
-        for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
-            if (sbi_cut_handle_node(cut, ~piece, corner) == mine)
-                sbi_cut_visit(cut, flood, ~piece);
-    }
-}
-
-static void sbi_cut_visit_tet(sb_cut *cut, sbi_cut_flood *flood, int tet)
-{
-    int first = cut->cell_of[tet] - 1;
-    for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
-        if (!cut->cells[i].is_gone)
-            sbi_cut_visit(cut, flood, i);
-    for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
-        sbi_cut_visit(cut, flood, ~piece);
-}
-
-/* First triangle of a tet, or of one behind it, that is to be glued. */
-static int sbi_cut_first_glued(const sb_cut *cut, int tet)
-{
-    int low = 0, high = cut->next_glue_count;
-    while (low < high) {
-        int middle = low + (high - low) / 2;
-        if (cut->next_glue[middle].tet < tet)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low;
-}
-
-static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
-{
-    int at = sbi_cut_first_glued(cut, tet);
-    return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
-}
-
-/* 1 when a corner of a piece is to be supported. */
-static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int corner)
-{
-    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)corner];
-    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, corner)])
-        return 0;
-    return !cut->node_marks[node] || (cut->cells[at].points >> corner & 1) ||
-           sbi_cut_held_axes(cut, cut->cells + at, corner);
-}
-
-/* Searches the part of a piece; 1: it is a crumb. */
-static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
-{
-    flood->number++;
-    flood->first = cut->flooded.count;
-    flood->ends = 0;
-    flood->volume = 0;
-    sbi_cut_visit(cut, flood, seed);
-    for (int k = flood->first; k < cut->flooded.count && !flood->ends && !flood->failed; k++) {
-        sbi_cut_handle at = cut->flooded.items[k];
-        int tet = sbi_cut_handle_tet(cut, at);
-        sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
-        flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
-        flood->ends |= flood->volume >= (double)cut->least_volume;
-        for (int a = 0; a < 4 && !flood->ends; a++) {
-            flood->ends |= sbi_cut_is_held(cut, at, a);
-            sbi_cut_visit_around(cut, flood, at, a);
-        }
-        if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
-            sbi_cut_visit_tet(cut, flood, tet);
-    }
-    return !flood->ends && !flood->failed;
-}
-
-/* ---- all of them ---- */
-
-/* Searches from one piece, and marks those of a crumb. */
-static void sbi_cut_try_crumb(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
-{
-    if (*sbi_cut_crumb_mark(cut, seed) != 0 || flood->failed || !sbi_cut_flood_from(cut, flood, seed))
-        return;
-    cut->removed.crumbs += flood->volume > 0;
-    for (int k = flood->first; k < cut->flooded.count; k++)
-        *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = SBI_CUT_CRUMBLES;
-}
-
-/* From records of what has parted, and from what was glued before the call. */
-static void sbi_cut_try_all(sb_cut *cut, sbi_cut_flood *flood)
-{
-    for (int i = 0; i < cut->cell_count; i++)
-        if (cut->cells[i].is_cut && !cut->cells[i].is_gone)
-            sbi_cut_try_crumb(cut, flood, i);
-    for (int k = 0; k < cut->glue_count && cut->next_glue_count != cut->glue_count; k++) {
-        int tet = cut->glue[k].tet, first = cut->cell_of[tet] - 1;
-        if (k > 0 && cut->glue[k - 1].tet == tet)
-            continue;
-        for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
-            if (!cut->cells[i].is_gone)
-                sbi_cut_try_crumb(cut, flood, i);
-        for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
-            sbi_cut_try_crumb(cut, flood, ~piece);
-    }
-}
-
-/* Records of the pieces of crumbs are gone, and so is the glue within; 0: no memory. */
-static int sbi_cut_lose_crumbs(sb_cut *cut)
-{
-    int kept = 0;
-    for (int k = 0; k < cut->flooded.count; k++) {
-        sbi_cut_handle at = cut->flooded.items[k];
-        int tet = sbi_cut_handle_tet(cut, at), first = cut->cell_of[tet] - 1;
-        if (*sbi_cut_crumb_mark(cut, at) != SBI_CUT_CRUMBLES)
-            continue;
-        if (at < 0 && first < 0 && !sbi_cut_add_tet(cut, tet))
-            return 0;
-        if (at >= 0)
-            cut->cells[at].is_gone = 1;
-        first = cut->cell_of[tet] - 1;
-        for (int i = first, end = at >= 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
-            cut->cells[i].is_gone |= cut->cells[i].piece == ~at;
-    }
-    for (int k = 0; k < cut->next_glue_count; k++) { /* all pieces of a glued tet are of one part */
-        int first = cut->cell_of[cut->next_glue[k].tet] - 1;
-        if (first < 0 || !cut->cells[first].is_gone)
-            cut->next_glue[kept++] = cut->next_glue[k];
-    }
-    cut->next_glue_count = kept;
-    return 1;
-}
-
-SBI_API int sbi_cut_find_crumbs(sb_cut *cut)
-{
-    sbi_cut_flood flood;
-    int done;
-    memset(&flood, 0, sizeof flood);
-    cut->flooded.count = 0;
-    sbi_cut_try_all(cut, &flood);
-    done = !flood.failed && (!cut->removed.crumbs || sbi_cut_lose_crumbs(cut));
-    for (int k = 0; k < cut->flooded.count; k++)
-        *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = 0;
-    return done;
-}
-
 /* ==== src/softbody/cut/cut_find.c ==== */
 /* cut_find: which piece of an element has the material at a point. */
 
@@ -73522,14 +73545,6 @@ SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part
         sbi_cut_box_add(&box, x[i]);
     }
     return box;
-}
-
-SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet)
-{
-    const int *nodes = cut->tets + 4 * (size_t)tet;
-    const sb_vec3 *x = cut->body->reference;
-    sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
-    return sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]])) / 6;
 }
 
 SBI_API double sbi_cut_size_of(const sbi_cut_box *box) { return (double)sb_v3_norm(sb_v3_sub(box->high, box->low)); }

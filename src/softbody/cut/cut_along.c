@@ -19,14 +19,6 @@ SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part
     return box;
 }
 
-SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet)
-{
-    const int *nodes = cut->tets + 4 * (size_t)tet;
-    const sb_vec3 *x = cut->body->reference;
-    sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
-    return sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]])) / 6;
-}
-
 SBI_API double sbi_cut_size_of(const sbi_cut_box *box) { return (double)sb_v3_norm(sb_v3_sub(box->high, box->low)); }
 
 SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error)

@@ -335,8 +335,6 @@ SBI_API double sbi_cut_size_of(const sbi_cut_box *box);
 
 /* Lists the tets near the box of points in space, or no farther from it than that (m), in cut->near. */
 SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count, sb_real margin);
-/* Volume of an element at rest (m^3). */
-SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet);
 /* Cuts near tets along triangles, which are the strip of a stroke's move or, stroke NULL, anything, and says what that
  * did (info may be NULL). On failure nothing has happened. */
 SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
@@ -350,8 +348,12 @@ SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, s
 /* Whether a call may go on: SB_ERROR_STATE. */
 SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error);
 
-/* ---- topology.c ---- */
+/* ---- cut_record.c ---- */
 
+/* Volume of an element at rest (m^3). */
+SBI_API sb_real sbi_cut_tet_volume(const sb_cut *cut, int tet);
+/* What links and losses leave of a tet now. */
+SBI_API void sbi_cut_parted(const sb_cut *cut, int tet, sbi_parted *parted);
 /* Lists touched tets that fall into more pieces than before, or lose points, and marks their nodes. */
 SBI_API void sbi_cut_find_parted(sb_cut *cut);
 /* Takes back what points touched tets have lost in this call. */
@@ -364,8 +366,11 @@ SBI_API int sbi_cut_end_of(const sb_cut *cut, int first);
 SBI_API int sbi_cut_root(const sb_cut *cut, int i);
 /* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
 SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner);
-/* Records of the pieces of a tet as they are to be; 0: no memory. */
+/* Records of the pieces of a tet as they are to be, and of all tets near what has parted; 0: no memory. */
 SBI_API int sbi_cut_add_tet(sb_cut *cut, int tet);
+SBI_API int sbi_cut_add_tets(sb_cut *cut);
+/* Joins corners of records over all faces between their tets. */
+SBI_API void sbi_cut_join_all(sb_cut *cut);
 /* How near an end of its link a crossing may be, of the link, for masses and stiffness. */
 SBI_API sb_real sbi_cut_least(const sb_cut *cut);
 
@@ -374,6 +379,9 @@ SBI_API sb_real sbi_cut_least(const sb_cut *cut);
 /* Marks the records of free parts that are too small as gone; of tets that had none, records come behind the others.
  * Corners of records have been joined. 0: no memory. */
 SBI_API int sbi_cut_find_crumbs(sb_cut *cut);
+
+/* ---- topology.c ---- */
+
 /* Makes pieces, copies and cells of what they have become, and glue of next_glue, by a change of the body's mesh. On
  * failure nothing has happened. */
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
