@@ -162,6 +162,8 @@ static void sbi_cut_list_seam(sb_cut *cut, const sbi_parted *parted, const sbi_c
     const unsigned char *ends = cut->lattice.links[lip->link];
     seam->tet = tet;
     seam->place = SBI_LIPS * micro + lip->place;
+    seam->link = lip->link;
+    memcpy(seam->at, facet.middle, sizeof seam->at);
     seam->area = facet.area;
     seam->is_swept = 0;
     seam->is_new = (cut->pieces[sbi_cut_piece_with(cut, tet, ends[0])].points >> ends[1] & 1) != 0;
@@ -174,6 +176,7 @@ static void sbi_cut_list_seam(sb_cut *cut, const sbi_parted *parted, const sbi_c
     }
     cut->released.area += facet.area;
     cut->released.energy += seam->is_new ? 0 : seam->energy;
+    sbi_cut_add_freed(cut, seam);
 }
 
 static int sbi_cut_list_tet(sb_cut *cut, const sbi_cut_span_of_glue *span, int tet)
@@ -181,7 +184,8 @@ static int sbi_cut_list_tet(sb_cut *cut, const sbi_cut_span_of_glue *span, int t
     sbi_parted parted;
     sbi_lip lips[SBI_LIPS];
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    if (!sbi_cut_reserve_seams(cut, SBI_LIPS * cut->lattice.micro_count))
+    if (!sbi_cut_reserve_seams(cut, SBI_LIPS * cut->lattice.micro_count) ||
+        !sbi_cut_reserve_freed(cut, SBI_LIPS * cut->lattice.micro_count))
         return 0;
     for (int micro = 0; micro < cut->lattice.micro_count; micro++) {
         int count = sbi_parted_lips(&parted, micro, lips);
@@ -197,7 +201,7 @@ SBI_API int sbi_cut_list_seams(sb_cut *cut)
 {
     sbi_cut_span_of_glue span = {0, 0};
     memset(&cut->released, 0, sizeof cut->released);
-    cut->seam_count = 0;
+    cut->seam_count = cut->freed.count = 0;
     if (!cut->touched.count && !cut->glue_count)
         return 1;
     for (int tet = 0; tet < cut->tet_count; tet++) {
@@ -223,7 +227,7 @@ SBI_API int sbi_cut_sweep_seams(sb_cut *cut, const sbi_crossing_frame *frame, in
 
 SBI_API int sbi_cut_keep_seams(sb_cut *cut)
 {
-    if (!sbi_cut_reserve_glue(cut, cut->seam_count))
+    if (!sbi_cut_reserve_glue(cut, cut->seam_count) || !sbi_cut_reserve_freed(cut, cut->seam_count))
         return 0;
     cut->next_glue_count = 0;
     for (int i = 0; i < cut->seam_count; i++) {
@@ -231,6 +235,7 @@ SBI_API int sbi_cut_keep_seams(sb_cut *cut)
         if (seam->is_swept) {
             cut->released.area += seam->area;
             cut->released.energy += seam->is_new ? 0 : seam->energy;
+            sbi_cut_add_freed(cut, seam);
             continue;
         }
         cut->released.glued_area += seam->area;

@@ -29,6 +29,13 @@ SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key)
     }
 }
 
+SBI_API void sbi_cut_touch(sb_cut *cut, int tet)
+{
+    if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
+        cut->touched.items[cut->touched.count++] = tet;
+    cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
+}
+
 /* A blade has struck a link; 0: no memory. */
 static int sbi_cut_strike(sb_cut *cut, int item, int blade)
 {
@@ -37,12 +44,8 @@ static int sbi_cut_strike(sb_cut *cut, int item, int blade)
     cut->links.items[item].struck = blade;
     cut->struck.items[cut->struck.count++] = item;
     sbi_cut_list_around(cut, &cut->links.items[item].key);
-    for (int i = 0; i < cut->around.count; i++) {
-        int tet = cut->around.items[i];
-        if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
-            cut->touched.items[cut->touched.count++] = tet;
-        cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
-    }
+    for (int i = 0; i < cut->around.count; i++)
+        sbi_cut_touch(cut, cut->around.items[i]);
     return 1;
 }
 
@@ -120,7 +123,7 @@ SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box
 {
     const sb_vec3 *x = cut->body->position;
     int meets = 0;
-    for (int piece = tet; piece >= 0 && !meets; piece = cut->pieces[piece].next) {
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0 && !meets; piece = cut->pieces[piece].next) {
         const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
         sbi_cut_box of;
         of.low = of.high = x[nodes[0]];
@@ -320,7 +323,7 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
     int count = 0;
     if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
         return 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
         const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
         sbi_cut_crossings found;
         if (!sbi_cut_is_of(cut, nodes[0], work->part) || !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
