@@ -6578,6 +6578,8 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+/* SB_ERROR_UNSUPPORTED names a tet10 with curved sides, which cannot be a piece of an element. */
+SBI_API sb_result sbi_domain_check_straight(const sb_domain *domain, const sb_vec3 *positions, sb_error *error);
 /* What shapes and masses of tet4 take from their quadrature rules, worked out once for many cells. */
 typedef struct sbi_tet_rule {
     int count; /* points of the mass */
@@ -41455,6 +41457,25 @@ static int sbi_domain_has_curved_side(const sb_mesh *mesh)
     return 0;
 }
 
+static sb_result sbi_domain_refuse_curved(int cell, sb_error *error)
+{
+    return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, cell,
+                            "cell %d has curved sides: it cannot be a piece of an element", cell);
+}
+
+SBI_API sb_result sbi_domain_check_straight(const sb_domain *domain, const sb_vec3 *positions, sb_error *error)
+{
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    for (int e = 0; e < domain->cell_count && domain->element_type == SB_TET10; e++) {
+        if (sbi_domain_is_free(domain, e))
+            continue;
+        sbi_domain_gather(domain->cells, positions, e, 10, x);
+        if (sbi_domain_tet10_is_curved(x))
+            return sbi_domain_refuse_curved(e, error);
+    }
+    return SB_OK;
+}
+
 /* The mean point of a cell after its `ordinary` others: g_a = sum_p w_p g_a,p / V with the weight V = sum_p w_p. */
 static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
 {
@@ -41539,8 +41560,7 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
         }
         sbi_domain_gather(domain->cells, positions, e, n, x);
         if (is_piece && domain->element_type == SB_TET10 && sbi_domain_tet10_is_curved(x))
-            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
-                                    "cell %d has curved sides: it cannot be a piece of an element", e);
+            return sbi_domain_refuse_curved(e, error);
         if (is_piece && q > 1)
             sbi_domain_piece_slopes(element, pieces + e, q, own);
         result = sbi_domain_fill_cell(domain, e, q, x,
@@ -69278,6 +69298,9 @@ SBI_API sbi_link_key sbi_lattice_key(const sbi_lattice *lattice, const sbi_corne
 SBI_API void sbi_lattice_ends(const sbi_lattice *lattice, const sbi_corner_order *order, int link, int ends[2]);
 /* Where a point with these barycentrics is, of a tet with corners at x: the same bits from all tets around. */
 SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real barycentrics[4], const sb_vec3 x[4]);
+/* The same of a tet10 with nodes at x. */
+SBI_API sb_vec3 sbi_lattice_place_quadratic(const sbi_corner_order *order, const sb_real barycentrics[4],
+                                            const sb_vec3 x[10]);
 /* Barycentrics of p in a tet with corners at x; returns the least of them, -SB_REAL_MAX where it is flat. */
 SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4]);
 SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4]);
@@ -69521,6 +69544,22 @@ SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real b
         if (barycentrics[corner] != 0)
             place = sb_v3_madd(place, barycentrics[corner], x[corner]);
     }
+    return place;
+}
+
+SBI_API sb_vec3 sbi_lattice_place_quadratic(const sbi_corner_order *order, const sb_real barycentrics[4],
+                                            const sb_vec3 x[10])
+{
+    static const signed char middle[4][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}};
+    sb_vec3 place = {0, 0, 0};
+    for (int i = 0; i < 4; i++)
+        for (int k = i; k < 4; k++) {
+            int p = order->corners[i], q = order->corners[k];
+            sb_real weight =
+                p == q ? barycentrics[p] * (2 * barycentrics[p] - 1) : 4 * barycentrics[p] * barycentrics[q];
+            if (weight != 0)
+                place = sb_v3_madd(place, weight, x[(int)middle[p][q]]);
+        }
     return place;
 }
 
@@ -70679,6 +70718,8 @@ typedef struct sbi_cut_piece {
     int next;        /* piece of the same tet with the next lowest point, or -1 */
 } sbi_cut_piece;
 
+enum { SBI_CUT_NODES = 10 }; /* of an element, at most */
+
 /* A piece near what a call has parted, as it is to be. */
 typedef struct sbi_cut_cell {
     uint64_t points;
@@ -70687,11 +70728,11 @@ typedef struct sbi_cut_cell {
     int is_new; /* 1: another piece has that one's cell */
     int is_cut; /* 1: its tet falls into other pieces now */
     int cell;
-    int old_nodes[4], nodes[4];
+    int old_nodes[SBI_CUT_NODES], nodes[SBI_CUT_NODES];
     unsigned short marks[4]; /* on the faces */
 } sbi_cut_cell;
 
-/* A class of the corners around a node: one node from now on. */
+/* A class of the cells' nodes at a node: one node from now on. */
 typedef struct sbi_cut_class {
     int root;
     int old;  /* its number so far */
@@ -70767,7 +70808,9 @@ struct sb_cut {
     sbi_lattice lattice;
 
     int tet_count, node_end;
-    int *tets;                 /* [tet_count][4] nodes */
+    int *tets;                 /* [tet_count][4] corners */
+    int nodes_per_tet;         /* 4, or 10 */
+    int *nodes;                /* [tet_count][nodes_per_tet] of tet10; of tet4 these are `tets` */
     sb_index_table neighbours; /* [tet_count][4] across faces, -1: none */
     sb_index_lists node_tets;  /* tets of each node, ascending */
 
@@ -70820,7 +70863,7 @@ struct sb_cut {
     sbi_cut_list touched, parted;          /* tets */
     sbi_cut_cell *cells;
     int cell_count, cell_capacity;
-    sbi_cut_list roots;     /* [cell_count][4] union-find over corners of the records */
+    sbi_cut_list roots;     /* [cell_count][nodes_per_tet] union-find over nodes of the records */
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
@@ -70870,14 +70913,29 @@ SB_INLINE int sbi_cut_piece_with(const sb_cut *cut, int tet, int point)
         piece = cut->pieces[piece].next;
     return piece;
 }
-/* A piece in the present shape. */
+/* Nodes of a tet of the uncut mesh, and of the cell of a piece. */
+SB_INLINE const int *sbi_cut_tet_nodes(const sb_cut *cut, int tet)
+{
+    return cut->nodes + (size_t)cut->nodes_per_tet * (size_t)tet;
+}
+SB_INLINE const int *sbi_cut_piece_nodes(const sb_cut *cut, int piece)
+{
+    return cut->body->domain.cells + (size_t)cut->nodes_per_tet * (size_t)cut->pieces[piece].cell;
+}
+/* Where the nodes of a piece are (m, in space). */
+SBI_API void sbi_cut_get_nodes(const sb_cut *cut, int piece, sb_vec3 x[SBI_CUT_NODES]);
+/* Where a point with these barycentrics is in an element with nodes at x: the same bits from all tets around. */
+SBI_API sb_vec3 sbi_cut_place(const sb_cut *cut, const sbi_corner_order *order, const sb_real barycentrics[4],
+                              const sb_vec3 x[SBI_CUT_NODES]);
+/* Box of a piece (m, in space). */
+SBI_API sbi_cut_box sbi_cut_box_of_piece(const sb_cut *cut, int piece);
+/* A piece in the present shape: places of all lattice points. */
 typedef struct sbi_cut_shape {
     sbi_corner_order order;
-    sb_vec3 corners[4];
     sbi_int3 places[SBI_LATTICE_POINTS];
 } sbi_cut_shape;
-/* Makes places of all lattice points from corners. */
-SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape);
+SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, int piece, const sbi_crossing_frame *frame,
+                                sbi_cut_shape *shape);
 /* Lists the tets with a piece whose box meets this one (m, in space) in cut->near. now: the body's box. */
 SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach);
 /* 1 when the box of a piece of a tet meets this one. */
@@ -71188,16 +71246,45 @@ SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count)
     return box;
 }
 
-SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box)
+SBI_API void sbi_cut_get_nodes(const sb_cut *cut, int piece, sb_vec3 x[SBI_CUT_NODES])
+{
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
+    for (int a = 0; a < cut->nodes_per_tet; a++)
+        x[a] = cut->body->position[nodes[a]];
+}
+
+SBI_API sb_vec3 sbi_cut_place(const sb_cut *cut, const sbi_corner_order *order, const sb_real barycentrics[4],
+                              const sb_vec3 x[SBI_CUT_NODES])
+{
+    return cut->nodes_per_tet == 4 ? sbi_lattice_place(order, barycentrics, x)
+                                   : sbi_lattice_place_quadratic(order, barycentrics, x);
+}
+
+/* An element with curved edges lies in the box of its Bezier points: corners, and of each edge twice the middle less
+ * the mean of the ends. */
+SBI_API sbi_cut_box sbi_cut_box_of_piece(const sb_cut *cut, int piece)
 {
     const sb_vec3 *x = cut->body->position;
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
+    sbi_cut_box box;
+    box.low = box.high = x[nodes[0]];
+    for (int a = 1; a < 4; a++)
+        sbi_cut_box_add(&box, x[nodes[a]]);
+    for (int e = 0; e < 6 && cut->nodes_per_tet > 4; e++) {
+        int edge[3];
+        sb_vec3 ends;
+        sb_element_edge(SB_TET10, e, edge);
+        ends = sb_v3_add(x[nodes[edge[0]]], x[nodes[edge[1]]]);
+        sbi_cut_box_add(&box, sb_v3_madd(sb_v3_scale(2, x[nodes[edge[2]]]), (sb_real)-0.5, ends));
+    }
+    return box;
+}
+
+SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box)
+{
     int meets = 0;
     for (int piece = tet; piece >= 0 && !meets; piece = cut->pieces[piece].next) {
-        const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
-        sbi_cut_box of;
-        of.low = of.high = x[nodes[0]];
-        for (int a = 1; a < 4; a++)
-            sbi_cut_box_add(&of, x[nodes[a]]);
+        sbi_cut_box of = sbi_cut_box_of_piece(cut, piece);
         meets = sbi_cut_boxes_meet(&of, box);
     }
     return meets;
@@ -71233,32 +71320,30 @@ typedef struct sbi_cut_crossings {
     sb_real t[SBI_LATTICE_LINKS];
 } sbi_cut_crossings;
 
-/* Box of the corners, rounded; lattice points lie in it but for their own rounding. */
-static sbi_blade_box sbi_cut_shape_box(const sbi_crossing_frame *frame, const sb_vec3 corners[4])
+/* Box of a piece, rounded; lattice points lie in it but for their own rounding. */
+static sbi_blade_box sbi_cut_shape_box(const sb_cut *cut, const sbi_crossing_frame *frame, int piece)
 {
     const int rounding = 1;
+    sbi_cut_box of = sbi_cut_box_of_piece(cut, piece);
     sbi_blade_box box;
-    for (int a = 0; a < 4; a++) {
-        sbi_int3 at = sbi_crossing_round(frame, corners[a]);
-        if (a == 0)
-            box.low = box.high = at;
-        box.low.x = sbi_min_int(box.low.x, at.x), box.high.x = sbi_max_int(box.high.x, at.x);
-        box.low.y = sbi_min_int(box.low.y, at.y), box.high.y = sbi_max_int(box.high.y, at.y);
-        box.low.z = sbi_min_int(box.low.z, at.z), box.high.z = sbi_max_int(box.high.z, at.z);
-    }
+    box.low = sbi_crossing_round(frame, of.low);
+    box.high = sbi_crossing_round(frame, of.high);
     box.low.x -= rounding, box.low.y -= rounding, box.low.z -= rounding;
     box.high.x += rounding, box.high.y += rounding, box.high.z += rounding;
     return box;
 }
 
-SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape)
+SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, int piece, const sbi_crossing_frame *frame,
+                                sbi_cut_shape *shape)
 {
     const sbi_lattice *lattice = &cut->lattice;
+    sb_vec3 x[SBI_CUT_NODES];
+    sbi_cut_get_nodes(cut, piece, x);
     shape->order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     for (int p = 0; p < lattice->point_count; p++) {
         sb_real barycentrics[4];
         sbi_lattice_point(lattice, p, barycentrics);
-        shape->places[p] = sbi_crossing_round(frame, sbi_lattice_place(&shape->order, barycentrics, shape->corners));
+        shape->places[p] = sbi_crossing_round(frame, sbi_cut_place(cut, &shape->order, barycentrics, x));
     }
 }
 
@@ -71293,19 +71378,15 @@ static void sbi_cut_cross(const sb_cut *cut, uint64_t points, const sbi_cut_shap
 static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *frame, int tet, int piece,
                                   sbi_cut_crossings *found)
 {
-    const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
     sbi_cut_shape shape;
-    sbi_blade_box box;
+    sbi_blade_box box = sbi_cut_shape_box(cut, frame, piece);
     sbi_blade_walk walk;
     int blade;
-    for (int a = 0; a < 4; a++)
-        shape.corners[a] = cut->body->position[nodes[a]];
-    box = sbi_cut_shape_box(frame, shape.corners);
     sbi_blade_walk_begin(&cut->tree, &box, &walk);
     blade = sbi_blade_walk_next(&cut->tree, &walk);
     if (blade < 0)
         return 0;
-    sbi_cut_shape_make(cut, tet, frame, &shape);
+    sbi_cut_shape_make(cut, tet, piece, frame, &shape);
     memset(found->blades, -1, sizeof found->blades);
     for (; blade >= 0; blade = sbi_blade_walk_next(&cut->tree, &walk))
         sbi_cut_cross(cut, cut->pieces[piece].points, &shape, blade, found);
@@ -71317,14 +71398,12 @@ static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *f
 /* A lattice point as the piece that has it says. */
 static sbi_int3 sbi_cut_point(const sb_cut *cut, const sbi_crossing_frame *frame, int tet, int point)
 {
-    const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[sbi_cut_piece_with(cut, tet, point)].cell;
     sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
-    sb_vec3 corners[4];
+    sb_vec3 x[SBI_CUT_NODES];
     sb_real at[4];
-    for (int a = 0; a < 4; a++)
-        corners[a] = cut->body->position[nodes[a]];
+    sbi_cut_get_nodes(cut, sbi_cut_piece_with(cut, tet, point), x);
     sbi_lattice_point(&cut->lattice, point, at);
-    return sbi_crossing_round(frame, sbi_lattice_place(&order, at, corners));
+    return sbi_crossing_round(frame, sbi_cut_place(cut, &order, at, x));
 }
 
 SBI_API int sbi_cut_first_crossing(const sb_cut *cut, sbi_int3 from, sbi_int3 to)
@@ -71352,8 +71431,7 @@ static int sbi_cut_cross_predicted(const sb_cut *cut, const sbi_crossing_frame *
     int piece = sbi_cut_piece_with(cut, tet, ends[0]), item;
     sbi_corner_order order;
     sbi_link_key key;
-    if ((cut->pieces[piece].points >> ends[1] & 1) ||
-        !sbi_cut_is_of(cut, cut->body->domain.cells[4 * (size_t)cut->pieces[piece].cell], part))
+    if ((cut->pieces[piece].points >> ends[1] & 1) || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
         return -1;
     order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     key = sbi_lattice_key(&cut->lattice, &order, tet, link);
@@ -71393,9 +71471,9 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
     if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
         return 0;
     for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-        const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
         sbi_cut_crossings found;
-        if (!sbi_cut_is_of(cut, nodes[0], work->part) || !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
+        if (!sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], work->part) ||
+            !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
             continue;
         for (int l = 0; l < cut->lattice.link_count; l++) {
             if (found.blades[l] >= 0)
@@ -71651,18 +71729,14 @@ static int sbi_cut_predict_points(sb_cut *cut, const sbi_crossing_frame *frame, 
     sbi_parted trial = *parted;
     sbi_cut_shape shape;
     uint64_t above;
-    const int *nodes;
     int first = 0, piece, blade;
     while (!(points >> first & 1))
         first++;
     piece = sbi_cut_piece_with(cut, tet, first);
-    nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
     blade = sbi_cut_last_struck(cut, parted, cut->pieces[piece].points);
-    if (blade < 0 || !sbi_cut_is_of(cut, nodes[0], part))
+    if (blade < 0 || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
         return 1;
-    for (int a = 0; a < 4; a++)
-        shape.corners[a] = cut->body->position[nodes[a]];
-    sbi_cut_shape_make(cut, tet, frame, &shape);
+    sbi_cut_shape_make(cut, tet, piece, frame, &shape);
     above = sbi_cut_points_above(cut, &shape, cut->blades + blade);
     for (int l = 0; l < cut->lattice.link_count; l++) {
         const unsigned char *ends = cut->lattice.links[l];
@@ -71829,31 +71903,37 @@ SBI_API void sbi_cut_free_glue(sb_cut *cut)
 
 /* A triangle at rest. */
 typedef struct sbi_cut_facet {
-    sb_real middle[4]; /* barycentrics of the centroid */
-    sb_real area;      /* m^2 */
-    sb_real firmness;  /* beta A / h (m) */
-    sb_real size;      /* h (m) */
+    sb_real middle[4];            /* barycentrics of the centroid */
+    sb_real shape[SBI_CUT_NODES]; /* shape functions there */
+    sb_real area;                 /* m^2 */
+    sb_real firmness;             /* beta A / h (m) */
+    sb_real size;                 /* h (m) */
 } sbi_cut_facet;
 
 /* Normal of a triangle with these corners, as long as twice its area. */
-static sb_vec3 sbi_cut_facet_normal(const sbi_corner_order *order, const sbi_lip *lip, const sb_vec3 x[4])
+static sb_vec3 sbi_cut_facet_normal(const sb_cut *cut, const sbi_corner_order *order, const sbi_lip *lip,
+                                    const sb_vec3 x[SBI_CUT_NODES])
 {
-    sb_vec3 a = sbi_lattice_place(order, lip->corners[0], x);
-    return sb_v3_cross(sb_v3_sub(sbi_lattice_place(order, lip->corners[1], x), a),
-                       sb_v3_sub(sbi_lattice_place(order, lip->corners[2], x), a));
+    sb_vec3 a = sbi_cut_place(cut, order, lip->corners[0], x);
+    return sb_v3_cross(sb_v3_sub(sbi_cut_place(cut, order, lip->corners[1], x), a),
+                       sb_v3_sub(sbi_cut_place(cut, order, lip->corners[2], x), a));
 }
 
 static sbi_cut_facet sbi_cut_facet_make(const sb_cut *cut, int tet, const sbi_parted *parted, const sbi_lip *lip)
 {
-    const int *nodes = cut->tets + 4 * (size_t)tet;
+    const int *nodes = sbi_cut_tet_nodes(cut, tet);
     sbi_cut_facet facet;
-    sb_vec3 x[4];
-    for (int a = 0; a < 4; a++) {
+    sb_vec3 x[SBI_CUT_NODES];
+    for (int a = 0; a < cut->nodes_per_tet; a++)
         x[a] = cut->body->reference[nodes[a]];
+    for (int a = 0; a < 4; a++)
         facet.middle[a] = (lip->corners[0][a] + lip->corners[1][a] + lip->corners[2][a]) / 3;
-    }
+    if (cut->nodes_per_tet == 4)
+        memcpy(facet.shape, facet.middle, sizeof facet.middle);
+    else
+        sb_element_shape(SB_TET10, facet.middle + 1, facet.shape, NULL);
     facet.size = sb_cbrt(sb_v3_dot(sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0])), sb_v3_sub(x[3], x[0])));
-    facet.area = sb_v3_norm(sbi_cut_facet_normal(&parted->order, lip, x)) / 2;
+    facet.area = sb_v3_norm(sbi_cut_facet_normal(cut, &parted->order, lip, x)) / 2;
     facet.firmness = cut->beta * facet.area / facet.size;
     return facet;
 }
@@ -71880,18 +71960,18 @@ static void sbi_cut_measure_seam(const sb_cut *cut, const sbi_parted *parted, co
                                  const sbi_cut_facet *facet, sbi_cut_seam *seam)
 {
     const unsigned char *ends = cut->lattice.links[lip->link];
-    const int *below = sb_body_cell_nodes(cut->body, cut->pieces[sbi_cut_piece_with(cut, seam->tet, ends[0])].cell);
-    const int *above = sb_body_cell_nodes(cut->body, cut->pieces[sbi_cut_piece_with(cut, seam->tet, ends[1])].cell);
+    const int *below = sbi_cut_piece_nodes(cut, sbi_cut_piece_with(cut, seam->tet, ends[0]));
+    const int *above = sbi_cut_piece_nodes(cut, sbi_cut_piece_with(cut, seam->tet, ends[1]));
     const sb_material *material = cut->body->materials + cut->body->cell_material[cut->pieces[seam->tet].cell];
-    sb_vec3 x[4], jump = sb_v3(0, 0, 0), middle, normal;
+    sb_vec3 x[SBI_CUT_NODES], jump = sb_v3(0, 0, 0), middle, normal;
     sb_real size;
-    for (int a = 0; a < 4; a++) {
+    for (int a = 0; a < cut->nodes_per_tet; a++) {
         sb_vec3 p = cut->body->position[below[a]], q = cut->body->position[above[a]];
         x[a] = sb_v3_scale((sb_real)0.5, sb_v3_add(p, q));
-        jump = sb_v3_madd(jump, facet->middle[a], sb_v3_sub(p, q));
+        jump = sb_v3_madd(jump, facet->shape[a], sb_v3_sub(p, q));
     }
-    middle = sbi_lattice_place(&parted->order, facet->middle, x);
-    normal = sbi_cut_facet_normal(&parted->order, lip, x);
+    middle = sbi_cut_place(cut, &parted->order, facet->middle, x);
+    normal = sbi_cut_facet_normal(cut, &parted->order, lip, x);
     size = sb_v3_norm(normal);
     normal = size > 0 ? sb_v3_scale(facet->size / (2 * size), normal) : sb_v3(0, 0, 0);
     seam->needle[0] = sb_v3_sub(middle, normal);
@@ -72090,9 +72170,11 @@ SBI_API void sbi_cut_take_next_glue(sb_cut *cut)
 /* ==== src/softbody/cut/topology.c ==== */
 /* topology: which cells and copies of nodes a cut makes.
  *
- * Every piece of a tet is a cell with all four corners. Corners of pieces that touch over a face with that node are one
- * node: classes of a union-find over the pieces around the node. The class with the material at the node's place keeps
- * its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does not hold.
+ * Every piece of a tet is a cell with all of its nodes. Those of pieces that touch over a face with that node are one:
+ * classes of a union-find over the pieces around the node. Nodes in the middle of edges have classes of their own: they
+ * may have copies where the ends of the edge hang together around a front. The class with the material at the node's
+ * place keeps its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does
+ * not hold.
  * All loops are in ascending order of nodes, tets and lattice points: so are new numbers. */
 
 #include <string.h>
@@ -72122,8 +72204,8 @@ SBI_API void sbi_cut_find_parted(sb_cut *cut)
             continue;
         cut->tet_marks[tet] |= SBI_CUT_PARTED;
         cut->parted.items[cut->parted.count++] = tet;
-        for (int a = 0; a < 4; a++)
-            cut->node_marks[cut->tets[4 * (size_t)tet + (size_t)a]] = 1;
+        for (int a = 0; a < cut->nodes_per_tet; a++)
+            cut->node_marks[sbi_cut_tet_nodes(cut, tet)[a]] = 1;
     }
     for (int i = 0; i < cut->parted.count; i++)
         for (int a = 0; a < 4; a++) {
@@ -72138,7 +72220,7 @@ SBI_API void sbi_cut_find_parted(sb_cut *cut)
 static void sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, const sbi_corner_order *order)
 {
     sbi_cut_cell *cell = cut->cells + cut->cell_count;
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
     cell->points = points;
     cell->tet = tet;
     cell->piece = piece;
@@ -72147,10 +72229,10 @@ static void sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, c
     cell->is_new = 0;
     for (int k = cut->cell_of[tet] - 1; k < cut->cell_count; k++)
         cell->is_new |= cut->cells[k].piece == piece;
-    for (int a = 0; a < 4; a++) {
+    for (int a = 0; a < cut->nodes_per_tet; a++)
         cell->old_nodes[a] = cell->nodes[a] = nodes[a];
-        cell->marks[a] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, a, points);
-    }
+    for (int face = 0; face < 4; face++)
+        cell->marks[face] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, face, points);
     cut->cell_count++;
 }
 
@@ -72186,7 +72268,7 @@ static int sbi_cut_add_tets(sb_cut *cut)
     for (int tet = 0; tet < cut->tet_count; tet++)
         if ((cut->tet_marks[tet] & SBI_CUT_NEAR) && !sbi_cut_add_tet(cut, tet))
             return 0;
-    return sbi_cut_list_grow(cut, &cut->roots, 4 * cut->cell_count - cut->roots.count);
+    return sbi_cut_list_grow(cut, &cut->roots, cut->nodes_per_tet * cut->cell_count - cut->roots.count);
 }
 
 /* Records of a tet end here. */
@@ -72214,23 +72296,23 @@ static void sbi_cut_join(const sb_cut *cut, int i, int j)
     cut->roots.items[sbi_max_int(a, b)] = sbi_min_int(a, b);
 }
 
-/* Joins the corners of two records that touch over a face of the first. */
+/* Joins the nodes of two records that touch over a face of the first. */
 static void sbi_cut_join_over(const sb_cut *cut, int mine, int its, int face)
 {
-    const int *nodes = cut->tets + 4 * (size_t)cut->cells[mine].tet,
-              *others = cut->tets + 4 * (size_t)cut->cells[its].tet;
-    int corners[SB_MAX_FACE_NODES];
-    sb_element_face(SB_TET4, face, corners, NULL);
-    for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 4; a++)
-            if (others[a] == nodes[corners[k]] && cut->node_marks[others[a]])
-                sbi_cut_join(cut, 4 * mine + corners[k], 4 * its + a);
+    const int *nodes = sbi_cut_tet_nodes(cut, cut->cells[mine].tet);
+    const int *others = sbi_cut_tet_nodes(cut, cut->cells[its].tet);
+    int local[SB_MAX_FACE_NODES], n = cut->nodes_per_tet;
+    int count = sb_element_face(cut->body->domain.element_type, face, local, NULL);
+    for (int k = 0; k < count; k++)
+        for (int a = 0; a < n; a++)
+            if (others[a] == nodes[local[k]] && cut->node_marks[others[a]])
+                sbi_cut_join(cut, n * mine + local[k], n * its + a);
 }
 
-/* Joins corners over all faces between tets with records. */
+/* Joins nodes over all faces between tets with records. */
 static void sbi_cut_join_all(sb_cut *cut)
 {
-    for (int i = 0; i < 4 * cut->cell_count; i++)
+    for (int i = 0; i < cut->nodes_per_tet * cut->cell_count; i++)
         cut->roots.items[i] = i;
     for (int mine = 0; mine < cut->cell_count; mine++) {
         int tet = cut->cells[mine].tet;
@@ -72251,15 +72333,15 @@ static void sbi_cut_join_all(sb_cut *cut)
 /* ---- copies ---- */
 
 /* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
-static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner)
+static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int node)
 {
     int held = 0;
     for (int face = 0; face < 4; face++) {
-        int corners[SB_MAX_FACE_NODES], all = SB_XYZ, on = 0;
-        sb_element_face(SB_TET4, face, corners, NULL);
-        for (int k = 0; k < 3; k++) {
-            on |= corners[k] == corner;
-            all &= cut->body->fixed[cell->old_nodes[corners[k]]];
+        int local[SB_MAX_FACE_NODES], all = SB_XYZ, on = 0;
+        int count = sb_element_face(cut->body->domain.element_type, face, local, NULL);
+        for (int k = 0; k < count; k++) {
+            on |= local[k] == node;
+            all &= cut->body->fixed[cell->old_nodes[local[k]]];
         }
         if (on && cell->marks[face] && cut->neighbours.items[4 * (size_t)cell->tet + (size_t)face] < 0)
             held |= all;
@@ -72267,16 +72349,36 @@ static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int co
     return held;
 }
 
-/* Corner of a record that is this node; -1: none. */
-static int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
+/* Place among the nodes of a record of this node; -1: none. */
+static int sbi_cut_local_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
 {
-    for (int a = 0; a < 4; a++)
-        if (cut->tets[4 * (size_t)cell->tet + (size_t)a] == node)
+    const int *nodes = sbi_cut_tet_nodes(cut, cell->tet);
+    for (int a = 0; a < cut->nodes_per_tet; a++)
+        if (nodes[a] == node)
             return a;
     return -1;
 }
 
-/* The class of a corner among those listed, or the next one. */
+/* 1 when a record has the material in the middle of an edge of its tet, whose link is all of the edge. */
+static int sbi_cut_has_middle(const sb_cut *cut, const sbi_cut_cell *cell, int edge)
+{
+    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)cell->tet);
+    int link = cut->lattice.micro_links[0][edge], ends[2], item;
+    sbi_link_key key = sbi_lattice_key(&cut->lattice, &order, cell->tet, link);
+    sbi_lattice_ends(&cut->lattice, &order, link, ends);
+    item = sbi_cut_links_find(&cut->links, &key);
+    return (int)(cell->points >> ends[item >= 0 && cut->links.items[item].t < (sb_real)0.5] & 1);
+}
+
+/* 1 when a record has the material at one of its nodes. */
+static int sbi_cut_has_material(const sb_cut *cut, const sbi_cut_cell *cell, int local)
+{
+    if (local < cut->lattice.point_count) /* a point of the lattice, which has them in the order of a tet10 */
+        return (int)(cell->points >> local & 1);
+    return sbi_cut_has_middle(cut, cell, local - 4);
+}
+
+/* The class of a node among those listed, or the next one. */
 static int sbi_cut_class_of(const sb_cut *cut, int root)
 {
     int at = 0;
@@ -72285,7 +72387,7 @@ static int sbi_cut_class_of(const sb_cut *cut, int root)
     return at;
 }
 
-/* Lists the classes around a node, in the order of their first corners; 0: no memory. */
+/* Lists the classes around a node, in the order of their first records; 0: no memory. */
 static int sbi_cut_list_classes(sb_cut *cut, int node)
 {
     cut->class_count = 0;
@@ -72293,7 +72395,7 @@ static int sbi_cut_list_classes(sb_cut *cut, int node)
         int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
             const sbi_cut_cell *cell = cut->cells + i;
-            int corner = sbi_cut_corner_of(cut, cell, node), root = sbi_cut_root(cut, 4 * i + corner);
+            int local = sbi_cut_local_of(cut, cell, node), root = sbi_cut_root(cut, cut->nodes_per_tet * i + local);
             int at = sbi_cut_class_of(cut, root);
             void *classes = cut->classes;
             int grown = sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, cut->class_count, 1,
@@ -72303,12 +72405,12 @@ static int sbi_cut_list_classes(sb_cut *cut, int node)
                 return 0;
             if (at == cut->class_count) {
                 cut->classes[at].root = root;
-                cut->classes[at].old = cell->old_nodes[corner];
+                cut->classes[at].old = cell->old_nodes[local];
                 cut->classes[at].has = cut->classes[at].held = 0;
                 cut->class_count++;
             }
-            cut->classes[at].has |= (int)(cell->points >> corner & 1);
-            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, corner);
+            cut->classes[at].has |= sbi_cut_has_material(cut, cell, local);
+            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, local);
         }
     }
     return 1;
@@ -72346,7 +72448,7 @@ static sb_result sbi_cut_add_copy(sb_cut *cut, sb_body_change *change, int node,
     return SB_OK;
 }
 
-/* Numbers of the corners around a node. */
+/* Numbers of a node in the records around it. */
 static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int node, sb_error *error)
 {
     if (!sbi_cut_list_classes(cut, node))
@@ -72363,8 +72465,9 @@ static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int no
     for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
         int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
-            int corner = sbi_cut_corner_of(cut, cut->cells + i, node);
-            cut->cells[i].nodes[corner] = cut->classes[sbi_cut_class_of(cut, sbi_cut_root(cut, 4 * i + corner))].number;
+            int local = sbi_cut_local_of(cut, cut->cells + i, node);
+            int root = sbi_cut_root(cut, cut->nodes_per_tet * i + local);
+            cut->cells[i].nodes[local] = cut->classes[sbi_cut_class_of(cut, root)].number;
         }
     }
     return SB_OK;
@@ -72400,7 +72503,7 @@ static void sbi_cut_measure(const sb_cut *cut, int tet, sbi_cut_measures *measur
     sbi_face_moments of_face[SBI_LATTICE_POINTS];
     sbi_cut_parted(cut, tet, &parted);
     sbi_parted_moments(&parted, sbi_cut_least(cut), measures->moments);
-    for (int face = 0; face < 4; face++) {
+    for (int face = 0; face < 4 && cut->nodes_per_tet == 4; face++) {
         int corners[SB_MAX_FACE_NODES];
         sb_element_face(SB_TET4, face, corners, NULL);
         sbi_parted_face(&parted, face, of_face);
@@ -72424,7 +72527,7 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
         of_piece.covariance = measures->moments[piece].spread;
         made.share = sb_min(measures->moments[piece].share, 1);
         made.moments = &of_piece;
-        made.face_loads = measures->faces[piece];
+        made.face_loads = cut->nodes_per_tet == 4 ? measures->faces[piece] : NULL;
     }
     cut->made_cells += cell->is_new;
     return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
@@ -72436,17 +72539,16 @@ static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first,
 {
     sbi_cut_measures measures;
     sb_result result = SB_OK;
+    size_t nodes = (size_t)cut->nodes_per_tet * sizeof(int);
     int differs = 0;
     for (int i = first; i < end; i++)
-        differs |= cut->cells[i].is_cut ||
-                   memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0;
+        differs |= cut->cells[i].is_cut || memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, nodes) != 0;
     if (!differs)
         return SB_OK;
     if (end - first > 1)
         sbi_cut_measure(cut, cut->cells[first].tet, &measures);
     for (int i = first; i < end && result == SB_OK; i++)
-        if (cut->cells[i].is_cut ||
-            memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0)
+        if (cut->cells[i].is_cut || memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, nodes) != 0)
             result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? &measures : NULL, i - first, error);
     return result;
 }
@@ -72794,7 +72896,8 @@ SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int cou
  *
  * The front is where the blade's edge was: samples at its corners, and wherever it goes through a face of a cell.
  * Between calls they move with the material that they are in, and what is between two of them, in one cell, as straight
- * as it was; outside of the tissue they stay where they are. So the next strip begins exactly where the last one ended,
+ * as it was (in elements with curved edges, in one micro-tet of the lattice, as which links see it); outside of the
+ * tissue they stay where they are. So the next strip begins exactly where the last one ended,
  * however the tissue has moved, but for the rounding of places: cut_ring.c closes what that may leave. Tissue that
  * moves against a blade at rest is cut as well. */
 
@@ -72893,28 +72996,103 @@ static int sbi_cut_piece_at(const sb_cut *cut, int tet, const sb_real at[4])
     return piece;
 }
 
-static void sbi_cut_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
+/* Parts of an element that stay straight: a tet4, or the micro-tets of one with curved edges. */
+static int sbi_cut_brick_count(const sb_cut *cut) { return cut->nodes_per_tet == 4 ? 1 : cut->lattice.micro_count; }
+
+/* The same as a number of them along an edge. */
+static int sbi_cut_bricks_along(const sb_cut *cut) { return cut->nodes_per_tet == 4 ? 1 : cut->lattice.intervals; }
+
+/* Where the corners of a brick of a piece are now. */
+static void sbi_cut_corners(const sb_cut *cut, int tet, int piece, int brick, sb_vec3 corners[4])
 {
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-    for (int a = 0; a < 4; a++)
-        x[a] = sb_body_positions(cut->body)[nodes[a]];
+    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    sb_vec3 x[SBI_CUT_NODES];
+    sbi_cut_get_nodes(cut, piece, x);
+    for (int a = 0; a < 4; a++) {
+        sb_real at[4];
+        sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], at);
+        corners[a] = cut->nodes_per_tet == 4 ? x[a] : sbi_cut_place(cut, &order, at, x);
+    }
+}
+
+/* Barycentrics in the tet of a point of a brick. */
+static void sbi_cut_from_brick(const sb_cut *cut, int brick, const sb_real of_brick[4], sb_real at[4])
+{
+    if (cut->nodes_per_tet == 4) {
+        memcpy(at, of_brick, 4 * sizeof *at);
+        return;
+    }
+    at[0] = at[1] = at[2] = at[3] = 0;
+    for (int a = 0; a < 4; a++) {
+        sb_real corner[4];
+        sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], corner);
+        for (int k = 0; k < 4; k++)
+            at[k] += of_brick[a] * corner[k];
+    }
+}
+
+/* The brick that has a point of the tet deepest inside, and its barycentrics there. */
+static int sbi_cut_to_brick(const sb_cut *cut, const sb_real at[4], sb_real of_brick[4])
+{
+    sb_real deepest = -SB_REAL_MAX;
+    int found = 0;
+    memcpy(of_brick, at, 4 * sizeof *at);
+    for (int brick = 0; brick < cut->lattice.micro_count && cut->nodes_per_tet > 4; brick++) {
+        sb_vec3 corners[4];
+        sb_real own[4], depth;
+        for (int a = 0; a < 4; a++) {
+            sb_real corner[4];
+            sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], corner);
+            corners[a] = sb_v3(corner[1], corner[2], corner[3]);
+        }
+        depth = sbi_lattice_barycentrics(corners, sb_v3(at[1], at[2], at[3]), own);
+        if (!(depth > deepest))
+            continue;
+        deepest = depth;
+        found = brick;
+        memcpy(of_brick, own, sizeof own);
+    }
+    return found;
 }
 
 /* Where a sample is now. */
 static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
 {
     sb_vec3 x[4], place = {0, 0, 0};
+    sb_real of_brick[4];
+    int brick;
     if (sample->tet < 0)
         return sample->place;
-    sbi_cut_corners(cut, sbi_cut_piece_at(cut, sample->tet, sample->at), x);
+    brick = sbi_cut_to_brick(cut, sample->at, of_brick);
+    sbi_cut_corners(cut, sample->tet, sbi_cut_piece_at(cut, sample->tet, sample->at), brick, x);
     for (int a = 0; a < 4; a++)
-        place = sb_v3_madd(place, sample->at[a], x[a]);
+        place = sb_v3_madd(place, of_brick[a], x[a]);
     return place;
 }
 
 /* Outside of the tissue a blade moves with the skin where it is no farther than that, in barycentrics of the cell:
  * tissue that comes upon it is cut from its skin on. */
 static const sb_real sbi_cut_skin = 1;
+
+/* Puts a sample at p into a piece where that has it deeper inside, or nearer, than by `deepest`, in barycentrics of the
+ * cell. */
+static void sbi_cut_settle(const sb_cut *cut, int tet, int piece, sb_vec3 p, sb_real *deepest, sbi_cut_sample *sample)
+{
+    for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++) {
+        sb_vec3 x[4];
+        sb_real own[4], at[4], depth;
+        sbi_cut_corners(cut, tet, piece, brick, x);
+        depth = sbi_lattice_barycentrics(x, p, own) / (sb_real)sbi_cut_bricks_along(cut);
+        if (!(depth > *deepest))
+            continue;
+        sbi_cut_from_brick(cut, brick, own, at);
+        if (sbi_cut_piece_at(cut, tet, at) != piece)
+            continue;
+        *deepest = depth;
+        sample->tet = tet;
+        memcpy(sample->at, at, sizeof at);
+    }
+}
 
 /* A sample at a corner: in the piece of a near tet that has it deepest inside or nearest, or in space. */
 static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, int *count)
@@ -72928,20 +73106,13 @@ static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, 
     sample->along = corner == corners - 1;
     sample->tet = -1;
     sample->place = p;
-    for (int i = 0; i < cut->near.count; i++)
-        for (int tet = cut->near.items[i], piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-            sb_vec3 x[4];
-            sb_real at[4], depth;
-            if (!sbi_cut_meets_tet(cut, tet, &box))
-                continue;
-            sbi_cut_corners(cut, piece, x);
-            depth = sbi_lattice_barycentrics(x, p, at);
-            if (!(depth > deepest) || sbi_cut_piece_at(cut, tet, at) != piece)
-                continue;
-            deepest = depth;
-            sample->tet = tet;
-            memcpy(sample->at, at, sizeof at);
-        }
+    for (int i = 0; i < cut->near.count; i++) {
+        int tet = cut->near.items[i];
+        if (!sbi_cut_meets_tet(cut, tet, &box))
+            continue;
+        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_settle(cut, tet, piece, p, &deepest, sample);
+    }
 }
 
 /* ---- the front along an edge ---- */
@@ -72985,27 +73156,29 @@ static int sbi_cut_is_outside(const sb_cut *cut, sb_real along)
     return 1;
 }
 
-/* Adds where a side goes into and out of a piece that has the material there; beyond > 0: of what is near its skin,
- * outside of the tissue. The ends of the side are not of these. 0: no memory. */
-static int sbi_cut_add_passes(sb_cut *cut, int piece, sb_real beyond, const sbi_cut_sample *side, const sb_vec3 ends[2],
-                              int *count)
+/* Adds where a side goes into and out of a brick of a piece that has the material there; beyond > 0: of what is near
+ * its skin, outside of the tissue. The ends of the side are not of these. 0: no memory. */
+static int sbi_cut_add_passes(sb_cut *cut, int piece, int brick, sb_real beyond, const sbi_cut_sample *side,
+                              const sb_vec3 ends[2], int *count)
 {
     sb_vec3 x[4];
     sb_real stretch[2], at[2][4];
-    sbi_cut_corners(cut, piece, x);
-    if (!sbi_cut_clip(x, ends[0], ends[1], beyond, stretch, at))
+    sbi_cut_corners(cut, side->tet, piece, brick, x);
+    if (!sbi_cut_clip(x, ends[0], ends[1], beyond * (sb_real)sbi_cut_bricks_along(cut), stretch, at))
         return 1;
     if (!sbi_cut_reserve_front(cut, *count, 2) || (beyond == 0 && !sbi_cut_add_span(cut, stretch)))
         return 0;
     for (int end = 0; end < 2; end++) {
         sbi_cut_sample *sample = cut->front + *count;
-        if (!(stretch[end] > 0) || !(stretch[end] < 1) || sbi_cut_piece_at(cut, side->tet, at[end]) != piece ||
+        sb_real of_tet[4];
+        sbi_cut_from_brick(cut, brick, at[end], of_tet);
+        if (!(stretch[end] > 0) || !(stretch[end] < 1) || sbi_cut_piece_at(cut, side->tet, of_tet) != piece ||
             (beyond > 0 && !sbi_cut_is_outside(cut, stretch[end])))
             continue;
         *sample = *side;
         sample->along = stretch[end];
         sample->place = sb_v3_madd(sb_v3_scale(1 - stretch[end], ends[0]), stretch[end], ends[1]);
-        memcpy(sample->at, at[end], sizeof sample->at);
+        memcpy(sample->at, of_tet, sizeof of_tet);
         (*count)++;
     }
     return 1;
@@ -73026,8 +73199,9 @@ static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *c
             if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
                 continue;
             for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
-                if (!sbi_cut_add_passes(cut, piece, skin ? sbi_cut_skin : 0, &passing, ends, count))
-                    return 0;
+                for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++)
+                    if (!sbi_cut_add_passes(cut, piece, brick, skin ? sbi_cut_skin : 0, &passing, ends, count))
+                        return 0;
         }
     return 1;
 }
@@ -73395,11 +73569,11 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
  * material at them, and no other nodes of the uncut mesh. */
 static int sbi_cut_cell_fits(const sb_cut *cut, const sb_body *body, int tet, int cell, uint64_t points)
 {
-    const int *nodes, *own = cut->tets + 4 * (size_t)tet;
+    const int *nodes, *own = sbi_cut_tet_nodes(cut, tet);
     if (!sb_body_cell_in_use(body, cell) || cut->loaded_elements.items[cell] >= 0)
         return 0;
     nodes = sb_body_cell_nodes(body, cell);
-    for (int a = 0; a < 4; a++)
+    for (int a = 0; a < cut->nodes_per_tet; a++)
         if (nodes[a] != own[a] && ((points >> a & 1) || nodes[a] < cut->node_end))
             return 0;
     cut->loaded_elements.items[cell] = tet;
@@ -73560,9 +73734,9 @@ static void sbi_cut_load_origins(sb_cut *cut)
     sbi_cut_list_set(&cut->origins, sb_body_node_count(cut->body) - 1, -1);
     for (int tet = 0; tet < cut->tet_count; tet++)
         for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-            for (int a = 0; a < 4; a++)
-                cut->origins.items[nodes[a]] = cut->tets[4 * (size_t)tet + (size_t)a];
+            const int *nodes = sbi_cut_piece_nodes(cut, piece), *own = sbi_cut_tet_nodes(cut, tet);
+            for (int a = 0; a < cut->nodes_per_tet; a++)
+                cut->origins.items[nodes[a]] = own[a];
         }
 }
 
@@ -73693,6 +73867,7 @@ enum { SBI_CUT_MOST_STROKES = 1024 };
 
 static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
 {
+    sb_result result;
     if (!def || def->cookie != SBI_CUT_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_cut_def");
     if (!def->body)
@@ -73706,15 +73881,18 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
     if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
                         SBI_CUT_MOST_STROKES);
+    if (def->front == SB_CUT_GLUE && def->body->domain.element_type == SB_TET10)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "tet10 has SB_CUT_LAG only");
     if (!def->body->live)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
-    if (def->body->domain.element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of type %s cannot be cut, only tet4",
+    if (def->body->domain.element_type != SB_TET4 && def->body->domain.element_type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of type %s cannot be cut, only tet4 and tet10",
                         sb_element_name(def->body->domain.element_type));
     for (int e = 0; e < sb_body_element_count(def->body); e++)
         if (sb_body_cell_in_use(def->body, e) && sb_body_cell_share(def->body, e) < 1)
             return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d is a piece of an element: the body is cut", e);
-    return SB_OK;
+    result = sbi_domain_check_straight(&def->body->domain, def->body->reference, error);
+    return result == SB_OK ? sbi_live_check_pieces(def->body, error) : result;
 }
 
 static void sbi_cut_measure_rest(sb_cut *cut)
@@ -73736,21 +73914,27 @@ static void sbi_cut_measure_rest(sb_cut *cut)
 static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
 {
     const sb_body *body = cut->body;
+    size_t cells = (size_t)sb_body_element_count(body), n = (size_t)body->domain.nodes_per_cell;
     sb_mesh mesh;
     sb_result result;
     memset(&mesh, 0, sizeof mesh);
     cut->node_end = sb_body_node_count(body);
-    cut->tets = (int *)sbi_alloc(&cut->allocator, (size_t)sb_body_element_count(body), 4 * sizeof(int));
-    if (!cut->tets)
+    cut->nodes_per_tet = (int)n;
+    cut->tets = (int *)sbi_alloc(&cut->allocator, cells, 4 * sizeof(int));
+    cut->nodes = n == 4 ? cut->tets : (int *)sbi_alloc(&cut->allocator, cells, n * sizeof(int));
+    if (!cut->tets || !cut->nodes)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", sb_body_element_count(body));
     for (int e = 0; e < sb_body_element_count(body); e++)
-        if (sb_body_cell_in_use(body, e))
-            memcpy(cut->tets + 4 * (size_t)cut->tet_count++, sb_body_cell_nodes(body, e), 4 * sizeof(int));
-    mesh.element_type = SB_TET4;
+        if (sb_body_cell_in_use(body, e)) {
+            const int *nodes = sb_body_cell_nodes(body, e);
+            memcpy(cut->nodes + n * (size_t)cut->tet_count, nodes, n * sizeof(int));
+            memcpy(cut->tets + 4 * (size_t)cut->tet_count++, nodes, 4 * sizeof(int));
+        }
+    mesh.element_type = body->domain.element_type;
     mesh.node_count = cut->node_end;
     mesh.nodes = body->reference;
     mesh.element_count = cut->tet_count;
-    mesh.elements = cut->tets;
+    mesh.elements = cut->nodes;
     result = sb_mesh_neighbours(&mesh, &cut->allocator, &cut->neighbours, error);
     return result == SB_OK ? sb_mesh_node_elements(&mesh, &cut->allocator, &cut->node_tets, error) : result;
 }
@@ -73791,7 +73975,7 @@ static int sbi_cut_take_pieces(sb_cut *cut)
         !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) || !sbi_cut_list_grow(cut, &cut->struck, FEW + 8 * more) ||
         !sbi_cut_list_grow(cut, &cut->crossed, FEW) ||
         !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||
-        !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
+        !sbi_cut_list_grow(cut, &cut->roots, cut->nodes_per_tet * (4 * FEW + more)))
         return 0;
     for (int e = 0; e < sb_body_element_count(body); e++)
         if (sb_body_cell_in_use(body, e)) {
@@ -73882,6 +74066,8 @@ SB_API void sb_cut_destroy(sb_cut *cut)
         cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
+    if (cut->nodes != cut->tets)
+        sbi_free(&allocator, cut->nodes);
     sbi_free(&allocator, cut->tets);
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);
@@ -73969,8 +74155,8 @@ typedef struct sbi_draw_table {
 
 typedef struct sbi_draw_vertex {
     sb_cut_origin origin;
-    int cell, cell_nodes[4]; /* of the body, that it moves with */
-    int stamp;               /* of the last rebuild that used it */
+    int cell, cell_nodes[SBI_CUT_NODES]; /* of the body, that it moves with */
+    int stamp;                           /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
 typedef struct sbi_draw_axes {
@@ -74255,7 +74441,8 @@ static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piec
         memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
         memcpy(made->origin.weights, at, sizeof made->origin.weights);
         made->cell = t->cells[piece];
-        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]), sizeof made->cell_nodes);
+        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]),
+               (size_t)s->cut->nodes_per_tet * sizeof(int));
         s->origins[vertex] = made->origin;
     }
     return vertex;
@@ -74303,15 +74490,18 @@ static int sbi_draw_place(const sbi_draw_tet *t, const sb_real at[4])
     return (int)(mixed & 0x3fffffff);
 }
 
-/* Node of a piece's cell at the first corner, in ascending order, that a place depends on. */
+/* Node of a piece's cell that tells apart the sides of a cut at a place: the first corner, in ascending order, that it
+ * depends on, or the middle of its edge where that has a node. */
 static int sbi_draw_node(const sb_cut_surface *s, const sbi_draw_tet *t, int piece, const sb_real at[4])
 {
-    for (int k = 0; k < 4; k++) {
-        int corner = t->parted.order.corners[k];
-        if (at[corner] != 0)
-            return sb_body_cell_nodes(s->cut->body, t->cells[piece])[corner];
-    }
-    return -1;
+    const int *nodes = sb_body_cell_nodes(s->cut->body, t->cells[piece]);
+    int corners[4], count = 0;
+    for (int k = 0; k < 4; k++)
+        if (at[t->parted.order.corners[k]] != 0)
+            corners[count++] = t->parted.order.corners[k];
+    if (count == 2 && s->cut->nodes_per_tet > 4)
+        return nodes[4 + s->edge_of[corners[0]][corners[1]]];
+    return count ? nodes[corners[0]] : -1;
 }
 
 /* A lattice point on the skin: its element's nodes with their weights, ascending. */
@@ -74819,23 +75009,28 @@ static void sbi_draw_find_unused(sb_cut_surface *s)
 static void sbi_draw_move(sb_cut_surface *s)
 {
     const sb_vec3 *x = sb_body_positions(s->cut->body);
+    int n = s->cut->nodes_per_tet;
     for (int i = 0; i < s->names.count; i++) {
         const sbi_draw_vertex *vertex = s->vertices + i;
+        sb_real shape[SBI_CUT_NODES];
+        const sb_real *weights = n == 4 ? vertex->origin.weights : shape;
         sb_vec3 sum = sb_v3(0, 0, 0);
         s->normals[i] = sum;
         if (s->origins[i].element < 0)
             continue;
-        for (int a = 0; a < 4; a++)
-            if (vertex->origin.weights[a] != 0)
-                sum = sb_v3_madd(sum, vertex->origin.weights[a], x[vertex->cell_nodes[a]]);
+        if (n > 4)
+            sb_element_shape(SB_TET10, vertex->origin.weights + 1, shape, NULL);
+        for (int a = 0; a < n; a++)
+            if (weights[a] != 0)
+                sum = sb_v3_madd(sum, weights[a], x[vertex->cell_nodes[a]]);
         s->positions[i] = sum;
     }
     for (int f = 0; f < s->triangle_count; f++) {
         const int *v = s->triangles[f];
-        sb_vec3 n = sb_v3_cross(sb_v3_sub(s->positions[v[1]], s->positions[v[0]]),
-                                sb_v3_sub(s->positions[v[2]], s->positions[v[0]]));
+        sb_vec3 normal = sb_v3_cross(sb_v3_sub(s->positions[v[1]], s->positions[v[0]]),
+                                     sb_v3_sub(s->positions[v[2]], s->positions[v[0]]));
         for (int k = 0; k < 3; k++)
-            s->normals[v[k]] = sb_v3_add(s->normals[v[k]], n);
+            s->normals[v[k]] = sb_v3_add(s->normals[v[k]], normal);
     }
     for (int i = 0; i < s->names.count; i++) {
         sb_real size = sb_v3_norm(s->normals[i]);

@@ -1,8 +1,10 @@
 /* topology: which cells and copies of nodes a cut makes.
  *
- * Every piece of a tet is a cell with all four corners. Corners of pieces that touch over a face with that node are one
- * node: classes of a union-find over the pieces around the node. The class with the material at the node's place keeps
- * its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does not hold.
+ * Every piece of a tet is a cell with all of its nodes. Those of pieces that touch over a face with that node are one:
+ * classes of a union-find over the pieces around the node. Nodes in the middle of edges have classes of their own: they
+ * may have copies where the ends of the edge hang together around a front. The class with the material at the node's
+ * place keeps its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does
+ * not hold.
  * All loops are in ascending order of nodes, tets and lattice points: so are new numbers. */
 #include "cut_private.h"
 
@@ -33,8 +35,8 @@ SBI_API void sbi_cut_find_parted(sb_cut *cut)
             continue;
         cut->tet_marks[tet] |= SBI_CUT_PARTED;
         cut->parted.items[cut->parted.count++] = tet;
-        for (int a = 0; a < 4; a++)
-            cut->node_marks[cut->tets[4 * (size_t)tet + (size_t)a]] = 1;
+        for (int a = 0; a < cut->nodes_per_tet; a++)
+            cut->node_marks[sbi_cut_tet_nodes(cut, tet)[a]] = 1;
     }
     for (int i = 0; i < cut->parted.count; i++)
         for (int a = 0; a < 4; a++) {
@@ -49,7 +51,7 @@ SBI_API void sbi_cut_find_parted(sb_cut *cut)
 static void sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, const sbi_corner_order *order)
 {
     sbi_cut_cell *cell = cut->cells + cut->cell_count;
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
     cell->points = points;
     cell->tet = tet;
     cell->piece = piece;
@@ -58,10 +60,10 @@ static void sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, c
     cell->is_new = 0;
     for (int k = cut->cell_of[tet] - 1; k < cut->cell_count; k++)
         cell->is_new |= cut->cells[k].piece == piece;
-    for (int a = 0; a < 4; a++) {
+    for (int a = 0; a < cut->nodes_per_tet; a++)
         cell->old_nodes[a] = cell->nodes[a] = nodes[a];
-        cell->marks[a] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, a, points);
-    }
+    for (int face = 0; face < 4; face++)
+        cell->marks[face] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, face, points);
     cut->cell_count++;
 }
 
@@ -97,7 +99,7 @@ static int sbi_cut_add_tets(sb_cut *cut)
     for (int tet = 0; tet < cut->tet_count; tet++)
         if ((cut->tet_marks[tet] & SBI_CUT_NEAR) && !sbi_cut_add_tet(cut, tet))
             return 0;
-    return sbi_cut_list_grow(cut, &cut->roots, 4 * cut->cell_count - cut->roots.count);
+    return sbi_cut_list_grow(cut, &cut->roots, cut->nodes_per_tet * cut->cell_count - cut->roots.count);
 }
 
 /* Records of a tet end here. */
@@ -125,23 +127,23 @@ static void sbi_cut_join(const sb_cut *cut, int i, int j)
     cut->roots.items[sbi_max_int(a, b)] = sbi_min_int(a, b);
 }
 
-/* Joins the corners of two records that touch over a face of the first. */
+/* Joins the nodes of two records that touch over a face of the first. */
 static void sbi_cut_join_over(const sb_cut *cut, int mine, int its, int face)
 {
-    const int *nodes = cut->tets + 4 * (size_t)cut->cells[mine].tet,
-              *others = cut->tets + 4 * (size_t)cut->cells[its].tet;
-    int corners[SB_MAX_FACE_NODES];
-    sb_element_face(SB_TET4, face, corners, NULL);
-    for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 4; a++)
-            if (others[a] == nodes[corners[k]] && cut->node_marks[others[a]])
-                sbi_cut_join(cut, 4 * mine + corners[k], 4 * its + a);
+    const int *nodes = sbi_cut_tet_nodes(cut, cut->cells[mine].tet);
+    const int *others = sbi_cut_tet_nodes(cut, cut->cells[its].tet);
+    int local[SB_MAX_FACE_NODES], n = cut->nodes_per_tet;
+    int count = sb_element_face(cut->body->domain.element_type, face, local, NULL);
+    for (int k = 0; k < count; k++)
+        for (int a = 0; a < n; a++)
+            if (others[a] == nodes[local[k]] && cut->node_marks[others[a]])
+                sbi_cut_join(cut, n * mine + local[k], n * its + a);
 }
 
-/* Joins corners over all faces between tets with records. */
+/* Joins nodes over all faces between tets with records. */
 static void sbi_cut_join_all(sb_cut *cut)
 {
-    for (int i = 0; i < 4 * cut->cell_count; i++)
+    for (int i = 0; i < cut->nodes_per_tet * cut->cell_count; i++)
         cut->roots.items[i] = i;
     for (int mine = 0; mine < cut->cell_count; mine++) {
         int tet = cut->cells[mine].tet;
@@ -162,15 +164,15 @@ static void sbi_cut_join_all(sb_cut *cut)
 /* ---- copies ---- */
 
 /* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
-static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner)
+static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int node)
 {
     int held = 0;
     for (int face = 0; face < 4; face++) {
-        int corners[SB_MAX_FACE_NODES], all = SB_XYZ, on = 0;
-        sb_element_face(SB_TET4, face, corners, NULL);
-        for (int k = 0; k < 3; k++) {
-            on |= corners[k] == corner;
-            all &= cut->body->fixed[cell->old_nodes[corners[k]]];
+        int local[SB_MAX_FACE_NODES], all = SB_XYZ, on = 0;
+        int count = sb_element_face(cut->body->domain.element_type, face, local, NULL);
+        for (int k = 0; k < count; k++) {
+            on |= local[k] == node;
+            all &= cut->body->fixed[cell->old_nodes[local[k]]];
         }
         if (on && cell->marks[face] && cut->neighbours.items[4 * (size_t)cell->tet + (size_t)face] < 0)
             held |= all;
@@ -178,16 +180,36 @@ static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int co
     return held;
 }
 
-/* Corner of a record that is this node; -1: none. */
-static int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
+/* Place among the nodes of a record of this node; -1: none. */
+static int sbi_cut_local_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
 {
-    for (int a = 0; a < 4; a++)
-        if (cut->tets[4 * (size_t)cell->tet + (size_t)a] == node)
+    const int *nodes = sbi_cut_tet_nodes(cut, cell->tet);
+    for (int a = 0; a < cut->nodes_per_tet; a++)
+        if (nodes[a] == node)
             return a;
     return -1;
 }
 
-/* The class of a corner among those listed, or the next one. */
+/* 1 when a record has the material in the middle of an edge of its tet, whose link is all of the edge. */
+static int sbi_cut_has_middle(const sb_cut *cut, const sbi_cut_cell *cell, int edge)
+{
+    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)cell->tet);
+    int link = cut->lattice.micro_links[0][edge], ends[2], item;
+    sbi_link_key key = sbi_lattice_key(&cut->lattice, &order, cell->tet, link);
+    sbi_lattice_ends(&cut->lattice, &order, link, ends);
+    item = sbi_cut_links_find(&cut->links, &key);
+    return (int)(cell->points >> ends[item >= 0 && cut->links.items[item].t < (sb_real)0.5] & 1);
+}
+
+/* 1 when a record has the material at one of its nodes. */
+static int sbi_cut_has_material(const sb_cut *cut, const sbi_cut_cell *cell, int local)
+{
+    if (local < cut->lattice.point_count) /* a point of the lattice, which has them in the order of a tet10 */
+        return (int)(cell->points >> local & 1);
+    return sbi_cut_has_middle(cut, cell, local - 4);
+}
+
+/* The class of a node among those listed, or the next one. */
 static int sbi_cut_class_of(const sb_cut *cut, int root)
 {
     int at = 0;
@@ -196,7 +218,7 @@ static int sbi_cut_class_of(const sb_cut *cut, int root)
     return at;
 }
 
-/* Lists the classes around a node, in the order of their first corners; 0: no memory. */
+/* Lists the classes around a node, in the order of their first records; 0: no memory. */
 static int sbi_cut_list_classes(sb_cut *cut, int node)
 {
     cut->class_count = 0;
@@ -204,7 +226,7 @@ static int sbi_cut_list_classes(sb_cut *cut, int node)
         int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
             const sbi_cut_cell *cell = cut->cells + i;
-            int corner = sbi_cut_corner_of(cut, cell, node), root = sbi_cut_root(cut, 4 * i + corner);
+            int local = sbi_cut_local_of(cut, cell, node), root = sbi_cut_root(cut, cut->nodes_per_tet * i + local);
             int at = sbi_cut_class_of(cut, root);
             void *classes = cut->classes;
             int grown = sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, cut->class_count, 1,
@@ -214,12 +236,12 @@ static int sbi_cut_list_classes(sb_cut *cut, int node)
                 return 0;
             if (at == cut->class_count) {
                 cut->classes[at].root = root;
-                cut->classes[at].old = cell->old_nodes[corner];
+                cut->classes[at].old = cell->old_nodes[local];
                 cut->classes[at].has = cut->classes[at].held = 0;
                 cut->class_count++;
             }
-            cut->classes[at].has |= (int)(cell->points >> corner & 1);
-            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, corner);
+            cut->classes[at].has |= sbi_cut_has_material(cut, cell, local);
+            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, local);
         }
     }
     return 1;
@@ -257,7 +279,7 @@ static sb_result sbi_cut_add_copy(sb_cut *cut, sb_body_change *change, int node,
     return SB_OK;
 }
 
-/* Numbers of the corners around a node. */
+/* Numbers of a node in the records around it. */
 static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int node, sb_error *error)
 {
     if (!sbi_cut_list_classes(cut, node))
@@ -274,8 +296,9 @@ static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int no
     for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
         int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
-            int corner = sbi_cut_corner_of(cut, cut->cells + i, node);
-            cut->cells[i].nodes[corner] = cut->classes[sbi_cut_class_of(cut, sbi_cut_root(cut, 4 * i + corner))].number;
+            int local = sbi_cut_local_of(cut, cut->cells + i, node);
+            int root = sbi_cut_root(cut, cut->nodes_per_tet * i + local);
+            cut->cells[i].nodes[local] = cut->classes[sbi_cut_class_of(cut, root)].number;
         }
     }
     return SB_OK;
@@ -311,7 +334,7 @@ static void sbi_cut_measure(const sb_cut *cut, int tet, sbi_cut_measures *measur
     sbi_face_moments of_face[SBI_LATTICE_POINTS];
     sbi_cut_parted(cut, tet, &parted);
     sbi_parted_moments(&parted, sbi_cut_least(cut), measures->moments);
-    for (int face = 0; face < 4; face++) {
+    for (int face = 0; face < 4 && cut->nodes_per_tet == 4; face++) {
         int corners[SB_MAX_FACE_NODES];
         sb_element_face(SB_TET4, face, corners, NULL);
         sbi_parted_face(&parted, face, of_face);
@@ -335,7 +358,7 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
         of_piece.covariance = measures->moments[piece].spread;
         made.share = sb_min(measures->moments[piece].share, 1);
         made.moments = &of_piece;
-        made.face_loads = measures->faces[piece];
+        made.face_loads = cut->nodes_per_tet == 4 ? measures->faces[piece] : NULL;
     }
     cut->made_cells += cell->is_new;
     return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
@@ -347,17 +370,16 @@ static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first,
 {
     sbi_cut_measures measures;
     sb_result result = SB_OK;
+    size_t nodes = (size_t)cut->nodes_per_tet * sizeof(int);
     int differs = 0;
     for (int i = first; i < end; i++)
-        differs |= cut->cells[i].is_cut ||
-                   memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0;
+        differs |= cut->cells[i].is_cut || memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, nodes) != 0;
     if (!differs)
         return SB_OK;
     if (end - first > 1)
         sbi_cut_measure(cut, cut->cells[first].tet, &measures);
     for (int i = first; i < end && result == SB_OK; i++)
-        if (cut->cells[i].is_cut ||
-            memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0)
+        if (cut->cells[i].is_cut || memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, nodes) != 0)
             result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? &measures : NULL, i - first, error);
     return result;
 }
