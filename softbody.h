@@ -48031,6 +48031,8 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* SB_ERROR_UNSUPPORTED where a face, as found, is that of a piece of a tet10: how much of it is material nobody knows. */
+SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face *face, sb_error *error);
 /* What of a face of tet4, as found, is material: int N dA over the cells behind it, over the face's area, by its nodes;
  * all of it unless cells are pieces. */
 SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3]);
@@ -49467,6 +49469,23 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     return SB_OK;
 }
 
+SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face *face, sb_error *error)
+{
+    int at = body->domain.element_type == SB_TET10 && body->live && body->live->piece_count
+                 ? sbi_live_first_cell(body, face->nodes[0])
+                 : -1;
+    for (; at >= 0; at = sbi_live_next_cell(body, face->nodes[0], at)) {
+        int e = sbi_live_cell_of(body, at), local[SB_MAX_FACE_NODES];
+        for (int side = 0; side < 4 && sbi_live_is_piece(body, e); side++) {
+            sb_element_face(SB_TET4, side, local, NULL);
+            if (sbi_body_has_corners(face->nodes, body->domain.cells + 10 * (size_t)e, local, 3))
+                return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
+                                        "cell %d is a piece of a tet10: its faces take no pressures and tractions", e);
+        }
+    }
+    return SB_OK;
+}
+
 SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3])
 {
     loads[0] = loads[1] = loads[2] = 0;
@@ -50745,8 +50764,11 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
     if (!sb_v3_is_finite(traction))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
-    for (int f = face_count - 1; f >= 0 && result == SB_OK; f--) /* find all faces before any load changes */
+    for (int f = face_count - 1; f >= 0 && result == SB_OK; f--) { /* find all faces before any load changes */
         result = sbi_body_get_face(body, faces, f, corners, &face, error);
+        if (result == SB_OK)
+            result = sbi_body_check_whole(body, &face, error);
+    }
     if (result == SB_OK && face_count > 0 && sbi_load_keeps_tractions(body)) {
         result = sbi_body_reserve_tractions(body, face_count, error);
         at = sbi_load_first_traction(body, &face);
@@ -50878,6 +50900,8 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
     sb_result result = SB_OK;
     for (int f = 0; f < face_count && result == SB_OK; f++) {
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
+        if (result == SB_OK)
+            result = sbi_body_check_whole(body, &face, error);
         entries += (size_t)face.count;
         pairs += (size_t)(face.count * face.count);
         if (result == SB_OK && entries > INT32_MAX)
@@ -56155,31 +56179,52 @@ static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
     return found;
 }
 
+/* Barycentrics of the point whose shape functions these are in a tet10; 0: it has none. */
+static int sbi_live_find_barycentrics(const sb_real weights[10], sb_real at[4])
+{
+    sb_real shape[10];
+    int fits = 1;
+    for (int a = 0; a < 4; a++)
+        at[a] = weights[a];
+    for (int e = 0; e < 6; e++) {
+        int edge[3];
+        sb_element_edge(SB_TET10, e, edge);
+        at[edge[0]] += weights[edge[2]] / 2;
+        at[edge[1]] += weights[edge[2]] / 2;
+    }
+    sb_element_shape(SB_TET10, at + 1, shape, NULL);
+    for (int a = 0; a < 10; a++)
+        fits &= sb_abs(shape[a] - weights[a]) < (sb_real)1e-5;
+    return fits;
+}
+
 /* A row that is a point in an element that was cut goes over to the piece that has it. 1: done; 0: it is none, or its
  * cell is no piece. */
 static int sbi_live_repoint(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
 {
     const sbi_mesh_change *change = rows->change;
-    sb_real shares[4] = {0, 0, 0, 0}, sum = 0;
-    int corner[4], removed = -1, cell = -1, found;
-    if (!rows->next->live->piece_count || rows->body->domain.element_type != SB_TET4 || count > 4)
+    int n = change->nodes_per_cell, local[SB_MAX_ELEMENT_NODES], removed = -1, cell = -1, found;
+    sb_real shares[SB_MAX_ELEMENT_NODES], at[4], sum = 0;
+    if (!rows->next->live->piece_count || count > n)
         return 0;
+    memset(shares, 0, sizeof shares);
     removed = sbi_live_removed_cell(change, nodes, count);
     for (int k = 0; k < count && removed >= 0; k++) {
-        corner[k] = 0;
-        while (change->removed_cell_nodes[4 * removed + corner[k]] != nodes[k])
-            corner[k]++;
-        shares[corner[k]] = weights[k];
+        local[k] = 0;
+        while (change->removed_cell_nodes[n * removed + local[k]] != nodes[k])
+            local[k]++;
+        shares[local[k]] = weights[k];
         sum += weights[k];
     }
     for (int i = 0; i < change->made_cell_count && removed >= 0 && cell < 0; i++)
         if (change->made_parents[i] == change->removed_cells[removed])
             cell = change->made_cells[i];
-    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell))
+    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell) ||
+        (n > 4 && !sbi_live_find_barycentrics(shares, at)))
         return 0;
-    found = sbi_live_find(rows->body->live->open, cell, shares + 1);
+    found = sbi_live_find(rows->body->live->open, cell, n > 4 ? at + 1 : shares + 1);
     for (int k = 0; k < count; k++)
-        sbi_live_rows_add(rows, rows->next->domain.cells[4 * (size_t)found + (size_t)corner[k]], weights[k]);
+        sbi_live_rows_add(rows, rows->next->domain.cells[(size_t)n * (size_t)found + (size_t)local[k]], weights[k]);
     return 1;
 }
 
@@ -56358,12 +56403,31 @@ static int sbi_live_face_is_cut(const sbi_live_rows *rows, const int *nodes, int
            sbi_live_removed_cell(rows->change, nodes, count) >= 0;
 }
 
+/* A tet10 with a pressure on this face cannot fall into pieces. */
+static sb_result sbi_live_check_face(const sbi_live_rows *rows, const int *nodes, int count, sb_error *error)
+{
+    const sbi_mesh_change *change = rows->change;
+    int removed = rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET10
+                      ? sbi_live_removed_cell(change, nodes, count)
+                      : -1;
+    for (int i = 0; i < change->made_cell_count && removed >= 0; i++)
+        if (change->made_parents[i] == change->removed_cells[removed] &&
+            sbi_live_is_piece(rows->next, change->made_cells[i]))
+            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, change->made_parents[i],
+                                    "a pressure is on a face of cell %d, a tet10, which cannot fall into pieces then",
+                                    change->made_parents[i]);
+    return SB_OK;
+}
+
 /* The parts of one face, or the face as it is. */
 static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_element_type type,
                                      sb_error *error)
 {
     int lost = sbi_live_loses_node(rows, nodes, count), done = 1;
+    sb_result result = sbi_live_check_face(rows, nodes, count, error);
     sbi_body_face face;
+    if (result != SB_OK)
+        return result;
     if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(type), &face, NULL) == SB_OK &&
         !face.inner) {
         int is_cut = sbi_live_face_is_cut(rows, nodes, count);

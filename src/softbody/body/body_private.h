@@ -380,6 +380,9 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* SB_ERROR_UNSUPPORTED where a face, as found, is that of a piece of a tet10: how much of it is material nobody knows.
+ */
+SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face *face, sb_error *error);
 /* What of a face of tet4, as found, is material: int N dA over the cells behind it, over the face's area, by its nodes;
  * all of it unless cells are pieces. */
 SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3]);
