@@ -43451,22 +43451,27 @@ typedef struct sbi_inner_rows {
 } sbi_inner_rows;
 
 /* A tie between two cells of one element that stand on copies of its nodes: energy k/2 sum_ab G_ab d_a.d_b with the
- * jumps d_a of their displacements at corner a. G = sum_q w_q N(q) N(q)^T over points q of the face between them, so
- * that it is k/2 sum_q w_q |jump at q|^2: nothing in any rigid motion of both together. Corners that both have as one
- * node have no jump; the others of both cells are coupled in the matrix. */
-enum { SBI_GLUE_NODES = 4, SBI_GLUE_GRAM = 10 };
+ * jumps d_a of their displacements at node a. G = sum_q w_q N(q) N(q)^T over points q of the face between them, so
+ * that it is k/2 sum_q w_q |jump at q|^2: nothing in any rigid motion of both together. Nodes that both have
+ * have no jump; the others of both cells are coupled in the matrix. */
+enum { SBI_GLUE_NODES = 10, SBI_GLUE_GRAM = 55 }; /* at most */
 typedef struct sbi_glue_tie {
     int cells[2];
     int nodes[2][SBI_GLUE_NODES]; /* of the cells */
-    sb_real gram[SBI_GLUE_GRAM];  /* G (m), see sbi_glue_at */
+    sb_real gram[SBI_GLUE_GRAM];  /* G (m), see sbi_glue_at; 0 behind what the cells' nodes need */
     sb_real stiffness;            /* k (Pa) */
 } sbi_glue_tie;
 typedef struct sbi_glue {
     int count, capacity;
+    int nodes;          /* of a cell: 4 or 10 */
     sbi_glue_tie *ties; /* [capacity] */
 } sbi_glue;
-/* Place of G_ab. */
-SB_INLINE int sbi_glue_at(int a, int b) { return a <= b ? a * (7 - a) / 2 + b : b * (7 - b) / 2 + a; }
+/* Place of G_ab between cells with so many nodes, and how many places there are. */
+SB_INLINE int sbi_glue_at(int nodes, int a, int b)
+{
+    return a <= b ? a * (2 * nodes - 1 - a) / 2 + b : b * (2 * nodes - 1 - b) / 2 + a;
+}
+SB_INLINE int sbi_glue_gram(int nodes) { return nodes * (nodes + 1) / 2; }
 
 typedef struct sbi_assembly {
     const sb_domain *domain;
@@ -43952,19 +43957,19 @@ SBI_API void sbi_rows_add_tangent(const sbi_inner_rows *rows, sb_real factor, sb
 /* ==== src/softbody/fem/assembly_glue.c ==== */
 /* assembly_glue: what ties two cells on copies of the same nodes, as part of what the cells hold. */
 
-/* Jumps between the cells by corner; those at a corner that both have are 0. */
-static void sbi_glue_jumps(const sbi_glue_tie *tie, const sb_vec3 *u, sb_vec3 jumps[SBI_GLUE_NODES])
+/* Jumps between the cells by node; those at a node that both have are 0. */
+static void sbi_glue_jumps(int nodes, const sbi_glue_tie *tie, const sb_vec3 *u, sb_vec3 jumps[SBI_GLUE_NODES])
 {
-    for (int a = 0; a < SBI_GLUE_NODES; a++)
+    for (int a = 0; a < nodes; a++)
         jumps[a] = sb_v3_sub(u[tie->nodes[0][a]], u[tie->nodes[1][a]]);
 }
 
 /* sum_b k G_ab d_b */
-static sb_vec3 sbi_glue_pull(const sbi_glue_tie *tie, int a, const sb_vec3 jumps[SBI_GLUE_NODES])
+static sb_vec3 sbi_glue_pull(int nodes, const sbi_glue_tie *tie, int a, const sb_vec3 jumps[SBI_GLUE_NODES])
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
-    for (int b = 0; b < SBI_GLUE_NODES; b++)
-        sum = sb_v3_madd(sum, tie->stiffness * tie->gram[sbi_glue_at(a, b)], jumps[b]);
+    for (int b = 0; b < nodes; b++)
+        sum = sb_v3_madd(sum, tie->stiffness * tie->gram[sbi_glue_at(nodes, a, b)], jumps[b]);
     return sum;
 }
 
@@ -43973,9 +43978,9 @@ SBI_API void sbi_glue_add_force(const sbi_glue *glue, const sb_vec3 *u, sb_vec3 
     for (int k = 0; k < glue->count; k++) {
         const sbi_glue_tie *tie = glue->ties + k;
         sb_vec3 jumps[SBI_GLUE_NODES];
-        sbi_glue_jumps(tie, u, jumps);
-        for (int a = 0; a < SBI_GLUE_NODES; a++) {
-            sb_vec3 pull = sbi_glue_pull(tie, a, jumps);
+        sbi_glue_jumps(glue->nodes, tie, u, jumps);
+        for (int a = 0; a < glue->nodes; a++) {
+            sb_vec3 pull = sbi_glue_pull(glue->nodes, tie, a, jumps);
             if (tie->nodes[0][a] == tie->nodes[1][a])
                 continue;
             force[tie->nodes[0][a]] = sb_v3_add(force[tie->nodes[0][a]], pull);
@@ -43989,20 +43994,21 @@ SBI_API sb_real sbi_glue_energy(const sbi_glue *glue, const sb_vec3 *u)
     sb_real energy = 0;
     for (int k = 0; k < glue->count; k++) {
         sb_vec3 jumps[SBI_GLUE_NODES];
-        sbi_glue_jumps(glue->ties + k, u, jumps);
-        for (int a = 0; a < SBI_GLUE_NODES; a++)
-            energy += sb_v3_dot(jumps[a], sbi_glue_pull(glue->ties + k, a, jumps)) / 2;
+        sbi_glue_jumps(glue->nodes, glue->ties + k, u, jumps);
+        for (int a = 0; a < glue->nodes; a++)
+            energy += sb_v3_dot(jumps[a], sbi_glue_pull(glue->nodes, glue->ties + k, a, jumps)) / 2;
     }
     return energy;
 }
 
 SBI_API void sbi_glue_add_tangent(const sbi_glue *glue, sb_real factor, sb_matrix *matrix)
 {
+    int n = glue->nodes;
     for (int k = 0; k < glue->count; k++) {
         const sbi_glue_tie *tie = glue->ties + k;
-        for (int i = 0; i < 4 * SBI_GLUE_NODES * SBI_GLUE_NODES; i++) {
-            int a = i / 4 % SBI_GLUE_NODES, b = i / 4 / SBI_GLUE_NODES, side = i & 1, other = i >> 1 & 1;
-            sb_real stiffness = factor * tie->stiffness * tie->gram[sbi_glue_at(a, b)], *block;
+        for (int i = 0; i < 4 * n * n; i++) {
+            int a = i / 4 % n, b = i / 4 / n, side = i & 1, other = i >> 1 & 1;
+            sb_real stiffness = factor * tie->stiffness * tie->gram[sbi_glue_at(n, a, b)], *block;
             if (tie->nodes[0][a] == tie->nodes[1][a] || tie->nodes[0][b] == tie->nodes[1][b])
                 continue;
             block = matrix->blocks[sb_matrix_find(matrix, tie->nodes[side][a], tie->nodes[other][b])];
@@ -47907,6 +47913,9 @@ SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, con
                                         sbi_body_pattern *pattern, sb_error *error);
 /* The rest of a pattern whose rows (extra_...) are there, for supports that may be still to come (fixed[node_count]);
  * no elimination. On failure the pattern is freed, rows included. */
+/* The matrix of the elements, of ties between them, and of extra rows of nodes. */
+SBI_API sb_result sbi_body_make_matrix(const sb_body *body, int extra_count, const int *extra_start,
+                                       const int *extra_nodes, sb_matrix *matrix, sb_error *error);
 SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
                                           sb_error *error);
 /* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */
@@ -48031,7 +48040,8 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
-/* SB_ERROR_UNSUPPORTED where a face, as found, is that of a piece of a tet10: how much of it is material nobody knows. */
+/* SB_ERROR_UNSUPPORTED where a face, as found, is that of a piece of a tet10: how much of it is material nobody knows.
+ */
 SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face *face, sb_error *error);
 /* What of a face of tet4, as found, is material: int N dA over the cells behind it, over the face's area, by its nodes;
  * all of it unless cells are pieces. */
@@ -48112,7 +48122,7 @@ typedef struct sbi_live {
     sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sbi_glue glue;           /* what ties pieces to each other, see live_glue.c; lent to the assembly */
     sbi_glue next_glue;      /* of the change under way */
-    int (*couplings)[2];     /* [32 glue.capacity] scratch */
+    int (*couplings)[2];     /* [32 glue.capacity] scratch of a body that follows */
     sb_quadrature_kind rule; /* of the domain's points */
     sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
     void *find_user;
@@ -48246,11 +48256,14 @@ SBI_API sb_result sbi_live_take_glue_room(sb_body *body, int count, sb_error *er
 /* The same with more to come. */
 SBI_API sb_result sbi_live_reserve_glue(sb_body *body, int count, sb_error *error);
 /* Takes cells and Gram matrices of ties that there is room for; their nodes are those that the cells have in `corners`,
- * [cells][4]. */
+ * [cells][nodes of a cell]. */
 SBI_API void sbi_live_copy_glue(sbi_glue *glue, const sbi_glue_tie *ties, int count, const int *corners);
 /* next_glue = what a change leads to: the ties that it was given, or else those of cells that stay. Needs room. */
 SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error *error);
-/* Nodes that all ties of a list couple besides the cells, appended to pairs; returns how many there are then. */
+/* Parts that glue ties are one, in the order of their first cells. joined: [component_count] scratch. */
+SBI_API void sbi_live_join_glued(sb_body *body, int *joined);
+/* Nodes that all ties of a list couple besides the cells, appended to pairs; returns how many there are then. Of a body
+ * that follows changes. */
 SBI_API int sbi_live_list_couplings(const sbi_glue *glue, int (*pairs)[2], int count);
 /* The couplings that go and come with next_glue. */
 SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out);
@@ -49132,33 +49145,56 @@ static sb_result sbi_body_make_extra(const sb_body *body, int cell_count, const 
     return SB_OK;
 }
 
-/* The matrix of elements and rows together. */
-static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+/* Ties that are rows of the matrix's pattern: a body that follows changes has its couplings by itself. */
+static int sbi_body_tie_rows(const sb_body *body)
+{
+    return body->live && !body->live->follows ? body->live->glue.count : 0;
+}
+
+/* The matrix of elements, ties and extra rows together. */
+static sb_result sbi_body_make_extended_matrix(const sb_body *body, int extra_count, const int *extra_start,
+                                               const int *extra_nodes, sb_matrix *matrix, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)domain->cell_count * n;
-    size_t extra = (size_t)pattern->extra_start[pattern->extra_count], bytes = 0;
-    size_t cells = (size_t)domain->cell_count + (size_t)pattern->extra_count;
+    int ties = sbi_body_tie_rows(body), first = domain->cell_count + ties;
+    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)first * n + (size_t)ties * n, bytes = 0;
+    size_t extra = extra_count ? (size_t)extra_start[extra_count] : 0, cells = (size_t)first + (size_t)extra_count;
     int *start = NULL, *nodes;
     sb_result result;
     if (own + extra <= INT32_MAX && cells < INT32_MAX && sbi_size_add(&bytes, cells + 1, sizeof(int)) &&
         sbi_size_add(&bytes, own + extra, sizeof(int)))
         start = (int *)sbi_alloc(&body->allocator, bytes, 1);
     if (!start)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the couplings of %d rows", pattern->extra_count);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the couplings of %d rows", extra_count);
     nodes = start + cells + 1;
     for (int e = 0; e < domain->cell_count; e++)
         start[e] = e * domain->nodes_per_cell;
-    for (int c = 0; c <= pattern->extra_count; c++)
-        start[domain->cell_count + c] = (int)own + pattern->extra_start[c];
-    memcpy(nodes, domain->cells, own * sizeof(int));
-    memcpy(nodes + own, pattern->extra_nodes, extra * sizeof(int));
-    result =
-        sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix, error);
+    memcpy(nodes, domain->cells, (size_t)domain->cell_count * n * sizeof(int));
+    for (int k = 0; k < ties; k++) {
+        int at = (domain->cell_count + 2 * k) * domain->nodes_per_cell;
+        start[domain->cell_count + k] = at;
+        memcpy(nodes + at, body->live->glue.ties[k].nodes[0], n * sizeof(int));
+        memcpy(nodes + (size_t)at + n, body->live->glue.ties[k].nodes[1], n * sizeof(int));
+    }
+    for (int c = 0; c < extra_count; c++)
+        start[first + c] = (int)own + extra_start[c];
+    start[cells] = (int)(own + extra);
+    if (extra)
+        memcpy(nodes + own, extra_nodes, extra * sizeof(int));
+    result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, matrix, error);
     sbi_free(&body->allocator, start);
-    if (result == SB_OK)
-        result = sbi_live_make_matrix(body, &pattern->matrix, error);
     return result;
+}
+
+SBI_API sb_result sbi_body_make_matrix(const sb_body *body, int extra_count, const int *extra_start,
+                                       const int *extra_nodes, sb_matrix *matrix, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_result result = extra_count || sbi_body_tie_rows(body)
+                           ? sbi_body_make_extended_matrix(body, extra_count, extra_start, extra_nodes, matrix, error)
+                           : sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
+                                              domain->cells, &body->allocator, matrix, error);
+    return result == SB_OK ? sbi_live_make_matrix(body, matrix, error) : result;
 }
 
 /* Takes the arrays of one entry per block from the arena (measuring or for real). */
@@ -49224,7 +49260,8 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
                                           sb_error *error)
 {
-    sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
+    sb_result result = sbi_body_make_matrix(body, pattern->extra_count, pattern->extra_start, pattern->extra_nodes,
+                                            &pattern->matrix, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
     if (result == SB_OK)
@@ -52052,9 +52089,10 @@ SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, s
 SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
 {
     sb_result result;
+    if (body->live)
+        body->assembly.glue = &body->live->glue;
     if (!sbi_live_follows(body))
         return SB_OK;
-    body->assembly.glue = &body->live->glue;
     result = sbi_assembly_make_live(&body->assembly, &body->matrix, &body->allocator, error);
     if (result == SB_OK)
         sb_index_lists_free(&body->node_elements); /* rings take their place */
@@ -52244,14 +52282,17 @@ SBI_API void sbi_live_stiffen_slivers(sb_body *body)
 
 #include <string.h>
 
-enum { SBI_GLUE_PAIRS = SBI_GLUE_NODES * SBI_GLUE_NODES }; /* couplings of a tie, at most */
+/* Couplings of a tie, at most, of a body that follows changes in place. */
+enum { SBI_GLUE_FOLLOWS = 4, SBI_GLUE_PAIRS = SBI_GLUE_FOLLOWS * SBI_GLUE_FOLLOWS };
 
 /* An array with room for so many ties in place of the one there; 0: no memory. */
-static int sbi_live_grow_ties(const sb_allocator *allocator, sbi_glue *glue, int capacity)
+static int sbi_live_grow_ties(const sb_body *body, sbi_glue *glue, int capacity)
 {
+    const sb_allocator *allocator = &body->allocator;
     sbi_glue_tie *ties = (sbi_glue_tie *)sbi_alloc(allocator, (size_t)capacity, sizeof *ties);
     if (!ties)
         return 0;
+    glue->nodes = body->domain.nodes_per_cell;
     if (glue->count)
         memcpy(ties, glue->ties, (size_t)glue->count * sizeof *ties);
     sbi_free(allocator, glue->ties);
@@ -52264,14 +52305,15 @@ SBI_API sb_result sbi_live_take_glue_room(sb_body *body, int count, sb_error *er
 {
     sbi_live *live = body->live;
     int capacity = count;
-    int(*couplings)[2];
+    int(*couplings)[2] = NULL;
     if (count <= live->glue.capacity && count <= live->next_glue.capacity)
         return SB_OK;
     if (capacity > INT32_MAX / (8 * SBI_GLUE_PAIRS))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d ties", count);
-    couplings = (int(*)[2])sbi_alloc(&body->allocator, 2 * (size_t)capacity, SBI_GLUE_PAIRS * sizeof *couplings);
-    if (!couplings || !sbi_live_grow_ties(&body->allocator, &live->next_glue, capacity) ||
-        !sbi_live_grow_ties(&body->allocator, &live->glue, capacity)) {
+    if (live->follows)
+        couplings = (int(*)[2])sbi_alloc(&body->allocator, 2 * (size_t)capacity, SBI_GLUE_PAIRS * sizeof *couplings);
+    if ((live->follows && !couplings) || !sbi_live_grow_ties(body, &live->next_glue, capacity) ||
+        !sbi_live_grow_ties(body, &live->glue, capacity)) {
         sbi_free(&body->allocator, couplings);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d ties", count);
     }
@@ -52294,8 +52336,8 @@ SBI_API void sbi_live_copy_glue(sbi_glue *glue, const sbi_glue_tie *ties, int co
     for (int k = 0; k < count; k++) {
         glue->ties[k] = ties[k];
         for (int side = 0; side < 2; side++)
-            memcpy(glue->ties[k].nodes[side], corners + SBI_GLUE_NODES * (size_t)ties[k].cells[side],
-                   SBI_GLUE_NODES * sizeof(int));
+            memcpy(glue->ties[k].nodes[side], corners + (size_t)glue->nodes * (size_t)ties[k].cells[side],
+                   (size_t)glue->nodes * sizeof(int));
     }
 }
 
@@ -52307,7 +52349,7 @@ static const int *sbi_live_next_nodes(const sb_body_change *change, int cell)
     int at = change->cell_at[cell];
     if (at && !change->made_cells.items[at - 1].dropped)
         return change->corners.items + change->made_cells.items[at - 1].first;
-    return change->body->domain.cells + SBI_GLUE_NODES * (size_t)cell;
+    return change->body->domain.cells + (size_t)change->body->domain.nodes_per_cell * (size_t)cell;
 }
 
 /* 1 when a change of others takes a tie with it: one of its cells goes, or of its nodes moves in the material, so that
@@ -52318,7 +52360,7 @@ static int sbi_live_tie_goes(const sb_body_change *change, const sbi_glue_tie *t
     for (int i = 0; i < change->removed_cells.count; i++)
         goes |= change->removed_cells.items[i] == tie->cells[0] || change->removed_cells.items[i] == tie->cells[1];
     for (int i = 0; i < change->moved_nodes.count; i++)
-        for (int a = 0; a < SBI_GLUE_NODES; a++)
+        for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
             goes |= change->moved_nodes.items[i].node == tie->nodes[0][a] ||
                     change->moved_nodes.items[i].node == tie->nodes[1][a];
     return goes;
@@ -52340,7 +52382,8 @@ SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error
             continue;
         *tie = ties[k];
         for (int side = 0; side < 2; side++)
-            memcpy(tie->nodes[side], sbi_live_next_nodes(change, tie->cells[side]), sizeof tie->nodes[side]);
+            memcpy(tie->nodes[side], sbi_live_next_nodes(change, tie->cells[side]),
+                   (size_t)live->next_glue.nodes * sizeof(int));
         live->next_glue.count++;
     }
     return SB_OK;
@@ -52350,7 +52393,7 @@ SBI_API int sbi_live_list_couplings(const sbi_glue *glue, int (*pairs)[2], int c
 {
     for (int k = 0; k < glue->count; k++)
         for (int i = 0; i < SBI_GLUE_PAIRS; i++) {
-            int a = i % SBI_GLUE_NODES, b = i / SBI_GLUE_NODES;
+            int a = i % SBI_GLUE_FOLLOWS, b = i / SBI_GLUE_FOLLOWS;
             const sbi_glue_tie *tie = glue->ties + k;
             if (tie->nodes[0][a] == tie->nodes[1][a] || tie->nodes[0][b] == tie->nodes[1][b])
                 continue;
@@ -52374,6 +52417,26 @@ static int sbi_live_drop_couplings(const sbi_mesh_change *out, int (*pairs)[2], 
         pairs[kept++][1] = pairs[k][1];
     }
     return kept;
+}
+
+SBI_API void sbi_live_join_glued(sb_body *body, int *joined)
+{
+    const sbi_glue *glue = &body->live->glue;
+    int *parts = body->element_component.items, count = 0;
+    for (int c = 0; c < body->component_count; c++)
+        joined[c] = c;
+    for (int k = 0; k < glue->count; k++) {
+        int a = joined[parts[glue->ties[k].cells[0]]], b = joined[parts[glue->ties[k].cells[1]]];
+        for (int c = 0; c < body->component_count && a != b; c++)
+            if (joined[c] == sbi_max_int(a, b))
+                joined[c] = sbi_min_int(a, b);
+    }
+    for (int c = 0; c < body->component_count; c++) /* the first of each has the lowest number, which is itself */
+        joined[c] = joined[c] == c ? count++ : joined[joined[c]];
+    for (int e = 0; e < body->domain.cell_count; e++)
+        if (parts[e] >= 0)
+            parts[e] = joined[parts[e]];
+    body->component_count = count;
 }
 
 SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out)
@@ -52432,12 +52495,12 @@ SBI_API sb_result sbi_live_check_glue(const sb_body *body, sb_error *error)
         const sbi_glue_tie *tie = glue->ties + k;
         for (int side = 0; side < 2; side++) {
             const int *nodes = sb_body_cell_nodes(body, tie->cells[side]);
-            if (!nodes || memcmp(nodes, tie->nodes[side], sizeof tie->nodes[side]) != 0)
+            if (!nodes || memcmp(nodes, tie->nodes[side], (size_t)glue->nodes * sizeof(int)) != 0)
                 return sbi_fail_element(error, SB_ERROR_STATE, tie->cells[side], "tie %d has other nodes than cell %d",
                                         k, tie->cells[side]);
         }
-        for (int i = 0; i < SBI_GLUE_PAIRS; i++) {
-            int a = i % SBI_GLUE_NODES, b = i / SBI_GLUE_NODES;
+        for (int i = 0; i < glue->nodes * glue->nodes; i++) {
+            int a = i % glue->nodes, b = i / glue->nodes;
             if (tie->nodes[0][a] != tie->nodes[1][a] && tie->nodes[0][b] != tie->nodes[1][b] &&
                 sb_matrix_find(&body->matrix, tie->nodes[0][a], tie->nodes[1][b]) < 0)
                 return sbi_fail_node(error, SB_ERROR_STATE, tie->nodes[0][a], "the matrix does not have tie %d", k);
@@ -53089,8 +53152,8 @@ static void sbi_live_mark_nodes(const sbi_live_following *work, int goes, int gl
         marks[out->removed_nodes[i]] = goes;
     for (int i = 0; i < out->moved_node_count; i++)
         marks[out->moved_nodes[i]] = goes;
-    for (int k = 0; k < 2 * SBI_GLUE_NODES * glue->count; k++) {
-        int *mark = marks + glue->ties[k / (2 * SBI_GLUE_NODES)].nodes[k & 1][k / 2 % SBI_GLUE_NODES];
+    for (int k = 0; k < 2 * glue->nodes * glue->count; k++) {
+        int *mark = marks + glue->ties[k / (2 * glue->nodes)].nodes[k & 1][k / 2 % glue->nodes];
         *mark = glued ? *mark | glued : 0;
     }
 }
@@ -53152,8 +53215,8 @@ static void sbi_live_list_nodes(sbi_live_following *work)
         sbi_live_list_node(work, out->moved_nodes[i], 0);
     for (int next = 0; next < 2; next++) { /* rows of their supports have other blocks */
         const sbi_glue *glue = next ? &work->body->live->next_glue : &work->body->live->glue;
-        for (int k = 0; k < 2 * SBI_GLUE_NODES * glue->count; k++)
-            sbi_live_list_node(work, glue->ties[k / (2 * SBI_GLUE_NODES)].nodes[k & 1][k / 2 % SBI_GLUE_NODES], 0);
+        for (int k = 0; k < 2 * glue->nodes * glue->count; k++)
+            sbi_live_list_node(work, glue->ties[k / (2 * glue->nodes)].nodes[k & 1][k / 2 % glue->nodes], 0);
     }
 }
 
@@ -55572,6 +55635,8 @@ static sb_result sbi_live_make_lists(const sbi_live_mesh *mesh, sb_body *next, s
         result = sb_mesh_components(&view, &next->allocator, &next->element_component, &next->component_count, error);
     if (result == SB_OK && !sbi_live_spread_parts(next, used))
         result = sbi_live_no_memory(error, view.node_count);
+    if (result == SB_OK && !next->live->follows) /* there are no more parts than cells */
+        sbi_live_join_glued(next, used);
     sbi_free(&next->allocator, used);
     return result;
 }
@@ -55582,10 +55647,7 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     const sb_domain *domain = &next->domain;
     sb_result result = sbi_live_make_lists(mesh, next, error);
     if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
-                                  &next->allocator, &next->matrix, error);
-    if (result == SB_OK)
-        result = sbi_live_make_matrix(next, &next->matrix, error);
+        result = sbi_body_make_matrix(next, 0, NULL, NULL, &next->matrix, error);
     if (result == SB_OK)
         result = sbi_body_take_nodes(next, error);
     next->assembly.chunk_size = body->live->follows ? body->assembly.chunk_size : 0;
@@ -67642,7 +67704,6 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 /* Numbers of its part, which comes first; the second of a mesh with pieces, the third of one with glue besides, the
  * last as earlier versions had pieces. */
 enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 17, SBI_STATE_GLUED = 19, SBI_STATE_PIECES_BEFORE = 16 };
-enum { SBI_STATE_TIE_BYTES = 2 * 4 + SBI_GLUE_GRAM * (int)sizeof(sb_real) };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -67696,13 +67757,13 @@ static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
     }
 }
 
-/* Ties between pieces. */
-static void sbi_state_glue(sbi_state_walk *walk, sbi_live_mesh *mesh)
+/* Ties between pieces of cells with n nodes. */
+static void sbi_state_glue(sbi_state_walk *walk, sbi_live_mesh *mesh, int n)
 {
     for (int k = 0; k < mesh->glue_count && walk->result == SB_OK; k++) {
         for (int side = 0; side < 2; side++)
             sbi_state_put_int(walk, mesh->glue[k].cells + side, 0, mesh->cells.end - 1, "cell of a tie");
-        for (int i = 0; i < SBI_GLUE_GRAM; i++)
+        for (int i = 0; i < sbi_glue_gram(n); i++)
             sbi_state_put_real(walk, mesh->glue[k].gram + i);
     }
 }
@@ -67752,7 +67813,7 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
     sbi_state_slot_stack(walk, &mesh->cells);
     if (mesh->pieces && walk->result == SB_OK)
         sbi_state_pieces(walk, mesh);
-    sbi_state_glue(walk, mesh);
+    sbi_state_glue(walk, mesh, n);
     if (sbi_state_put_mesh(walk, mesh, n))
         return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
@@ -67855,10 +67916,9 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         glue_count = sbi_state_glue_count(&walk, 1);
     if (walk.result != SB_OK)
         return walk.result;
-    if (glue_count && !sbi_live_follows(body))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the state has glue between pieces, which goes with tet4 only");
     needed = 4 * ((uint64_t)nodes.count + (uint64_t)cells.count) + 3 * sizeof(sb_real) * (uint64_t)nodes.end +
-             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n) + (uint64_t)glue_count * SBI_STATE_TIE_BYTES;
+             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n) +
+             (uint64_t)glue_count * (2 * 4 + (uint64_t)sbi_glue_gram(n) * sizeof(sb_real));
     if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count ||
         cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
         nodes.end > nodes.fresh || cells.end > cells.fresh)
@@ -72180,11 +72240,11 @@ static sbi_glue_tie *sbi_cut_find_tie(sb_cut *cut, int tet, const sbi_lip *lip, 
     return cut->ties + at;
 }
 
-static void sbi_cut_add_facet(sbi_glue_tie *tie, const sbi_cut_facet *facet)
+static void sbi_cut_add_facet(int nodes, sbi_glue_tie *tie, const sbi_cut_facet *facet)
 {
-    for (int a = 0; a < 4; a++)
-        for (int b = a; b < 4; b++)
-            tie->gram[sbi_glue_at(a, b)] += facet->firmness * facet->middle[a] * facet->middle[b];
+    for (int a = 0; a < nodes; a++)
+        for (int b = a; b < nodes; b++)
+            tie->gram[sbi_glue_at(nodes, a, b)] += facet->firmness * facet->shape[a] * facet->shape[b];
 }
 
 /* Ties of the triangles of one tet, next_glue[first .. end). */
@@ -72201,7 +72261,7 @@ static void sbi_cut_tie_tet(sb_cut *cut, int first, int end)
             if (lips[k].place != cut->next_glue[i].place % SBI_LIPS)
                 continue;
             facet = sbi_cut_facet_make(cut, tet, &parted, lips + k);
-            sbi_cut_add_facet(sbi_cut_find_tie(cut, tet, lips + k, begin, pieces), &facet);
+            sbi_cut_add_facet(cut->nodes_per_tet, sbi_cut_find_tie(cut, tet, lips + k, begin, pieces), &facet);
         }
     }
 }
@@ -73945,8 +74005,6 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
     if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
                         SBI_CUT_MOST_STROKES);
-    if (def->front == SB_CUT_GLUE && def->body->domain.element_type == SB_TET10)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "tet10 has SB_CUT_LAG only");
     if (!def->body->live)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
     if (def->body->domain.element_type != SB_TET4 && def->body->domain.element_type != SB_TET10)

@@ -35,7 +35,7 @@ static inline block_options block_default(int lattice)
 {
     block_options options;
     memset(&options, 0, sizeof options);
-    options.element = SB_TET4;
+    options.element = getenv("CUTQ") ? SB_TET10 : SB_TET4; // HACK
     options.nx = 6;
     options.ny = 4;
     options.nz = 5;
@@ -275,7 +275,7 @@ static inline block counted_block_with(scene_memory *memory, int nx, double slac
     sb_cut_def cut = sb_default_cut_def();
     block b;
     memset(&b, 0, sizeof b);
-    b.mesh = scene_box(SB_TET4, nx, 2, 2, block_size, 0);
+    b.mesh = scene_box(getenv("CUTQ") ? SB_TET10 : SB_TET4, nx, 2, 2, block_size, 0); // HACK
     def.mesh = &b.mesh;
     def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
     def.slack = REAL(slack);

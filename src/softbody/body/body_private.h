@@ -256,6 +256,9 @@ SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, con
                                         sbi_body_pattern *pattern, sb_error *error);
 /* The rest of a pattern whose rows (extra_...) are there, for supports that may be still to come (fixed[node_count]);
  * no elimination. On failure the pattern is freed, rows included. */
+/* The matrix of the elements, of ties between them, and of extra rows of nodes. */
+SBI_API sb_result sbi_body_make_matrix(const sb_body *body, int extra_count, const int *extra_start,
+                                       const int *extra_nodes, sb_matrix *matrix, sb_error *error);
 SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
                                           sb_error *error);
 /* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */

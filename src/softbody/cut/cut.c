@@ -39,8 +39,6 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
     if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
                         SBI_CUT_MOST_STROKES);
-    if (def->front == SB_CUT_GLUE && def->body->domain.element_type == SB_TET10)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "tet10 has SB_CUT_LAG only");
     if (!def->body->live)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
     if (def->body->domain.element_type != SB_TET4 && def->body->domain.element_type != SB_TET10)

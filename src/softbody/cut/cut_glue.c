@@ -280,11 +280,11 @@ static sbi_glue_tie *sbi_cut_find_tie(sb_cut *cut, int tet, const sbi_lip *lip, 
     return cut->ties + at;
 }
 
-static void sbi_cut_add_facet(sbi_glue_tie *tie, const sbi_cut_facet *facet)
+static void sbi_cut_add_facet(int nodes, sbi_glue_tie *tie, const sbi_cut_facet *facet)
 {
-    for (int a = 0; a < 4; a++)
-        for (int b = a; b < 4; b++)
-            tie->gram[sbi_glue_at(a, b)] += facet->firmness * facet->middle[a] * facet->middle[b];
+    for (int a = 0; a < nodes; a++)
+        for (int b = a; b < nodes; b++)
+            tie->gram[sbi_glue_at(nodes, a, b)] += facet->firmness * facet->shape[a] * facet->shape[b];
 }
 
 /* Ties of the triangles of one tet, next_glue[first .. end). */
@@ -301,7 +301,7 @@ static void sbi_cut_tie_tet(sb_cut *cut, int first, int end)
             if (lips[k].place != cut->next_glue[i].place % SBI_LIPS)
                 continue;
             facet = sbi_cut_facet_make(cut, tet, &parted, lips + k);
-            sbi_cut_add_facet(sbi_cut_find_tie(cut, tet, lips + k, begin, pieces), &facet);
+            sbi_cut_add_facet(cut->nodes_per_tet, sbi_cut_find_tie(cut, tet, lips + k, begin, pieces), &facet);
         }
     }
 }
