@@ -35,7 +35,7 @@ static inline block_options block_default(int lattice)
 {
     block_options options;
     memset(&options, 0, sizeof options);
-    options.element = getenv("CUTQ") ? SB_TET10 : SB_TET4; // HACK
+    options.element = SB_TET4;
     options.nx = 6;
     options.ny = 4;
     options.nz = 5;
@@ -269,13 +269,14 @@ static inline int part_volumes(const block *b, double *volumes, int capacity)
 }
 
 /* A small block whose memory is counted. */
-static inline block counted_block_with(scene_memory *memory, int nx, double slack, sb_cut_front front)
+static inline block counted_block_of(scene_memory *memory, sb_element_type element, int nx, double slack,
+                                     sb_cut_front front)
 {
     sb_body_def def = sb_default_body_def();
     sb_cut_def cut = sb_default_cut_def();
     block b;
     memset(&b, 0, sizeof b);
-    b.mesh = scene_box(getenv("CUTQ") ? SB_TET10 : SB_TET4, nx, 2, 2, block_size, 0); // HACK
+    b.mesh = scene_box(element, nx, 2, 2, block_size, 0);
     def.mesh = &b.mesh;
     def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
     def.slack = REAL(slack);
@@ -286,6 +287,11 @@ static inline block counted_block_with(scene_memory *memory, int nx, double slac
     cut.front = front;
     CHECK_OK(sb_cut_create(&cut, &b.cut, NULL));
     return b;
+}
+
+static inline block counted_block_with(scene_memory *memory, int nx, double slack, sb_cut_front front)
+{
+    return counted_block_of(memory, SB_TET4, nx, slack, front);
 }
 
 static inline block counted_block(scene_memory *memory, int nx, double slack)
