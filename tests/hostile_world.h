@@ -373,6 +373,7 @@ static sb_cut_def *world_cut_def(world *w)
     w->cut_def.body = world_idle(w);
     w->cut_def.allocator = w->allocator;
     w->cut_def.front = SB_CUT_GLUE;
+    w->cut_def.toughness = REAL(100);
     return &w->cut_def;
 }
 
@@ -406,6 +407,14 @@ static int world_stroke(world *w)
 {
     int stroke = 0;
     CHECK_OK(sb_cut_begin(world_cut(w), world_blade(), 2, &stroke, NULL));
+    return stroke;
+}
+
+/* The same of scissors. */
+static int world_scissors(world *w)
+{
+    int stroke = 0;
+    CHECK_OK(sb_cut_begin(world_cut(w), world_blade(), 3, &stroke, NULL));
     return stroke;
 }
 

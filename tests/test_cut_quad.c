@@ -362,7 +362,7 @@ static void test_no_memory(void)
         uint64_t expected = 0;
         for (int fail = 0, done = 0; !done && fail < 600; fail += fail < 20 || !check_quick() ? 1 : 5) {
             scene_memory memory = {0, 0, 0, 0};
-            block b = counted_block_of(&memory, SB_TET10, 2, 0.01, (sb_cut_front)front);
+            block b = counted_block_of(&memory, SB_TET10, 2, 0.01, (sb_cut_front)front, 0);
             sb_vec3 triangles[6];
             uint64_t before = sb_body_state_hash(b.body);
             sb_result result;

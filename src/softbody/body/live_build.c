@@ -448,7 +448,7 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
                 *load = sb_v3_madd(*load, change->heir_weights[k], force);
         }
     for (int i = 0; i < next->domain.node_count; i++)
-        sbi_live_park_node(next, i);
+        sbi_live_park_node(next, i, i < both && body->node_component[i] >= 0);
     sbi_body_update_positions(next);
 }
 
@@ -472,10 +472,12 @@ SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
                          node);
 }
 
-/* Every node in use has a cell, but those that had none before. */
+/* Every node in use has a cell, but those that had none before, unless the change may leave nodes alone. */
 static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
                                        sb_error *error)
 {
+    if (body->live->erodes)
+        return SB_OK;
     for (int i = 0; i < change->made_node_count; i++)
         if (sbi_live_first_cell(next, change->made_nodes[i]) < 0)
             return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
@@ -551,6 +553,11 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->substep_room_size = old.substep_room_size;
     next->touch = NULL;
     next->substep_room = NULL;
+    sbi_free(&next->allocator, made->pushes);
+    made->pushes = live->pushes;
+    made->push_count = live->push_count;
+    made->push_capacity = live->push_capacity;
+    live->pushes = NULL;
     made->open = live->open;
     made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;

@@ -248,7 +248,7 @@ static int sbi_live_change_fits(sbi_live_following *work)
     if (!good)
         return 0;
     sbi_live_list_nodes(work);
-    good = sbi_live_leave_all(work) && sbi_live_keep_some(work);
+    good = sbi_live_leave_all(work) && (work->body->live->erodes || sbi_live_keep_some(work));
     for (int k = 0; k < work->node_count; k++)
         work->body->live->node_marks[work->lists->nodes[k]] = 0;
     return good && sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
@@ -551,7 +551,7 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_live_label_changed(work);
     for (int k = 0; k < work->node_count; k++)
         if (work->lists->nodes[k] < body->domain.node_count)
-            sbi_live_park_node(body, work->lists->nodes[k]);
+            sbi_live_park_node(body, work->lists->nodes[k], work->lists->gone[k] > 0);
     body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);

@@ -570,7 +570,7 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
                      ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
                                            load->row_start[j + 1] - load->row_start[j], load->face_types[j], error)
                      : sbi_live_carry_row(rows, load, j, error);
-    if (result == SB_OK && rows->rows == 0)
+    if (result == SB_OK && rows->rows == 0 && !rows->body->live->erodes)
         result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
                                "pressure %d would lose its last face: remove it first", load->id);
     if (result == SB_OK)
@@ -590,7 +590,7 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
 /* ---- tractions ---- */
 
 /* Takes the forces of a traction over to the parts of its face, which the rows list. Where they are not all of it, as
- * in changes other than cuts, the forces stay with their nodes. */
+ * in changes other than cuts, the forces stay with their nodes, unless the rest was taken out. */
 static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction *traction)
 {
     const sb_real close = (sb_real)1e-4;
@@ -599,7 +599,7 @@ static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction
     sb_real left = sbi_live_face_share(rows->body, traction->nodes);
     for (int j = 0; j < rows->rows; j++)
         left -= sbi_live_face_share(next, rows->nodes + rows->start[j]);
-    if (!(sb_abs(left) < close) || sbi_live_loses_node(rows, traction->nodes, 3))
+    if (!(sb_abs(left) < close || rows->body->live->erodes) || sbi_live_loses_node(rows, traction->nodes, 3))
         return;
     part.stress = sb_v3_scale(-1, part.stress);
     sbi_body_spread_traction(rows->body, &part, next->dead_load);

@@ -1642,6 +1642,8 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
     if (walk.result != SB_OK)
         return walk.result;
+    if (body->live)
+        body->live->push_count = 0; /* what has joined brings its own */
     sbi_state_parts_load(body, walk.others);
     sbi_state_tell(body, walk.in, size);
     return SB_OK;

@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "live_private.h"
 #include "load.h"
 #include "step_explicit.h"
 #include "step_private.h"
@@ -239,6 +240,7 @@ static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_i
 static sb_result sbi_step_open(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
 {
     memset(step, 0, sizeof *step);
+    step->part = 1;
     step->info = info ? info : &step->own_info;
     sbi_step_begin_info(step->info);
     if (!body || !(dt > 0) || !sb_is_finite(dt))
@@ -278,6 +280,8 @@ static void sbi_step_settle(sbi_step *step)
     sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
+    if (!(step->part < 1)) /* the last part of a step that was divided */
+        sbi_live_forget_pushes(b);
     sbi_step_commit_guests(step);
     if (step->touch)
         sbi_step_commit_touch(step);
@@ -327,22 +331,21 @@ static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
 {
     if (!step->touch->mend(step->touch->user, step->body->displacement, whole))
         return SB_OK;
-    step->touch->mended = 1;
+    step->moved = step->touch->mended = 1;
     return sbi_step_take_motion(step);
 }
 
-/* Where the material does not admit the rest all motion stays. Of implicit Euler alone: other schemes would turn what
- * is taken out of the end of a step into speed the other way. */
+/* Where the material does not admit the rest all motion stays. */
 static sb_result sbi_step_hold_touch(sbi_step *step)
 {
     sbi_touch *touch = step->touch;
     sb_body *b = step->body;
     size_t size = (size_t)b->domain.node_count * sizeof(sb_vec3);
-    if (b->integrator != SB_EULER)
-        return SB_OK;
     memcpy(b->previous, b->displacement, size);
-    if (!touch->hold(touch->user, b->displacement) || sbi_step_take_motion(step) == SB_OK)
+    step->moved = touch->hold(touch->user, b->displacement);
+    if (!step->moved || sbi_step_take_motion(step) == SB_OK)
         return SB_OK;
+    step->moved = 0;
     memcpy(b->displacement, b->previous, size);
     sbi_step_forget_error(step->info);
     return sbi_step_take_motion(step);

@@ -45,6 +45,7 @@ typedef struct sbi_step {
     int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
     struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
     int touch_begun;
+    int moved; /* 1: what touches has moved the end of the step away from its balance, which body->previous keeps */
     int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
                 * have made it fail */
     sb_real part; /* share of what is left of a divided step; else 1 */

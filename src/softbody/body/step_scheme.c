@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "constraint.h"
+#include "live_private.h"
 #include "load.h"
 #include "step_private.h"
 
@@ -12,6 +13,7 @@ SBI_API void sbi_step_dead_loads(sb_body *b)
     sbi_body_mass_multiply(b, b->work, b->external);
     for (int i = 0; i < b->domain.node_count; i++)
         b->external[i] = sb_v3_add(b->external[i], b->dead_load[i]);
+    sbi_live_add_pushes(b, b->external);
 }
 
 /* The same of a constrained body with its lumped mass: slaves hand forces and masses to their masters. */
@@ -181,12 +183,24 @@ static sb_result sbi_step_finish_alpha(sbi_step *step)
     return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
 }
 
+/* Motion that was taken out of the end of a step counts in implicit Euler's velocity, which is the way over dt. Other
+ * schemes would turn it into speed the other way: theirs is of the balance. */
+static sb_vec3 sbi_step_taken_way(const sbi_step *step, int i)
+{
+    const sb_body *b = step->body;
+    if (!step->moved || b->integrator == SB_EULER)
+        return sb_v3(0, 0, 0);
+    return sb_v3_sub(b->previous[i], b->displacement[i]);
+}
+
 SBI_API sb_result sbi_step_finish(sbi_step *step)
 {
     sb_body *b = step->body;
     int alpha = b->integrator == SB_GENERALISED_ALPHA;
     for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 v = sbi_step_velocity(step, i), a = sbi_step_acceleration(step, i);
+        sb_vec3 taken = sbi_step_taken_way(step, i);
+        sb_vec3 v = sb_v3_madd(sbi_step_velocity(step, i), step->cv, taken);
+        sb_vec3 a = sb_v3_madd(sbi_step_acceleration(step, i), step->ca, taken);
         if (alpha) {
             v = sbi_step_extrapolate(b->velocity[i], v, step->level);
             a = sbi_step_extrapolate(b->acceleration[i], a, step->inertia_level);
@@ -196,6 +210,8 @@ SBI_API sb_result sbi_step_finish(sbi_step *step)
         b->velocity[i] = v;
         b->acceleration[i] = a;
     }
+    if (step->moved && b->integrator != SB_EULER)
+        step->touch->brake(step->touch->user, b->displacement, b->velocity);
     if (alpha) {
         sb_result result = sbi_step_finish_alpha(step);
         if (result != SB_OK)

@@ -41,16 +41,16 @@
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
- * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or a
- * surface that is folded from the start, do not. What would come deeper into an organ than 0.24 of its thickness or of
- * a face's length in a step of implicit Euler is held, momentum kept, kinetic energy lost. A step in which a point
- * would yet end deeper in an organ than 0.4 of its thickness or of a face's length, or pass through it, is divided like
- * one with tools, at once into parts as short as the organs' speed asks for. In parts of a sixteenth, what would still
- * pass moves together, as far as it would have on the mean: momentum stays, kinetic energy is lost, but for Newmark and
- * generalised alpha, which turn part of what was taken back into speed (sb_contact_info.mended).
- * Overlap that was there without having been pressed in is let out by a fifth a step, so that it throws nothing out. It
- * is not certain yet: of 189 random scenes with rho v^2 up to 2 E points came deeper than half a cell into an organ in
- * 9, from 0.8 E on, up to 0.9 cells; none ended entangled.
+ * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or
+ * a surface that is folded from the start, do not. What would come deeper into an organ than 0.24 of its thickness or
+ * of a face's length in a step is held, momentum kept, kinetic energy lost. A step in which a point would yet end
+ * deeper in an organ than 0.4 of its thickness or of a face's length, or pass through it, is divided like one with
+ * tools, at once into parts as short as the organs' speed asks for. In parts of a sixteenth, what would still pass
+ * moves together, as far as it would have on the mean: momentum stays, kinetic energy is lost
+ * (sb_contact_info.mended). Overlap that was there without having been pressed in is let out by a fifth a step, so
+ * that it throws nothing out. It is not certain yet: of 189 random scenes with rho v^2 up to 2 E points came deeper
+ * than half a cell into an organ in 9, from 0.8 E on, up to 0.9 cells; none ended entangled. Of 32 with Newmark or
+ * generalised alpha in 2, up to 0.74 cells.
  *
  * With `skin` tools touch a surface that the body carries along, in place of the boundary of its mesh: one that was
  * embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: organs do not touch each

@@ -283,10 +283,9 @@ static sb_real sbi_apart_mean(int is_held, sb_real way, sb_real ways, sb_real ma
     return is_held || !(masses > 0) ? way : ways / masses;
 }
 
-/* Nodes of a zone go as far as they all do on the mean. */
-static void sbi_apart_move(const sbi_apart_look *look)
+/* Nodes of a zone go the way [nodes] that they all do on the mean. whole: zones are of organs. */
+static void sbi_apart_even_out(sb_contact *contact, int whole, sb_vec3 *ways)
 {
-    sb_contact *contact = look->contact;
     const sb_body *body = contact->body;
     sbi_pairs *pairs = &contact->pairs;
     int count = sb_body_node_count(body);
@@ -295,10 +294,10 @@ static void sbi_apart_move(const sbi_apart_look *look)
     memset(pairs->zone_held, 0, (size_t)count * sizeof *pairs->zone_held);
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < count; i++) {
-            int key = look->whole ? body->node_component[i] : i;
+            int key = whole ? body->node_component[i] : i;
             unsigned held = sbi_body_held(body, i);
             sb_real mass = body->lumped_mass[i];
-            sb_vec3 *way = contact->moved + i, *w, *m, *h;
+            sb_vec3 *way = ways + i, *w, *m, *h;
             if (key < 0 || pairs->zones[key] < 0)
                 continue;
             key = sbi_apart_root(pairs->zones, key);
@@ -313,7 +312,13 @@ static void sbi_apart_move(const sbi_apart_look *look)
                 way->z = sbi_apart_mean((held & SB_Z) != 0, way->z, w->z, m->z);
             }
         }
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(body), contact->moved, 1);
+}
+
+static void sbi_apart_move(const sbi_apart_look *look)
+{
+    sb_contact *contact = look->contact;
+    sbi_apart_even_out(contact, look->whole, contact->moved);
+    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
     sbi_pairs_follow(contact, contact->moved, 1);
 }
 
@@ -343,6 +348,7 @@ SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole)
             break;
         sbi_apart_move(&look);
     }
+    contact->pairs.zones_made = look.whole ? SBI_ZONES_ORGANS : SBI_ZONES_NODES;
     for (int i = 0; i < sb_body_node_count(contact->body); i++) {
         sb_vec3 more = sb_v3_sub(contact->moved[i], sbi_apart_way(contact, u, i));
         if (sb_v3_dot(more, more) > 0) {
@@ -351,4 +357,10 @@ SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole)
         }
     }
     return changed;
+}
+
+SBI_API void sbi_pairs_brake_mended(sb_contact *contact, sb_vec3 *v)
+{
+    if (contact->pairs.zones_made != SBI_ZONES_NONE)
+        sbi_apart_even_out(contact, contact->pairs.zones_made == SBI_ZONES_ORGANS, v);
 }

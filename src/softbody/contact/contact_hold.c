@@ -35,6 +35,16 @@ static void sbi_hold_sides(const sb_contact *contact, const sbi_pair_sample *s, 
     sides[1].sign = -1;
 }
 
+/* What x - y has along the normal of a field v [rows]. */
+static sb_real sbi_hold_jump(const sbi_pair_sample *s, const sbi_hold_side sides[2], const sb_vec3 *v)
+{
+    sb_real sum = 0;
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < sides[k].count; a++)
+            sum += sides[k].sign * sides[k].weights[a] * sb_v3_dot(s->normal, v[sides[k].nodes[a]]);
+    return sum;
+}
+
 /* How far x - y goes along the normal at displacements u [rows], over the whole step (m). */
 static sb_real sbi_hold_way(const sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2],
                             const sb_vec3 *u)
@@ -59,9 +69,9 @@ static sb_vec3 sbi_hold_free(const sb_body *body, int node, sb_vec3 n)
     return sbi_body_pick_axes(sbi_body_held(body, node), sb_v3(0, 0, 0), n);
 }
 
-/* u += what pushes x from y by `way` (m, over the whole step) along the normal. 0: next to nothing of both can move. */
+/* v [rows] += what takes x from y by `way` along the normal. 0: next to nothing of both can move. */
 static int sbi_hold_push(const sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2], sb_real way,
-                         sb_vec3 *u)
+                         sb_vec3 *v)
 {
     const sb_body *body = contact->body;
     sb_real sum = 0, all = 0;
@@ -75,7 +85,7 @@ static int sbi_hold_push(const sb_contact *contact, const sbi_pair_sample *s, co
                     sum += sides[k].weights[a] * ease * sb_v3_dot(n, n);
                     all += sides[k].weights[a] * ease;
                 } else {
-                    u[node] = sb_v3_madd(u[node], sides[k].sign * ease * contact->level * way / sum, n);
+                    v[node] = sb_v3_madd(v[node], sides[k].sign * ease * way / sum, n);
                 }
             }
         if (!(sum > SBI_HOLD_LOOSE * all))
@@ -93,6 +103,12 @@ static sb_real sbi_hold_excess(sb_contact *contact, const sbi_pair_sample *s, co
     return before - sbi_hold_way(contact, s, sides, u) - most;
 }
 
+/* Whether two faces overlap is sure of those of two organs only. */
+static int sbi_hold_takes(const sb_contact *contact, const sbi_pair_sample *s)
+{
+    return contact->pairs.organs[s->face] != contact->pairs.organs[s->other];
+}
+
 SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
 {
     int changed = 0, again = 1;
@@ -102,14 +118,33 @@ SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
             const sbi_pair_sample *s = contact->pairs.samples + i;
             sb_real slack = SBI_HOLD_SLACK * sbi_pairs_safe_depth(contact, s->other), excess;
             sbi_hold_side sides[2];
-            if (contact->pairs.organs[s->face] ==
-                contact->pairs.organs[s->other]) /* whether they overlap is not sure */
+            if (!sbi_hold_takes(contact, s))
                 continue;
             sbi_hold_sides(contact, s, sides);
             excess = sbi_hold_excess(contact, s, sides, u);
-            if (excess > slack && sbi_hold_push(contact, s, sides, excess, u))
+            if (excess > slack && sbi_hold_push(contact, s, sides, contact->level * excess, u))
                 again = changed = 1;
         }
     }
     return changed;
+}
+
+SBI_API void sbi_pairs_brake_held(sb_contact *contact, const sb_vec3 *u, sb_vec3 *v)
+{
+    int again = 1;
+    for (int round = 0; again && round < SBI_HOLD_ROUNDS; round++) {
+        again = 0;
+        for (int i = 0; i < contact->pairs.sample_count; i++) {
+            const sbi_pair_sample *s = contact->pairs.samples + i;
+            sb_real slack = SBI_HOLD_SLACK * sbi_pairs_safe_depth(contact, s->other), speed;
+            sbi_hold_side sides[2];
+            if (!sbi_hold_takes(contact, s))
+                continue;
+            sbi_hold_sides(contact, s, sides);
+            speed = -sbi_hold_jump(s, sides, v);
+            if (speed > 0 && sbi_hold_excess(contact, s, sides, u) > -slack &&
+                sbi_hold_push(contact, s, sides, speed, v))
+                again = 1;
+        }
+    }
 }

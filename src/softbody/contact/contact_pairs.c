@@ -362,6 +362,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
     int nodes = contact->node_count;
     contact->touch.links = 0;
     pairs->link_count = pairs->saved_count = 0;
+    pairs->zones_made = SBI_ZONES_NONE;
     if (!pairs->kinds)
         return SB_OK;
     pairs->reach = sb_max(pairs->longest, pairs->distance);

@@ -93,7 +93,8 @@ typedef struct sbi_pairs {
     int *found;
     int *slot_of; /* -1 between steps */
     int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
-    sb_vec3 *zone_ways, *zone_masses, *zone_held; /* [nodes] sums of a zone */
+    enum { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } zones_made; /* by what was mended in this step */
+    sb_vec3 *zone_ways, *zone_masses, *zone_held;                          /* [nodes] sums of a zone */
 
     sbi_pair_patch *patches;
     int patch_count;

@@ -273,10 +273,14 @@ SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec
 SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u);
 /* As sbi_touch.mend. */
 SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole);
+/* As sbi_touch.brake, of what the last call of that has made one. */
+SBI_API void sbi_pairs_brake_mended(sb_contact *contact, sb_vec3 *v);
 
 /* ---- contact_hold.c ---- */
 /* As sbi_touch.hold. */
 SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u);
+/* As sbi_touch.brake. */
+SBI_API void sbi_pairs_brake_held(sb_contact *contact, const sb_vec3 *u, sb_vec3 *v);
 
 /* ---- contact_pairs_keep.c ---- */
 SBI_API void sbi_pairs_remember(sb_contact *contact);

@@ -632,6 +632,13 @@ static int sbi_contact_hold(void *user, sb_vec3 *u) { return sbi_pairs_hold((sb_
 
 static int sbi_contact_mend(void *user, sb_vec3 *u, int whole) { return sbi_pairs_mend((sb_contact *)user, u, whole); }
 
+static void sbi_contact_brake(void *user, const sb_vec3 *u, sb_vec3 *v)
+{
+    sb_contact *contact = (sb_contact *)user;
+    sbi_pairs_brake_held(contact, u, v);
+    sbi_pairs_brake_mended(contact, v);
+}
+
 /* A sample in touch becomes an entry. */
 static sbi_contact_entry sbi_contact_make_entry(const sbi_contact_patch *patch, const sbi_contact_sample *s)
 {
@@ -893,6 +900,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->accept = sbi_contact_accept;
     touch->hold = sbi_contact_hold;
     touch->mend = sbi_contact_mend;
+    touch->brake = sbi_contact_brake;
     touch->share = 1;
     touch->is_last = 1;
     touch->balance = sbi_contact_balance;

@@ -96,10 +96,7 @@ static sbi_cut_facet sbi_cut_facet_make(const sb_cut *cut, int tet, const sbi_pa
         x[a] = cut->body->reference[nodes[a]];
     for (int a = 0; a < 4; a++)
         facet.middle[a] = (lip->corners[0][a] + lip->corners[1][a] + lip->corners[2][a]) / 3;
-    if (cut->nodes_per_tet == 4)
-        memcpy(facet.shape, facet.middle, sizeof facet.middle);
-    else
-        sb_element_shape(SB_TET10, facet.middle + 1, facet.shape, NULL);
+    sbi_cut_get_shape(cut, facet.middle, facet.shape);
     facet.size = sb_cbrt(sb_v3_dot(sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0])), sb_v3_sub(x[3], x[0])));
     facet.area = sb_v3_norm(sbi_cut_facet_normal(cut, &parted->order, lip, x)) / 2;
     facet.firmness = cut->beta * facet.area / facet.size * (cut->nodes_per_tet == 4 ? 1 : of_tet10);
@@ -172,6 +169,8 @@ static void sbi_cut_list_seam(sb_cut *cut, const sbi_parted *parted, const sbi_c
     const unsigned char *ends = cut->lattice.links[lip->link];
     seam->tet = tet;
     seam->place = SBI_LIPS * micro + lip->place;
+    seam->link = lip->link;
+    memcpy(seam->at, facet.middle, sizeof seam->at);
     seam->area = facet.area;
     seam->is_swept = 0;
     seam->is_new = (cut->pieces[sbi_cut_piece_with(cut, tet, ends[0])].points >> ends[1] & 1) != 0;
@@ -184,6 +183,7 @@ static void sbi_cut_list_seam(sb_cut *cut, const sbi_parted *parted, const sbi_c
     }
     cut->released.area += facet.area;
     cut->released.energy += seam->is_new ? 0 : seam->energy;
+    sbi_cut_add_freed(cut, seam);
 }
 
 static int sbi_cut_list_tet(sb_cut *cut, const sbi_cut_span_of_glue *span, int tet)
@@ -191,7 +191,8 @@ static int sbi_cut_list_tet(sb_cut *cut, const sbi_cut_span_of_glue *span, int t
     sbi_parted parted;
     sbi_lip lips[SBI_LIPS];
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    if (!sbi_cut_reserve_seams(cut, SBI_LIPS * cut->lattice.micro_count))
+    if (!sbi_cut_reserve_seams(cut, SBI_LIPS * cut->lattice.micro_count) ||
+        !sbi_cut_reserve_freed(cut, SBI_LIPS * cut->lattice.micro_count))
         return 0;
     for (int micro = 0; micro < cut->lattice.micro_count; micro++) {
         int count = sbi_parted_lips(&parted, micro, lips);
@@ -207,7 +208,7 @@ SBI_API int sbi_cut_list_seams(sb_cut *cut)
 {
     sbi_cut_span_of_glue span = {0, 0};
     memset(&cut->released, 0, sizeof cut->released);
-    cut->seam_count = 0;
+    cut->seam_count = cut->freed.count = 0;
     if (!cut->touched.count && !cut->glue_count)
         return 1;
     for (int tet = 0; tet < cut->tet_count; tet++) {
@@ -233,7 +234,7 @@ SBI_API int sbi_cut_sweep_seams(sb_cut *cut, const sbi_crossing_frame *frame, in
 
 SBI_API int sbi_cut_keep_seams(sb_cut *cut)
 {
-    if (!sbi_cut_reserve_glue(cut, cut->seam_count))
+    if (!sbi_cut_reserve_glue(cut, cut->seam_count) || !sbi_cut_reserve_freed(cut, cut->seam_count))
         return 0;
     cut->next_glue_count = 0;
     for (int i = 0; i < cut->seam_count; i++) {
@@ -241,6 +242,7 @@ SBI_API int sbi_cut_keep_seams(sb_cut *cut)
         if (seam->is_swept) {
             cut->released.area += seam->area;
             cut->released.energy += seam->is_new ? 0 : seam->energy;
+            sbi_cut_add_freed(cut, seam);
             continue;
         }
         cut->released.glued_area += seam->area;

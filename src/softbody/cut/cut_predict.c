@@ -140,8 +140,9 @@ static int sbi_cut_predict_corners(sb_cut *cut, const sbi_crossing_frame *frame,
 {
     sbi_parted parted;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    if (parted.piece_of[0] != parted.piece_of[1] || parted.piece_of[0] != parted.piece_of[2] ||
-        parted.piece_of[0] != parted.piece_of[3] || !sbi_cut_corners_part(cut, &parted))
+    if (parted.piece_of[0] == SBI_PARTED_LOST || parted.piece_of[0] != parted.piece_of[1] ||
+        parted.piece_of[0] != parted.piece_of[2] || parted.piece_of[0] != parted.piece_of[3] ||
+        !sbi_cut_corners_part(cut, &parted))
         return 1;
     return sbi_cut_predict_points(cut, frame, part, tet, parted.pieces[parted.piece_of[0]], &parted);
 }

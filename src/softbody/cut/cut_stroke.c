@@ -98,7 +98,7 @@ static int sbi_cut_piece_at(const sb_cut *cut, int tet, const sb_real at[4])
     if (cut->pieces[tet].next < 0)
         return tet;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    points = parted.pieces[sbi_parted_piece_at(&parted, at)];
+    points = parted.pieces[sbi_parted_piece_at(&parted, at)]; /* there are several pieces */
     while (cut->pieces[piece].next >= 0 && !(cut->pieces[piece].points & points))
         piece = cut->pieces[piece].next;
     return piece;
@@ -169,7 +169,7 @@ static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
     sb_vec3 x[4], place = {0, 0, 0};
     sb_real of_brick[4];
     int brick;
-    if (sample->tet < 0)
+    if (sample->tet < 0 || sbi_cut_first_piece(cut, sample->tet) < 0)
         return sample->place;
     brick = sbi_cut_to_brick(cut, sample->at, of_brick);
     sbi_cut_corners(cut, sample->tet, sbi_cut_piece_at(cut, sample->tet, sample->at), brick, x);
@@ -218,7 +218,7 @@ static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, 
         int tet = cut->near.items[i];
         if (!sbi_cut_meets_tet(cut, tet, &box))
             continue;
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
             sbi_cut_settle(cut, tet, piece, p, &deepest, sample);
     }
 }
@@ -306,7 +306,7 @@ static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *c
             int tet = passing.tet = cut->near.items[i];
             if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
                 continue;
-            for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+            for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
                 for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++)
                     if (!sbi_cut_add_passes(cut, piece, brick, skin ? sbi_cut_skin : 0, &passing, ends, count))
                         return 0;
@@ -413,39 +413,123 @@ SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *
     return SB_OK;
 }
 
+/* A stroke that goes on, with the edge that its blade has now. */
+static sb_result sbi_cut_check_move(const sb_cut *cut, int stroke, const sb_vec3 *edge, sb_error *error)
+{
+    if (stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
+        return sbi_fail(error, SB_ERROR_INDEX, "there is no stroke %d under way", stroke);
+    return sbi_cut_check_edge(cut, edge, cut->strokes[stroke].edge_count, error);
+}
+
+/* Takes the edge of a stroke to where it is now, and cuts what lies between, or, cuts 0, nothing. */
+static sb_result sbi_cut_go_on(sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec3 *edge, int cuts, sb_cut_info *info,
+                               sb_error *error)
+{
+    int samples, triangles = cuts ? 2 * (stroke->sample_count - 1) : 0;
+    sb_result result;
+    if (!sbi_cut_reserve_strip(cut, stroke->sample_count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    sbi_cut_make_strip(cut, stroke, edge, cut->strip);
+    if (cuts)
+        sbi_cut_list_reached(cut, cut->strip, 3 * triangles, cut->element_size);
+    else
+        sbi_cut_list_reached(cut, edge, stroke->edge_count, cut->element_size);
+    samples = sbi_cut_find_front(cut, edge, stroke->edge_count);
+    if (!samples || !sbi_cut_stroke_reserve(cut, stroke, samples))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    result = sbi_cut_along(cut, cut->strip, triangles, cuts ? stroke : NULL, info, error);
+    if (result == SB_OK)
+        sbi_cut_take_front(cut, stroke, stroke->edge_count, samples);
+    return result;
+}
+
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error)
 {
     sbi_cut_stroke *of;
-    int samples, triangles;
     sb_result result;
     if (!cut || !edge)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_move needs a cut and an edge");
-    if (stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
-        return sbi_fail(error, SB_ERROR_INDEX, "there is no stroke %d under way", stroke);
+    result = sbi_cut_check_move(cut, stroke, edge, error);
+    if (result != SB_OK)
+        return result;
     of = cut->strokes + stroke;
-    result = sbi_cut_check_edge(cut, edge, of->edge_count, error);
+    of->about = edge[0];
+    result = sbi_cut_go_on(cut, of, edge, 1, info, error);
+    if (result == SB_OK)
+        sbi_cut_tell(cut, SBI_CUT_MOVE, stroke, edge, of->edge_count);
+    return result;
+}
+
+/* ---- scissors: the edge goes from one tip to the hinge and on to the other tip ---- */
+
+enum { SBI_CUT_HINGE = 1, SBI_CUT_SCISSORS_CORNERS = 3 };
+
+/* How far scissors are open: the distance of their blades at length 1, and how one has to turn to the other. Of blades
+ * without length: not at all. */
+static sb_real sbi_cut_opening(const sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS], sb_vec3 *turn)
+{
+    sb_vec3 a = sb_v3_sub(edge[0], edge[SBI_CUT_HINGE]), b = sb_v3_sub(edge[2], edge[SBI_CUT_HINGE]);
+    sb_real of_a = sb_v3_norm(a), of_b = sb_v3_norm(b);
+    *turn = sb_v3(0, 0, 0);
+    if (!(of_a > 0) || !(of_b > 0))
+        return 0;
+    a = sb_v3_scale(1 / of_a, a);
+    b = sb_v3_scale(1 / of_b, b);
+    *turn = sb_v3_cross(a, b);
+    return sb_v3_norm(sb_v3_sub(a, b));
+}
+
+/* Where the corners of a stroke of scissors were at the last call. */
+static void sbi_cut_last_edge(const sbi_cut_stroke *stroke, sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS])
+{
+    for (int i = 0; i < stroke->sample_count; i++) {
+        const sbi_cut_sample *sample = stroke->samples + i;
+        if (sample->along == 0 || sample->along == 1)
+            edge[sample->side + (sample->along == 1)] = sample->place;
+    }
+}
+
+/* 1 when scissors close: their blades are nearer to each other than at the last call, or have passed each other. */
+static int sbi_cut_closes(const sbi_cut_stroke *stroke, const sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS])
+{
+    const sb_real rounding = 64 * SB_EPSILON;
+    sb_vec3 last[SBI_CUT_SCISSORS_CORNERS], turn, last_turn;
+    sb_real opening, last_opening;
+    memcpy(last, edge, sizeof last);
+    sbi_cut_last_edge(stroke, last);
+    opening = sbi_cut_opening(edge, &turn);
+    last_opening = sbi_cut_opening(last, &last_turn);
+    return opening < last_opening - rounding || (last_opening > rounding && sb_v3_dot(turn, last_turn) < 0);
+}
+
+SB_API sb_result sb_cut_scissors(sb_cut *cut, int stroke, sb_vec3 hinge, const sb_vec3 tips[2], sb_cut_info *info,
+                                 sb_error *error)
+{
+    sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS];
+    sbi_cut_stroke *of;
+    sb_result result;
+    if (!cut || !tips)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_scissors needs a cut and two tips");
+    edge[0] = tips[0], edge[SBI_CUT_HINGE] = hinge, edge[2] = tips[1];
+    if (stroke >= 0 && stroke < cut->max_strokes && cut->strokes[stroke].edge_count &&
+        cut->strokes[stroke].edge_count != SBI_CUT_SCISSORS_CORNERS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stroke %d has %d corners: scissors have 3, tip, hinge and tip",
+                        stroke, cut->strokes[stroke].edge_count);
+    result = sbi_cut_check_move(cut, stroke, edge, error);
     if (result != SB_OK)
         return result;
-    triangles = 2 * (of->sample_count - 1);
-    if (!sbi_cut_reserve_strip(cut, of->sample_count))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
-    sbi_cut_make_strip(cut, of, edge, cut->strip);
-    sbi_cut_list_reached(cut, cut->strip, 3 * triangles, cut->element_size);
-    samples = sbi_cut_find_front(cut, edge, of->edge_count);
-    if (!samples || !sbi_cut_stroke_reserve(cut, of, samples))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
-    result = sbi_cut_along(cut, cut->strip, triangles, info, error);
-    if (result != SB_OK)
-        return result;
-    sbi_cut_take_front(cut, of, of->edge_count, samples);
-    sbi_cut_tell(cut, SBI_CUT_MOVE, stroke, edge, of->edge_count);
-    return SB_OK;
+    of = cut->strokes + stroke;
+    of->about = hinge;
+    result = sbi_cut_go_on(cut, of, edge, sbi_cut_closes(of, edge), info, error);
+    if (result == SB_OK)
+        sbi_cut_tell(cut, SBI_CUT_SCISSORS, stroke, edge, SBI_CUT_SCISSORS_CORNERS);
+    return result;
 }
 
 SB_API void sb_cut_end(sb_cut *cut, int stroke)
 {
     if (!cut || stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
         return;
-    cut->strokes[stroke].edge_count = cut->strokes[stroke].sample_count = 0;
+    cut->strokes[stroke].edge_count = cut->strokes[stroke].sample_count = cut->strokes[stroke].debts.count = 0;
     sbi_cut_tell(cut, SBI_CUT_END, stroke, NULL, 0);
 }

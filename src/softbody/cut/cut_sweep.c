@@ -29,6 +29,13 @@ SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key)
     }
 }
 
+SBI_API void sbi_cut_touch(sb_cut *cut, int tet)
+{
+    if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
+        cut->touched.items[cut->touched.count++] = tet;
+    cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
+}
+
 /* A blade has struck a link; 0: no memory. */
 static int sbi_cut_strike(sb_cut *cut, int item, int blade)
 {
@@ -37,12 +44,8 @@ static int sbi_cut_strike(sb_cut *cut, int item, int blade)
     cut->links.items[item].struck = blade;
     cut->struck.items[cut->struck.count++] = item;
     sbi_cut_list_around(cut, &cut->links.items[item].key);
-    for (int i = 0; i < cut->around.count; i++) {
-        int tet = cut->around.items[i];
-        if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
-            cut->touched.items[cut->touched.count++] = tet;
-        cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
-    }
+    for (int i = 0; i < cut->around.count; i++)
+        sbi_cut_touch(cut, cut->around.items[i]);
     return 1;
 }
 
@@ -130,6 +133,14 @@ SBI_API sb_vec3 sbi_cut_place(const sb_cut *cut, const sbi_corner_order *order, 
                                    : sbi_lattice_place_quadratic(order, barycentrics, x);
 }
 
+SBI_API void sbi_cut_get_shape(const sb_cut *cut, const sb_real barycentrics[4], sb_real shape[SBI_CUT_NODES])
+{
+    if (cut->nodes_per_tet == 4)
+        memcpy(shape, barycentrics, 4 * sizeof *shape);
+    else
+        sb_element_shape(SB_TET10, barycentrics + 1, shape, NULL);
+}
+
 /* An element with curved edges lies in the box of its Bezier points: corners, and of each edge twice the middle less
  * the mean of the ends. */
 SBI_API sbi_cut_box sbi_cut_box_of_piece(const sb_cut *cut, int piece)
@@ -153,7 +164,7 @@ SBI_API sbi_cut_box sbi_cut_box_of_piece(const sb_cut *cut, int piece)
 SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box)
 {
     int meets = 0;
-    for (int piece = tet; piece >= 0 && !meets; piece = cut->pieces[piece].next) {
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0 && !meets; piece = cut->pieces[piece].next) {
         sbi_cut_box of = sbi_cut_box_of_piece(cut, piece);
         meets = sbi_cut_boxes_meet(&of, box);
     }
@@ -340,7 +351,7 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
     int count = 0;
     if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
         return 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
         sbi_cut_crossings found;
         if (!sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], work->part) ||
             !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
