@@ -79483,6 +79483,10 @@ typedef struct sbi_pair_pressure {
     sb_real value; /* l_a (Pa), > 0 */
 } sbi_pair_pressure;
 
+/* Faces found near one whose samples are to be paired: whose middle may be the nearest to a sample; that may hold one
+ * where the step begins; that one may be behind; that one may come to on its way. */
+enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
+
 /* Smallest and largest, of the unit normals below a box of the tree and of the organs there. */
 typedef struct sbi_pair_cone {
     float low[3], high[3];
@@ -79514,6 +79518,8 @@ typedef struct sbi_pairs {
     sb_real *spreads; /* m */
     uint64_t *near;   /* a bit for each face that is near one that it looks at */
     int *found;
+    int *lists[SBI_PAIR_LISTS]; /* of those found, what samples of the face at hand need to look at */
+    int list_counts[SBI_PAIR_LISTS];
     int *slot_of; /* -1 between steps */
     int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
     enum { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } zones_made; /* by what was mended in this step */
@@ -79902,8 +79908,13 @@ SBI_API int sbi_pairs_face(const sb_contact *contact, int face, int other);
 /* Unit normals out of the body where faces were looked at: of a face, and of the smooth surface at a point of it. */
 SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face);
 SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares);
-/* Marks faces that have others which they may touch within `grow` (m) of their boxes, as those were refitted last. */
-SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow);
+/* How high (m) above a face a sample may be that is paired with it where the step begins. */
+SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face);
+/* 1 when a point is higher than that above a flat face, wherever beside it. */
+SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most);
+/* Marks faces that have others which they may touch within `grow` (m) of their boxes, as those were refitted last. x
+ * [rows]: those alone whose samples can be paired where the step begins, or on its way; or NULL. */
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec3 *x);
 /* The first of them from `face` on, or -1. */
 SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face);
 /* What a face may touch on its way from x to x + dt v (v NULL: at x), in pairs.found, ascending; returns how many. */
@@ -80988,21 +80999,22 @@ enum { SBI_CLOSEST_STEPS = 3 };
 SBI_API void sbi_closest_on_face(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sbi_closest *closest)
 {
     sb_real b[3], xi[3] = {0, 0, 0};
-    int part = sbi_closest_part(kind, x, p, b);
+    int part;
     if (kind->nodes == 3) {
-        for (int k = 0; k < 3; k++)
-            closest->shares[k] = b[k];
-    } else {
-        for (int k = 0; k < 3; k++) {
-            sb_real at[3] = {0, 0, 0};
-            (void)sb_element_node_point(kind->type, sbi_closest_part_node(kind, part, k), at);
-            xi[0] += b[k] * at[0];
-            xi[1] += b[k] * at[1];
-        }
-        for (int i = 0; i < SBI_CLOSEST_STEPS && sbi_closest_improve(kind, x, p, xi); i++)
-            continue;
-        sb_element_shape(kind->type, xi, closest->shares, NULL);
+        sbi_closest_on_triangle(x, p, closest->shares);
+        closest->point = sbi_closest_mean(closest->shares, x, 3);
+        return;
     }
+    part = sbi_closest_part(kind, x, p, b);
+    for (int k = 0; k < 3; k++) {
+        sb_real at[3] = {0, 0, 0};
+        (void)sb_element_node_point(kind->type, sbi_closest_part_node(kind, part, k), at);
+        xi[0] += b[k] * at[0];
+        xi[1] += b[k] * at[1];
+    }
+    for (int i = 0; i < SBI_CLOSEST_STEPS && sbi_closest_improve(kind, x, p, xi); i++)
+        continue;
+    sb_element_shape(kind->type, xi, closest->shares, NULL);
     closest->point = sbi_closest_mean(closest->shares, x, kind->nodes);
 }
 
@@ -81076,6 +81088,10 @@ SBI_API sb_real sbi_closest_meeting(const sb_vec3 *x, const sb_vec3 *v, sb_vec3 
 #define SBI_NEAR_THICKEST ((sb_real)4)
 /* Normals that are part of a smooth surface have at rest a product above this: 60 degrees. */
 #define SBI_NEAR_SMOOTH ((sb_real)0.5)
+/* In lengths of a face: how high above it samples are paired with it. */
+#define SBI_NEAR_HIGH ((sb_real)0.5)
+/* Of a face's length, more than rounding makes of heights. */
+#define SBI_NEAR_ROUNDED ((sb_real)1e-3)
 
 /* ---- of the mesh at rest ---- */
 
@@ -81380,6 +81396,37 @@ static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_re
     return sb_v3_dot(way, way) > reach * reach;
 }
 
+SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face)
+{
+    return sb_max(contact->pairs.distance, SBI_NEAR_HIGH * contact->faces->lengths[face]);
+}
+
+SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real height = sb_v3_dot(pairs->normals[other], sb_v3_sub(at, pairs->middles[other]));
+    return contact->faces->sizes[other] == 3 && height > most + SBI_NEAR_ROUNDED * contact->faces->lengths[other];
+}
+
+/* 1 when a point of a face may be paired with another: some are not too high above that where the step begins, or come
+ * down to it. */
+static int sbi_near_may_hold(const sb_contact *contact, const sb_vec3 *x, int face, int other)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    int curved = faces->sizes[face] != 3, above = 1;
+    sb_real most = sbi_pairs_highest(contact, other);
+    for (int pass = 0; pass < 2 && above; pass++) {
+        if (pass == 1) /* most are high, or not, without it */
+            most = sb_max(most, sbi_pairs_closing(contact, face, other));
+        if (curved)
+            above = sbi_pairs_is_above(contact, other, contact->pairs.middles[face], most + contact->pairs.radii[face]);
+        for (int a = 0; a < 3 && above && !curved; a++)
+            above = sbi_pairs_is_above(contact, other, x[nodes[a]], most);
+    }
+    return !above;
+}
+
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
 static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
 {
@@ -81398,7 +81445,8 @@ static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
 
 typedef struct sbi_near_walk {
     sb_contact *contact;
-    float grow; /* m */
+    float grow;       /* m */
+    const sb_vec3 *x; /* of nodes where the step begins: what can be paired counts alone; or NULL */
 } sbi_near_walk;
 
 static int sbi_near_boxes_meet(const sbi_face_box *a, const sbi_face_box *b, float grow)
@@ -81426,11 +81474,38 @@ static void sbi_near_mark(uint64_t *marks, int face)
     marks[face / SBI_FACE_TREE_BITS] |= (uint64_t)1 << face % SBI_FACE_TREE_BITS;
 }
 
+static int sbi_near_is_marked(const uint64_t *marks, int face)
+{
+    return (int)(marks[face / SBI_FACE_TREE_BITS] >> face % SBI_FACE_TREE_BITS & 1);
+}
+
+/* Two faces whose boxes meet. */
+static void sbi_near_match(const sbi_near_walk *walk, int face, int other)
+{
+    sb_contact *contact = walk->contact;
+    uint64_t *marks = contact->pairs.near;
+    int one = sbi_near_is_marked(marks, face), two = sbi_near_is_marked(marks, other);
+    if ((one && two) || !sbi_pairs_may_touch(contact, face, other))
+        return;
+    if (!one && (!walk->x || sbi_near_may_hold(contact, walk->x, face, other)))
+        sbi_near_mark(marks, face);
+    if (!two && (!walk->x || sbi_near_may_hold(contact, walk->x, other, face)))
+        sbi_near_mark(marks, other);
+}
+
+static int sbi_near_leaf_is_marked(const sbi_near_walk *walk, int leaf)
+{
+    const sbi_face_tree *tree = &walk->contact->faces->tree;
+    int place = SBI_FACE_TREE_LEAF * leaf, last = sbi_min_int(place + SBI_FACE_TREE_LEAF, tree->count);
+    while (place < last && sbi_near_is_marked(walk->contact->pairs.near, tree->faces[place]))
+        place++;
+    return place == last;
+}
+
 /* Faces of two leaves, which may be the same. */
 static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
 {
-    sb_contact *contact = walk->contact;
-    const sbi_face_tree *tree = &contact->faces->tree;
+    const sbi_face_tree *tree = &walk->contact->faces->tree;
     sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
     sb_real grow = (sb_real)walk->grow;
     int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
@@ -81442,11 +81517,9 @@ static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
         for (int j = a == b ? i + 1 : first; j < last; j++) {
             sb_vec3 l = low[j - first], h = high[j - first];
             if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
-                l.y - own_high.y > grow || l.z - own_high.z > grow ||
-                !sbi_pairs_may_touch(contact, tree->faces[i], tree->faces[j]))
+                l.y - own_high.y > grow || l.z - own_high.z > grow)
                 continue;
-            sbi_near_mark(contact->pairs.near, tree->faces[i]);
-            sbi_near_mark(contact->pairs.near, tree->faces[j]);
+            sbi_near_match(walk, tree->faces[i], tree->faces[j]);
         }
     }
 }
@@ -81458,13 +81531,14 @@ typedef struct sbi_near_pair {
 
 enum { SBI_NEAR_STACK = 4 * SBI_FACE_TREE_LEVELS };
 
-SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow)
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec3 *x)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
     sbi_near_pair stack[SBI_NEAR_STACK];
     sbi_near_walk walk;
     int top = 0;
     walk.contact = contact;
+    walk.x = x;
     walk.grow = (float)(grow + 2 * tree->spacing);
     memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     if (tree->count > 0)
@@ -81475,7 +81549,8 @@ SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow)
         if (!sbi_near_boxes_touch(&walk, start + pair.a, start + pair.b))
             continue;
         if (pair.level == 0) {
-            sbi_near_match_leaves(&walk, pair.a, pair.b);
+            if (!sbi_near_leaf_is_marked(&walk, pair.a) || !sbi_near_leaf_is_marked(&walk, pair.b))
+                sbi_near_match_leaves(&walk, pair.a, pair.b);
             continue;
         }
         below.level = pair.level - 1;
@@ -81522,8 +81597,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
                                     sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
     for (int i = 0; i < count; i++)
-        if (pairs->found[i] != face && !sbi_near_is_far(contact, face, pairs->found[i], reach) &&
-            sbi_pairs_may_touch(contact, face, pairs->found[i]))
+        if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]) &&
+            !sbi_near_is_far(contact, face, pairs->found[i], reach))
             pairs->found[kept++] = pairs->found[i];
     return kept;
 }
@@ -81617,6 +81692,10 @@ SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, cons
 #define SBI_APART_SIDE ((sb_real)0.5)
 /* Normals with a product below this are those of opposite sides. */
 #define SBI_APART_OPPOSITE ((sb_real)-0.25)
+/* Shares of safe depth and of a face's radius that are surely less than a way of what strays, see sbi_apart_least_way;
+ * more than edges are stretched by on the way, and rounding. */
+#define SBI_APART_GOES ((sb_real)0.9)
+#define SBI_APART_PASSES ((sb_real)0.04)
 /* Rounds in which zones grow face by face. */
 enum { SBI_APART_ROUNDS = 8 };
 
@@ -81787,6 +81866,25 @@ static int sbi_apart_find(sbi_apart_look *look, int face, int other)
     return 1;
 }
 
+/* How far samples have to come nearer to a face than they were before one may stray through it (m): what comes to it
+ * passes within a share of its edge, see sbi_closest_meeting, and goes on to a depth that is not safe. */
+static sb_real sbi_apart_least_way(const sb_contact *contact, int other)
+{
+    return SBI_APART_GOES * sbi_pairs_safe_depth(contact, other) - SBI_APART_PASSES * contact->pairs.radii[other];
+}
+
+/* 1 when no face moves so fast that a sample may stray. */
+static int sbi_apart_is_slow(const sb_contact *contact)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real fastest = 0, least = SB_REAL_MAX;
+    for (int f = 0; f < contact->faces->face_end; f++) {
+        fastest = sb_max(fastest, sb_v3_norm(pairs->ways[f]) + pairs->spreads[f]);
+        least = sb_min(least, sbi_apart_least_way(contact, f));
+    }
+    return 2 * fastest < least;
+}
+
 static int sbi_apart_look_at(sbi_apart_look *look, int face)
 {
     sb_contact *contact = look->contact;
@@ -81794,7 +81892,13 @@ static int sbi_apart_look_at(sbi_apart_look *look, int face)
     const sb_vec3 *x = sb_body_positions(contact->body);
     const int *nodes = sbi_contact_face_nodes(faces, face);
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pairs_parts(contact, face, 0));
-    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0);
+    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0), fast = 0;
+    for (int k = 0; k < others; k++) {
+        int other = contact->pairs.found[k];
+        if (!(sbi_pairs_closing(contact, face, other) < sbi_apart_least_way(contact, other)))
+            contact->pairs.found[fast++] = other;
+    }
+    others = fast;
     for (int i = 0; others > 0 && i < rule->count; i++) {
         const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
         sbi_apart_sample s;
@@ -81823,7 +81927,9 @@ static int sbi_apart_look_around(sbi_apart_look *look)
         if (sbi_apart_sinks(contact, s) && !sbi_apart_find(look, s->face, s->other))
             return 0;
     }
-    sbi_pairs_find_near(contact, 0);
+    if (sbi_apart_is_slow(contact))
+        return !look->found;
+    sbi_pairs_find_near(contact, 0, NULL);
     for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
         if (!sbi_apart_look_at(look, face))
             return 0;
@@ -82125,8 +82231,7 @@ enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5, SBI_PAIR_MOST_PARTS = 1024 };
 
 /* Of the body's own stiffness at the surface, for the two sides' harmonic mean. */
 #define SBI_PAIR_STIFFNESS ((sb_real)3)
-/* In lengths of a face: how near a sample counts, and how far it may lie beside the point it is paired with. */
-#define SBI_PAIR_NEAR ((sb_real)0.5)
+/* In lengths of a face: how far a sample may lie beside the point it is paired with. */
 #define SBI_PAIR_BESIDE ((sb_real)1e-3)
 /* The way from y to x may lean against the normal so far, as faces of a coarse curved surface make it; and where it
  * goes into the other organ, whose nearest point then lies within a face, or is none of this way at all. */
@@ -82138,6 +82243,8 @@ enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5, SBI_PAIR_MOST_PARTS = 1024 };
 #define SBI_PAIR_SIDE ((sb_real)0.9)
 /* Faces whose normals have a product below this do not look the same way. */
 #define SBI_PAIR_TURNED ((sb_real)0.5)
+/* What lies so far behind a face lies no farther beside it, in these, than what leans by that: sqrt(1 / 0.5^2 - 1). */
+#define SBI_PAIR_SLANTED ((sb_real)1.7330)
 /* Of the thickness: what lies deeper is taken to be on the other side. */
 #define SBI_PAIR_DEEPEST ((sb_real)0.5)
 /* Of what is safe: a step at whose end samples would be deeper than this, if nothing held them, is divided at once. */
@@ -82182,9 +82289,10 @@ static int sbi_pair_is_far(const sbi_pair_search *search, int other, sb_real mos
 }
 
 /* How far a partner of this face may be, whichever way it leans (m). */
-static sb_real sbi_pair_farthest(const sbi_pairs *pairs, int other, sb_real length)
+static sb_real sbi_pair_farthest(const sb_contact *contact, int other, sb_real length)
 {
-    sb_real height = sb_max(sbi_pair_deepest(pairs, other), sb_max(pairs->distance, SBI_PAIR_NEAR * length));
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real height = sb_max(sbi_pair_deepest(pairs, other), sbi_pairs_highest(contact, other));
     return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * length;
 }
 
@@ -82209,7 +82317,7 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     sb_vec3 x[SB_MAX_FACE_NODES], way, n = sbi_pairs_face_normal(contact, other);
     sbi_closest closest;
     sb_real height, beside, length = contact->faces->lengths[other], away, lean;
-    sb_real most = sbi_pair_farthest(pairs, other, length);
+    sb_real most = sbi_pair_farthest(contact, other, length);
     if (sbi_pair_is_far(search, other, search->best >= 0 ? sb_min(most, search->measure) : most))
         return;
     sbi_pair_gather(contact, other, x);
@@ -82226,7 +82334,7 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     if (!(-height > SBI_PAIR_DEEP * length) && !sbi_pairs_face(contact, search->face, other))
         return;
     lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
-    if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
+    if (height > sbi_pairs_highest(contact, other) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
         (-height > SBI_PAIR_DEEP * length &&
          (!sbi_pair_is_within(search, other) ||
@@ -82245,8 +82353,9 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
     const sb_vec3 against = sb_v3_sub(search->way, contact->pairs.ways[other]);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
-    if (!sbi_pairs_face(contact, search->face, other) ||
-        sbi_pair_is_far(search, other, sb_v3_norm(against) + contact->pairs.spreads[other]))
+    const sb_real most = sb_v3_norm(against) + contact->pairs.spreads[other];
+    if (!sbi_pairs_face(contact, search->face, other) || sbi_pairs_is_above(contact, other, search->at, most) ||
+        sbi_pair_is_far(search, other, most))
         return;
     sbi_pair_gather(contact, other, x);
     for (int a = 0; a < kind->nodes; a++)
@@ -82306,36 +82415,173 @@ static void sbi_pair_try_around(sbi_pair_search *search)
     search->best = best;
 }
 
-/* The place in `found` of the face whose middle is nearest: most others are then known to be farther. -1: none is. */
+/* The face whose middle is nearest: most others are then known to be farther. -1: none is. */
 static int sbi_pair_guess(const sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
+    const int *guesses = pairs->lists[SBI_PAIR_GUESSES];
     sb_real least = SB_REAL_MAX;
     int best = -1;
-    for (int i = 0; i < search->others; i++) {
-        sb_vec3 way = sb_v3_sub(search->at, pairs->middles[pairs->found[i]]);
+    for (int i = 0; i < pairs->list_counts[SBI_PAIR_GUESSES]; i++) {
+        sb_vec3 way = sb_v3_sub(search->at, pairs->middles[guesses[i]]);
         sb_real square = sb_v3_dot(way, way);
         if (square < least)
-            least = square, best = i;
+            least = square, best = guesses[i];
     }
     return best;
+}
+
+/* 1 when a flat face is no nearer than what holds the sample: by how high that is above its plane, and the square of
+ * how far it is beside its middle. */
+static int sbi_pair_is_no_nearer(const sbi_pair_search *search, int other, sb_real height, sb_real beside)
+{
+    sb_real most = search->measure + SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
+    sb_real reach = most * most - height * height;
+    if (reach < 0)
+        return 1;
+    reach = search->contact->pairs.radii[other] + sb_sqrt(reach);
+    return beside > reach * reach;
+}
+
+/* 1 when a flat face's own rule cannot hold the sample, or no better than what does: by how high it is above the plane
+ * (lower: behind) and how far beside the face. */
+static int sbi_pair_is_useless(const sbi_pair_search *search, int other)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
+    sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height, reach;
+    sb_real rounded = 2 * SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
+    if (height > sbi_pairs_highest(search->contact, other) + rounded ||
+        -height > sbi_pair_deepest(pairs, other) + rounded)
+        return 1;
+    reach = pairs->radii[other] + (height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE) * sb_abs(height) + rounded;
+    return beside > reach * reach || (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
+}
+
+/* The nearest face is no farther than this (m): as far as one is known to be that counts. */
+static sb_real sbi_pair_nearest_at_most(const sbi_pair_search *search, int first)
+{
+    const sb_contact *contact = search->contact;
+    if (search->nearest >= 0)
+        return search->nearest_away;
+    if (first < 0 || sbi_pair_is_far(search, first, sbi_pair_farthest(contact, first, contact->faces->lengths[first])))
+        return SB_REAL_MAX;
+    return sb_v3_norm(sb_v3_sub(search->at, contact->pairs.middles[first]));
+}
+
+/* 1 when the sample may lie straight behind a flat face, no farther than that. */
+static int sbi_pair_may_be_behind(const sbi_pair_search *search, int other, sb_real most)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_vec3 x[SB_MAX_FACE_NODES], way = sb_v3_sub(search->at, pairs->middles[other]);
+    sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height;
+    sb_real rounded = 2 * SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
+    sb_real reach = pairs->radii[other] - SBI_PAIR_SLANTED * height + rounded;
+    sbi_closest closest;
+    if (!(height < 0) || -height > most + rounded || pairs->organs[other] == pairs->organs[search->face] ||
+        beside > reach * reach)
+        return 0;
+    sbi_pair_gather(search->contact, other, x);
+    sbi_closest_on_face(&search->contact->faces->kinds[3], x, search->at, &closest);
+    reach = sb_v3_norm(sb_v3_sub(search->at, closest.point));
+    return reach < most + rounded && SBI_PAIR_TURNED * reach < rounded - height;
+}
+
+/* Tries those others that may hold the sample, or every one, since they may be nearer; one of them first. */
+static void sbi_pair_try_others(sbi_pair_search *search, int first, int every)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    const int *others = every ? pairs->found : pairs->lists[SBI_PAIR_HOLDERS];
+    int count = every ? search->others : pairs->list_counts[SBI_PAIR_HOLDERS];
+    search->best = search->nearest = -1;
+    if (first >= 0 && (every || !sbi_pair_is_useless(search, first)))
+        sbi_pair_try_near(search, first);
+    for (int i = 0; i < count; i++)
+        if (others[i] != first && (every || !sbi_pair_is_useless(search, others[i])))
+            sbi_pair_try_near(search, others[i]);
+}
+
+/* 1 when the nearest face of another organ is behind the sample; else that is beside it. */
+static int sbi_pair_is_behind(const sbi_pair_search *search)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    return search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
+           search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away;
+}
+
+/* 1 when the sample may lie straight behind some face, no farther than the nearest is: all are to be looked at. */
+static int sbi_pair_is_behind_any(const sbi_pair_search *search, int first)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_real most = sbi_pair_nearest_at_most(search, first);
+    int i = 0, count = pairs->list_counts[SBI_PAIR_BACKS];
+    while (i < count && !sbi_pair_may_be_behind(search, pairs->lists[SBI_PAIR_BACKS][i], most))
+        i++;
+    return i < count;
 }
 
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    int first = sbi_pair_guess(search);
-    search->best = search->nearest = search->within_organ = -1;
-    if (first >= 0)
-        sbi_pair_try_near(search, pairs->found[first]);
-    for (int i = 0; i < search->others; i++)
-        if (i != first)
-            sbi_pair_try_near(search, pairs->found[i]);
-    if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
-        search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away) /* else it is beside that face */
+    int first = sbi_pair_guess(search), every = search->contact->faces->tree.size != 3;
+    search->within_organ = -1;
+    sbi_pair_try_others(search, first, every);
+    if (!every && search->best < 0 && sbi_pair_is_behind_any(search, first)) {
+        every = 1;
+        sbi_pair_try_others(search, first, 1);
+    }
+    if (every && sbi_pair_is_behind(search))
         sbi_pair_try_around(search);
-    for (int i = 0; search->best < 0 && search->step->dt > 0 && i < search->others; i++)
-        sbi_pair_try_way(search, pairs->found[i]);
+    for (int i = 0; search->best < 0 && i < pairs->list_counts[SBI_PAIR_COMERS]; i++)
+        sbi_pair_try_way(search, pairs->lists[SBI_PAIR_COMERS][i]);
+}
+
+/* Which lists a face is in, as bits: by the ball around the face whose samples are to be paired. nearest: how near a
+ * middle is to the ball's at least (m). */
+static int sbi_pair_lists_of(const sbi_pair_search *search, int other, sb_real nearest)
+{
+    const sb_contact *contact = search->contact;
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 way = sb_v3_sub(pairs->middles[search->face], pairs->middles[other]);
+    sb_real square = sb_v3_dot(way, way), height = sb_v3_dot(pairs->normals[other], way), ball, low, high, reach;
+    sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other], most, closing;
+    int flat = contact->faces->tree.size == 3, lists = 0;
+    ball = pairs->radii[search->face], low = height - ball - rounded, high = height + ball + rounded;
+    most = nearest + 2 * ball + rounded;
+    if (square <= most * most)
+        lists |= 1 << SBI_PAIR_GUESSES;
+    most = sbi_pairs_highest(contact, other);
+    reach = pairs->radii[other] + ball + rounded + SBI_PAIR_LEAN * sb_max((sb_real)0, sb_min(high, most)) +
+            SBI_PAIR_LEAN_INSIDE * sb_max((sb_real)0, -low);
+    if (!flat || (low <= most && -high <= sbi_pair_deepest(pairs, other) && square - height * height <= reach * reach))
+        lists |= 1 << SBI_PAIR_HOLDERS;
+    if (!flat || low < 0)
+        lists |= 1 << SBI_PAIR_BACKS;
+    closing = sbi_pairs_closing(contact, search->face, other);
+    reach = pairs->radii[other] + ball + closing + rounded;
+    if (search->step->dt > 0 && square <= reach * reach && (!flat || low <= closing) &&
+        sbi_pairs_face(contact, search->face, other))
+        lists |= 1 << SBI_PAIR_COMERS;
+    return lists;
+}
+
+/* Lists what the face's samples need to look at, of what was found. */
+static void sbi_pair_list_others(sbi_pair_search *search)
+{
+    sbi_pairs *pairs = &search->contact->pairs;
+    sb_real least = SB_REAL_MAX;
+    memset(pairs->list_counts, 0, sizeof pairs->list_counts);
+    for (int i = 0; i < search->others; i++) {
+        sb_vec3 way = sb_v3_sub(pairs->middles[search->face], pairs->middles[pairs->found[i]]);
+        least = sb_min(least, sb_v3_dot(way, way));
+    }
+    least = sb_sqrt(least);
+    for (int i = 0; i < search->others; i++) {
+        int lists = sbi_pair_lists_of(search, pairs->found[i], least);
+        for (int list = 0; list < SBI_PAIR_LISTS; list++)
+            if (lists >> list & 1)
+                pairs->lists[list][pairs->list_counts[list]++] = pairs->found[i];
+    }
 }
 
 static int sbi_pair_take_slot(sbi_pairs *pairs, int face)
@@ -82418,6 +82664,7 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     search.step = step;
     search.face = face;
     search.others = sbi_pairs_find_others(contact, face, contact->x, step->velocity, step->dt, pairs->reach);
+    sbi_pair_list_others(&search);
     for (int i = 0; search.others > 0 && i < rule->count; i++) {
         const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
         search.at = sbi_contact_mean(weights, nodes, count, contact->x);
@@ -82482,7 +82729,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
     pairs->reach = sb_max(pairs->longest, pairs->distance);
     sbi_pairs_look(contact, contact->x);
     sbi_pairs_follow(contact, step->velocity, step->dt);
-    sbi_pairs_find_near(contact, pairs->reach);
+    sbi_pairs_find_near(contact, pairs->reach, contact->x);
     for (int thin = 0;; thin++) {
         int face = sbi_pairs_next_near(contact, 0);
         sbi_pairs_forget(contact);
@@ -83071,6 +83318,8 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    for (int list = 0; list < SBI_PAIR_LISTS; list++)
+        p->lists[list] = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->slot_of = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->around = (int *)sbi_arena_take(arena, faces, (size_t)c->faces->width * sizeof(int));
     p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
