@@ -93,7 +93,7 @@ SBI_API sb_result sbi_live_make_slivers(sb_body *body, sb_error *error)
     sbi_inner_rows *rows = &body->live->slivers;
     sbi_arena arena = {NULL, 0, 0};
     int ends[2];
-    if (!body->live->piece_count || body->domain.element_type != SB_TET10 || !sbi_body_is_implicit(body))
+    if (!body->live->piece_count || body->domain.element_type != SB_TET10 || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     for (int i = 0; i < body->domain.node_count; i++)
         rows->count += sbi_sliver_is_held(body, i);
