@@ -52331,8 +52331,7 @@ SBI_API sb_result sbi_live_make_slivers(sb_body *body, sb_error *error)
     sbi_inner_rows *rows = &body->live->slivers;
     sbi_arena arena = {NULL, 0, 0};
     int ends[2];
-    if (!body->live->piece_count || body->domain.element_type != SB_TET10 ||
-        body->integrator == SB_CENTRAL_DIFFERENCE)
+    if (!body->live->piece_count || body->domain.element_type != SB_TET10 || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     for (int i = 0; i < body->domain.node_count; i++)
         rows->count += sbi_sliver_is_held(body, i);
@@ -79525,8 +79524,8 @@ typedef struct sbi_pairs {
     int list_counts[SBI_PAIR_LISTS];
     int *slot_of; /* -1 between steps */
     int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
-    sbi_zones zones_made; /* by what was mended in this step */
-    sb_vec3 *zone_ways, *zone_masses, *zone_held;                          /* [nodes] sums of a zone */
+    sbi_zones zones_made;                         /* by what was mended in this step */
+    sb_vec3 *zone_ways, *zone_masses, *zone_held; /* [nodes] sums of a zone */
 
     sbi_pair_patch *patches;
     int patch_count;
