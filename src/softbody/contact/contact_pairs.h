@@ -69,6 +69,8 @@ typedef struct sbi_pair_cone {
     float low[3], high[3];
 } sbi_pair_cone;
 
+typedef enum sbi_zones { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } sbi_zones;
+
 typedef struct sbi_pairs {
     int kinds; /* SB_CONTACT_SELF | SB_CONTACT_ORGANS; 0: none of all this is there */
     sb_real friction, distance;
@@ -100,8 +102,8 @@ typedef struct sbi_pairs {
     int list_counts[SBI_PAIR_LISTS];
     int *slot_of; /* -1 between steps */
     int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
-    enum { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } zones_made; /* by what was mended in this step */
-    sb_vec3 *zone_ways, *zone_masses, *zone_held;                          /* [nodes] sums of a zone */
+    sbi_zones zones_made;                         /* by what was mended in this step */
+    sb_vec3 *zone_ways, *zone_masses, *zone_held; /* [nodes] sums of a zone */
 
     sbi_pair_patch *patches;
     int patch_count;

@@ -28,16 +28,14 @@ static int sbi_cut_is_in(const sbi_cut_ball *ball, sb_vec3 from_centre)
 /* Where a piece of a tet has its points, and which of them are in the ball. */
 static void sbi_cut_burn_piece(const sb_cut *cut, const sbi_cut_ball *ball, int piece, sbi_cut_burn *burn)
 {
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-    sb_vec3 x[4];
-    for (int a = 0; a < 4; a++)
-        x[a] = cut->body->position[nodes[a]];
+    sb_vec3 x[SBI_CUT_NODES];
+    sbi_cut_get_nodes(cut, piece, x);
     for (int p = 0; p < cut->lattice.point_count; p++) {
         sb_real at[4];
         if (!(cut->pieces[piece].points >> p & 1))
             continue;
         sbi_lattice_point(&cut->lattice, p, at);
-        burn->places[p] = sb_v3_sub(sbi_lattice_place(&burn->order, at, x), ball->centre);
+        burn->places[p] = sb_v3_sub(sbi_cut_place(cut, &burn->order, at, x), ball->centre);
         if (sbi_cut_is_in(ball, burn->places[p]))
             burn->lost |= (uint64_t)1 << p;
     }
