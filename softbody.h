@@ -71669,7 +71669,8 @@ static int sbi_cut_cross_predicted(const sb_cut *cut, const sbi_crossing_frame *
     int piece = sbi_cut_piece_with(cut, tet, ends[0]), item;
     sbi_corner_order order;
     sbi_link_key key;
-    if ((cut->pieces[piece].points >> ends[1] & 1) ||
+    if (((cut->links.lost[tet] >> ends[0] | cut->links.lost[tet] >> ends[1]) & 1) ||
+        (cut->pieces[piece].points >> ends[1] & 1) ||
         !sbi_cut_is_of(cut, cut->body->domain.cells[4 * (size_t)cut->pieces[piece].cell], part))
         return -1;
     order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
@@ -74655,13 +74656,13 @@ static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error
     return in->bad ? sbi_cut_damaged("holes", error) : SB_OK;
 }
 
-/* 1 when no whole or predicted link goes from what was taken out to something else. */
+/* 1 when no whole link goes from what was taken out to something else. */
 static int sbi_cut_holes_end(const sbi_parted *parted)
 {
     int end = 1;
     for (int l = 0; l < parted->lattice->link_count && end && parted->lost; l++) {
         const unsigned char *ends = parted->lattice->links[l];
-        end = parted->cut[l] == SBI_LINK_CUT || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
+        end = parted->cut[l] != SBI_LINK_WHOLE || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
     }
     return end;
 }

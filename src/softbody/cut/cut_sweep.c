@@ -283,7 +283,8 @@ static int sbi_cut_cross_predicted(const sb_cut *cut, const sbi_crossing_frame *
     int piece = sbi_cut_piece_with(cut, tet, ends[0]), item;
     sbi_corner_order order;
     sbi_link_key key;
-    if ((cut->pieces[piece].points >> ends[1] & 1) ||
+    if (((cut->links.lost[tet] >> ends[0] | cut->links.lost[tet] >> ends[1]) & 1) ||
+        (cut->pieces[piece].points >> ends[1] & 1) ||
         !sbi_cut_is_of(cut, cut->body->domain.cells[4 * (size_t)cut->pieces[piece].cell], part))
         return -1;
     order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
