@@ -6112,7 +6112,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Ablation is as fine as the lattice: with 1, elements whose corners are all in the ball go whole, and others are
- *   trimmed between their corners; a ball between the points of the lattice takes nothing.
+ *   trimmed between their corners; a ball between the points of the lattice takes nothing. Behind a tip that goes on
+ *   walls are rough by part of a link.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
@@ -70963,6 +70964,12 @@ typedef struct sbi_cut_debts {
     int count, capacity;
 } sbi_cut_debts;
 
+/* A cut link whose crossing ablation has moved, and where it was. */
+typedef struct sbi_cut_receded {
+    int item, charred;
+    sb_real t;
+} sbi_cut_receded;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
@@ -71070,6 +71077,8 @@ struct sb_cut {
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
+    sbi_cut_receded *receded; /* in the order in which they were moved */
+    int receded_count, receded_capacity;
     uint64_t *was_lost;   /* [tet_count] links.lost before the call, of tets that lose points */
     sbi_cut_list flooded; /* pieces of a part: a record, or ~ a piece of a tet without records */
     int floods;           /* searches for crumbs so far */
@@ -71115,7 +71124,7 @@ SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t, in
 SBI_API int sbi_cut_cross_link(sb_cut *cut, int item, int blade);
 /* No link has been struck any more. */
 SBI_API void sbi_cut_forget_struck(sb_cut *cut);
-/* Takes back all links but the first `count`, and crossings of predicted ones. */
+/* Takes back all links but the first `count`, crossings of predicted ones, and what crossings have moved by. */
 SBI_API void sbi_cut_take_back(sb_cut *cut, int count);
 /* The piece of a tet that has a lattice point, as it is before the call. */
 SB_INLINE int sbi_cut_piece_with(const sb_cut *cut, int tet, int point)
@@ -71465,6 +71474,11 @@ SBI_API void sbi_cut_take_back(sb_cut *cut, int count)
     for (int i = 0; i < cut->crossed.count; i++)
         cut->links.items[cut->crossed.items[i]].state = SBI_LINK_PREDICTED;
     cut->crossed.count = 0;
+    while (cut->receded_count > 0) {
+        const sbi_cut_receded *was = cut->receded + --cut->receded_count;
+        cut->links.items[was->item].t = was->t;
+        cut->links.items[was->item].charred = was->charred;
+    }
     sbi_cut_links_truncate(&cut->links, count);
 }
 
@@ -73695,7 +73709,7 @@ SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, s
         memset(info, 0, sizeof *info);
         sbi_cut_tell_info(cut, first, ringed, info);
     }
-    cut->crossed.count = 0;
+    cut->crossed.count = cut->receded_count = 0;
     sbi_cut_forget_struck(cut);
     return SB_OK;
 }
@@ -73743,7 +73757,9 @@ SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int cou
 /* cut_ablate: takes out the material in a ball.
  *
  * Where a lattice point is goes by the cell that has its material, the same to the last digit from all elements around
- * it; so all of them lose it or none. Links from lost points to others are cut where they leave the ball. */
+ * it; so all of them lose it or none. Links from lost points to others are cut where they leave the ball, those that
+ * were cut before too where the ball has come over their crossings: so the wall of a hole recedes smoothly before a tip
+ * that goes on. */
 #include <math.h>
 
 
@@ -73755,33 +73771,27 @@ typedef struct sbi_cut_ball {
 
 /* A near tet at work. */
 typedef struct sbi_cut_burn {
+    const sbi_cut_ball *ball;
     int tet;
     sbi_corner_order order;
-    uint64_t lost;                      /* in this call */
-    sb_vec3 places[SBI_LATTICE_POINTS]; /* from the ball's centre, of points of its pieces */
+    uint64_t lost; /* in this call */
 } sbi_cut_burn;
+
+/* Where a point of the lattice is, as a piece has it, from the ball's centre. */
+static sb_vec3 sbi_cut_burn_place(const sb_cut *cut, const sbi_cut_burn *burn, int piece, int point)
+{
+    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    sb_vec3 x[4];
+    sb_real at[4];
+    for (int a = 0; a < 4; a++)
+        x[a] = cut->body->position[nodes[a]];
+    sbi_lattice_point(&cut->lattice, point, at);
+    return sb_v3_sub(sbi_lattice_place(&burn->order, at, x), burn->ball->centre);
+}
 
 static int sbi_cut_is_in(const sbi_cut_ball *ball, sb_vec3 from_centre)
 {
     return sb_v3_norm(from_centre) <= ball->radius;
-}
-
-/* Where a piece of a tet has its points, and which of them are in the ball. */
-static void sbi_cut_burn_piece(const sb_cut *cut, const sbi_cut_ball *ball, int piece, sbi_cut_burn *burn)
-{
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-    sb_vec3 x[4];
-    for (int a = 0; a < 4; a++)
-        x[a] = cut->body->position[nodes[a]];
-    for (int p = 0; p < cut->lattice.point_count; p++) {
-        sb_real at[4];
-        if (!(cut->pieces[piece].points >> p & 1))
-            continue;
-        sbi_lattice_point(&cut->lattice, p, at);
-        burn->places[p] = sb_v3_sub(sbi_lattice_place(&burn->order, at, x), ball->centre);
-        if (sbi_cut_is_in(ball, burn->places[p]))
-            burn->lost |= (uint64_t)1 << p;
-    }
 }
 
 /* Where the way from a point in the ball to one outside leaves it: |p + t (q - p)| = r. */
@@ -73801,46 +73811,96 @@ static sb_real sbi_cut_leave_ball(const sbi_cut_ball *ball, sb_vec3 in, sb_vec3 
     return t > 0 ? (sb_real)(t < 1 ? t : 1) : 0;  /* also of what is no number */
 }
 
-/* Cuts a link with one lost end where it was whole or predicted; 0: no memory. */
-static int sbi_cut_burn_link(sb_cut *cut, const sbi_cut_ball *ball, const sbi_cut_burn *burn, int link)
+static void sbi_cut_lose(sb_cut *cut, int tet, uint64_t points)
+{
+    if (!(cut->tet_marks[tet] & SBI_CUT_LOSES))
+        cut->was_lost[tet] = cut->links.lost[tet];
+    cut->links.lost[tet] |= points;
+    sbi_cut_touch(cut, tet);
+    cut->tet_marks[tet] |= SBI_CUT_LOSES;
+}
+
+/* A link from lost to other material that is cut on: the ball has come over its crossing, which recedes before it.
+ * 0: no memory. */
+static int sbi_cut_recede(sb_cut *cut, int item, sb_real t)
+{
+    void *receded = cut->receded;
+    int grown =
+        sbi_cut_grow(&cut->allocator, &receded, &cut->receded_capacity, cut->receded_count, 1, sizeof *cut->receded);
+    sbi_cut_link *link = cut->links.items + item;
+    cut->receded = (sbi_cut_receded *)receded;
+    if (!grown)
+        return 0;
+    cut->receded[cut->receded_count].item = item;
+    cut->receded[cut->receded_count].charred = link->charred;
+    cut->receded[cut->receded_count++].t = link->t;
+    link->t = t;
+    link->charred = 1;
+    sbi_cut_list_around(cut, &link->key);
+    for (int i = 0; i < cut->around.count; i++) /* all of them have less now */
+        sbi_cut_lose(cut, cut->around.items[i], 0);
+    return 1;
+}
+
+/* Cuts a link from a lost point to another where it leaves the ball; 0: no memory. */
+static int sbi_cut_burn_link(sb_cut *cut, const sbi_cut_burn *burn, int link, int lost, int kept)
 {
     sbi_link_key key = sbi_lattice_key(&cut->lattice, &burn->order, burn->tet, link);
-    int item = sbi_cut_links_find(&cut->links, &key), ends[2], from;
-    sb_real t;
-    if (item >= 0)
-        return cut->links.items[item].state == SBI_LINK_CUT || sbi_cut_cross_link(cut, item, -1);
+    int item = sbi_cut_links_find(&cut->links, &key), ends[2], piece = sbi_cut_piece_with(cut, burn->tet, kept);
+    sb_vec3 from = sbi_cut_burn_place(cut, burn, piece, lost), to = sbi_cut_burn_place(cut, burn, piece, kept);
+    sb_real t = 0, share;
+    if (item >= 0 && cut->links.items[item].state != SBI_LINK_CUT && !sbi_cut_cross_link(cut, item, -1))
+        return 0;
     sbi_lattice_ends(&cut->lattice, &burn->order, link, ends);
-    from = (int)(burn->lost >> ends[0] & 1) ? 0 : 1;
-    t = sbi_cut_leave_ball(ball, burn->places[ends[from]], burn->places[ends[1 - from]]);
-    if (!sbi_cut_add_link(cut, &key, from ? 1 - t : t, SBI_LINK_CUT, -1))
+    if (item >= 0) { /* it goes on from where it is cut */
+        t = ends[0] == lost ? cut->links.items[item].t : 1 - cut->links.items[item].t;
+        from = sb_v3_madd(sb_v3_scale(1 - t, from), t, to);
+        if (!sbi_cut_is_in(burn->ball, from))
+            return 1;
+    }
+    share = t + (1 - t) * sbi_cut_leave_ball(burn->ball, from, to);
+    if (item >= 0)
+        return !(share > t) || sbi_cut_recede(cut, item, ends[0] == lost ? share : 1 - share);
+    if (!sbi_cut_add_link(cut, &key, ends[0] == lost ? share : 1 - share, SBI_LINK_CUT, -1))
         return 0;
     cut->links.items[cut->links.count - 1].charred = 1;
     return 1;
 }
 
-/* Takes the points of a near tet that are in the ball; 0: no memory. */
-static int sbi_cut_burn_tet(sb_cut *cut, const sbi_cut_ball *ball, int tet)
+/* Points of a near tet that are in the ball are lost. */
+static void sbi_cut_burn_points(sb_cut *cut, const sbi_cut_ball *ball, int tet)
 {
     sbi_cut_burn burn;
-    uint64_t left;
-    int done = 1;
+    burn.ball = ball;
     burn.tet = tet;
     burn.order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     burn.lost = 0;
     for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
-        sbi_cut_burn_piece(cut, ball, piece, &burn);
-    if (!burn.lost)
+        for (int p = 0; p < cut->lattice.point_count; p++)
+            if ((cut->pieces[piece].points >> p & 1) && sbi_cut_is_in(ball, sbi_cut_burn_place(cut, &burn, piece, p)))
+                burn.lost |= (uint64_t)1 << p;
+    if (burn.lost)
+        sbi_cut_lose(cut, tet, burn.lost);
+}
+
+/* Links of a near tet between what is lost and what is not end at the ball; 0: no memory. */
+static int sbi_cut_burn_links(sb_cut *cut, const sbi_cut_ball *ball, int tet)
+{
+    uint64_t lost = cut->links.lost[tet], left = sbi_lattice_all(&cut->lattice) & ~lost;
+    sbi_cut_burn burn;
+    int done = 1;
+    if (!lost || !left)
         return 1;
-    cut->was_lost[tet] = cut->links.lost[tet];
-    cut->links.lost[tet] |= burn.lost;
-    sbi_cut_touch(cut, tet);
-    cut->tet_marks[tet] |= SBI_CUT_LOSES;
-    left = sbi_lattice_all(&cut->lattice) & ~cut->links.lost[tet];
+    burn.ball = ball;
+    burn.tet = tet;
+    burn.order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    burn.lost = 0;
     for (int l = 0; l < cut->lattice.link_count && done; l++) {
-        const unsigned char *ends = cut->lattice.links[l];
-        if (((burn.lost >> ends[0] & 1) && (left >> ends[1] & 1)) ||
-            ((burn.lost >> ends[1] & 1) && (left >> ends[0] & 1)))
-            done = sbi_cut_burn_link(cut, ball, &burn, l);
+        int a = cut->lattice.links[l][0], b = cut->lattice.links[l][1];
+        if ((lost >> a & 1) && (left >> b & 1))
+            done = sbi_cut_burn_link(cut, &burn, l, a, b);
+        else if ((lost >> b & 1) && (left >> a & 1))
+            done = sbi_cut_burn_link(cut, &burn, l, b, a);
     }
     return done;
 }
@@ -73868,8 +73928,10 @@ SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_c
         return result;
     links = cut->links.count;
     sbi_cut_list_reached(cut, &centre, 1, radius + cut->element_size / 1024); /* more than places are rounded by */
+    for (int i = 0; i < cut->near.count; i++)
+        sbi_cut_burn_points(cut, &ball, cut->near.items[i]);
     for (int i = 0; i < cut->near.count && done; i++)
-        done = sbi_cut_burn_tet(cut, &ball, cut->near.items[i]);
+        done = sbi_cut_burn_links(cut, &ball, cut->near.items[i]);
     result = sbi_cut_finish(cut, links, 0, done && sbi_cut_settle_seams(cut, NULL, 0), info, error);
     if (result == SB_OK) {
         told[0] = centre;
@@ -75278,6 +75340,7 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->links.lost);
     sbi_free(&allocator, cut->loaded_links.lost);
     sbi_free(&allocator, cut->was_lost);
+    sbi_free(&allocator, cut->receded);
     sbi_free(&allocator, cut->flooded.items);
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);
@@ -75751,7 +75814,7 @@ static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int
         first[a] += last[a];
     key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name.at[0], name.at[1], name.at[2], name.at[3],
                             sbi_draw_node(s, t, piece, first));
-    key.at[6] = tag;
+    key.at[6] = tag | sbi_draw_place(t, at) << 1; /* ablation moves crossings */
     return sbi_draw_vertex_of(s, t, piece, key, at, normal);
 }
 

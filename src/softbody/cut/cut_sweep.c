@@ -79,6 +79,11 @@ SBI_API void sbi_cut_take_back(sb_cut *cut, int count)
     for (int i = 0; i < cut->crossed.count; i++)
         cut->links.items[cut->crossed.items[i]].state = SBI_LINK_PREDICTED;
     cut->crossed.count = 0;
+    while (cut->receded_count > 0) {
+        const sbi_cut_receded *was = cut->receded + --cut->receded_count;
+        cut->links.items[was->item].t = was->t;
+        cut->links.items[was->item].charred = was->charred;
+    }
     sbi_cut_links_truncate(&cut->links, count);
 }
 
