@@ -76,8 +76,8 @@ static void sbi_live_mark_nodes(const sbi_live_following *work, int goes, int gl
         marks[out->removed_nodes[i]] = goes;
     for (int i = 0; i < out->moved_node_count; i++)
         marks[out->moved_nodes[i]] = goes;
-    for (int k = 0; k < 2 * SBI_GLUE_NODES * glue->count; k++) {
-        int *mark = marks + glue->ties[k / (2 * SBI_GLUE_NODES)].nodes[k & 1][k / 2 % SBI_GLUE_NODES];
+    for (int k = 0; k < 2 * glue->nodes * glue->count; k++) {
+        int *mark = marks + glue->ties[k / (2 * glue->nodes)].nodes[k & 1][k / 2 % glue->nodes];
         *mark = glued ? *mark | glued : 0;
     }
 }
@@ -139,8 +139,8 @@ static void sbi_live_list_nodes(sbi_live_following *work)
         sbi_live_list_node(work, out->moved_nodes[i], 0);
     for (int next = 0; next < 2; next++) { /* rows of their supports have other blocks */
         const sbi_glue *glue = next ? &work->body->live->next_glue : &work->body->live->glue;
-        for (int k = 0; k < 2 * SBI_GLUE_NODES * glue->count; k++)
-            sbi_live_list_node(work, glue->ties[k / (2 * SBI_GLUE_NODES)].nodes[k & 1][k / 2 % SBI_GLUE_NODES], 0);
+        for (int k = 0; k < 2 * glue->nodes * glue->count; k++)
+            sbi_live_list_node(work, glue->ties[k / (2 * glue->nodes)].nodes[k & 1][k / 2 % glue->nodes], 0);
     }
 }
 

@@ -50,7 +50,7 @@ typedef struct sbi_live {
     sbi_inner_rows slivers; /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
     sbi_glue glue;          /* what ties pieces to each other, see live_glue.c; lent to the assembly */
     sbi_glue next_glue;     /* of the change under way */
-    int (*couplings)[2];    /* [32 glue.capacity] scratch */
+    int (*couplings)[2];    /* [32 glue.capacity] scratch of a body that follows */
     sbi_push *pushes;       /* [push_capacity] */
     int push_count, push_capacity;
     sb_quadrature_kind rule; /* of the domain's points */
@@ -191,11 +191,14 @@ SBI_API sb_result sbi_live_take_glue_room(sb_body *body, int count, sb_error *er
 /* The same with more to come. */
 SBI_API sb_result sbi_live_reserve_glue(sb_body *body, int count, sb_error *error);
 /* Takes cells and Gram matrices of ties that there is room for; their nodes are those that the cells have in `corners`,
- * [cells][4]. */
+ * [cells][nodes of a cell]. */
 SBI_API void sbi_live_copy_glue(sbi_glue *glue, const sbi_glue_tie *ties, int count, const int *corners);
 /* next_glue = what a change leads to: the ties that it was given, or else those of cells that stay. Needs room. */
 SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error *error);
-/* Nodes that all ties of a list couple besides the cells, appended to pairs; returns how many there are then. */
+/* Parts that glue ties are one, in the order of their first cells. joined: [component_count] scratch. */
+SBI_API void sbi_live_join_glued(sb_body *body, int *joined);
+/* Nodes that all ties of a list couple besides the cells, appended to pairs; returns how many there are then. Of a body
+ * that follows changes. */
 SBI_API int sbi_live_list_couplings(const sbi_glue *glue, int (*pairs)[2], int count);
 /* The couplings that go and come with next_glue. */
 SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out);

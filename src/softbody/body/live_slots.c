@@ -260,9 +260,10 @@ SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, s
 SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
 {
     sb_result result;
+    if (body->live)
+        body->assembly.glue = &body->live->glue;
     if (!sbi_live_follows(body))
         return SB_OK;
-    body->assembly.glue = &body->live->glue;
     result = sbi_assembly_make_live(&body->assembly, &body->matrix, &body->allocator, error);
     if (result == SB_OK)
         sb_index_lists_free(&body->node_elements); /* rings take their place */

@@ -26,6 +26,7 @@ enum { SBI_CUT_MOST_STROKES = 1024 };
 
 static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
 {
+    sb_result result;
     if (!def || def->cookie != SBI_CUT_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_cut_def");
     if (!def->body)
@@ -45,13 +46,14 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
                         SBI_CUT_MOST_STROKES);
     if (!def->body->live)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
-    if (def->body->domain.element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of type %s cannot be cut, only tet4",
+    if (def->body->domain.element_type != SB_TET4 && def->body->domain.element_type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of type %s cannot be cut, only tet4 and tet10",
                         sb_element_name(def->body->domain.element_type));
     for (int e = 0; e < sb_body_element_count(def->body); e++)
         if (sb_body_cell_in_use(def->body, e) && sb_body_cell_share(def->body, e) < 1)
             return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d is a piece of an element: the body is cut", e);
-    return SB_OK;
+    result = sbi_domain_check_straight(&def->body->domain, def->body->reference, error);
+    return result == SB_OK ? sbi_live_check_pieces(def->body, error) : result;
 }
 
 static void sbi_cut_measure_rest(sb_cut *cut)
@@ -74,24 +76,29 @@ static void sbi_cut_measure_rest(sb_cut *cut)
 static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
 {
     const sb_body *body = cut->body;
+    size_t cells = (size_t)sb_body_element_count(body), n = (size_t)body->domain.nodes_per_cell;
     sb_mesh mesh;
     sb_result result;
     memset(&mesh, 0, sizeof mesh);
     cut->node_end = sb_body_node_count(body);
-    cut->tets = (int *)sbi_alloc(&cut->allocator, (size_t)sb_body_element_count(body), 4 * sizeof(int));
-    cut->cells_at_first = (int *)sbi_alloc(&cut->allocator, (size_t)sb_body_element_count(body), sizeof(int));
-    if (!cut->tets || !cut->cells_at_first)
+    cut->nodes_per_tet = (int)n;
+    cut->tets = (int *)sbi_alloc(&cut->allocator, cells, 4 * sizeof(int));
+    cut->nodes = n == 4 ? cut->tets : (int *)sbi_alloc(&cut->allocator, cells, n * sizeof(int));
+    cut->cells_at_first = (int *)sbi_alloc(&cut->allocator, cells, sizeof(int));
+    if (!cut->tets || !cut->nodes || !cut->cells_at_first)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", sb_body_element_count(body));
     for (int e = 0; e < sb_body_element_count(body); e++)
         if (sb_body_cell_in_use(body, e)) {
-            memcpy(cut->tets + 4 * (size_t)cut->tet_count, sb_body_cell_nodes(body, e), 4 * sizeof(int));
+            const int *nodes = sb_body_cell_nodes(body, e);
+            memcpy(cut->nodes + n * (size_t)cut->tet_count, nodes, n * sizeof(int));
+            memcpy(cut->tets + 4 * (size_t)cut->tet_count, nodes, 4 * sizeof(int));
             cut->cells_at_first[cut->tet_count++] = e;
         }
-    mesh.element_type = SB_TET4;
+    mesh.element_type = body->domain.element_type;
     mesh.node_count = cut->node_end;
     mesh.nodes = body->reference;
     mesh.element_count = cut->tet_count;
-    mesh.elements = cut->tets;
+    mesh.elements = cut->nodes;
     result = sb_mesh_neighbours(&mesh, &cut->allocator, &cut->neighbours, error);
     return result == SB_OK ? sb_mesh_node_elements(&mesh, &cut->allocator, &cut->node_tets, error) : result;
 }
@@ -136,7 +143,7 @@ static int sbi_cut_take_pieces(sb_cut *cut)
         !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) || !sbi_cut_list_grow(cut, &cut->struck, FEW + 8 * more) ||
         !sbi_cut_list_grow(cut, &cut->crossed, FEW) || !sbi_cut_list_grow(cut, &cut->flooded, 4 * FEW + more) ||
         !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||
-        !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
+        !sbi_cut_list_grow(cut, &cut->roots, cut->nodes_per_tet * (4 * FEW + more)))
         return 0;
     for (int e = 0; e < sb_body_element_count(body); e++)
         if (sb_body_cell_in_use(body, e)) {
@@ -232,6 +239,8 @@ SB_API void sb_cut_destroy(sb_cut *cut)
         cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
+    if (cut->nodes != cut->tets)
+        sbi_free(&allocator, cut->nodes);
     sbi_free(&allocator, cut->tets);
     sbi_free(&allocator, cut->cells_at_first);
     sbi_free(&allocator, cut->links.lost);

@@ -25,13 +25,11 @@ typedef struct sbi_cut_burn {
 /* Where a point of the lattice is, as a piece has it, from the ball's centre. */
 static sb_vec3 sbi_cut_burn_place(const sb_cut *cut, const sbi_cut_burn *burn, int piece, int point)
 {
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-    sb_vec3 x[4];
+    sb_vec3 x[SBI_CUT_NODES];
     sb_real at[4];
-    for (int a = 0; a < 4; a++)
-        x[a] = cut->body->position[nodes[a]];
+    sbi_cut_get_nodes(cut, piece, x);
     sbi_lattice_point(&cut->lattice, point, at);
-    return sb_v3_sub(sbi_lattice_place(&burn->order, at, x), burn->ball->centre);
+    return sb_v3_sub(sbi_cut_place(cut, &burn->order, at, x), burn->ball->centre);
 }
 
 static int sbi_cut_is_in(const sbi_cut_ball *ball, sb_vec3 from_centre)

@@ -57,14 +57,14 @@ static void sbi_cut_visit(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at)
 static void sbi_cut_visit_around(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at, int a)
 {
     int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)a], is_new = cut->node_marks[node];
-    int mine = is_new ? sbi_cut_root(cut, 4 * at + a) : sbi_cut_handle_node(cut, at, a);
+    int mine = is_new ? sbi_cut_root(cut, cut->nodes_per_tet * at + a) : sbi_cut_handle_node(cut, at, a);
     for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
         int tet = cut->node_tets.items[k], first = cut->cell_of[tet] - 1, corner = 0;
         while (cut->tets[4 * (size_t)tet + (size_t)corner] != node)
             corner++;
         for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
             if (!cut->cells[i].is_gone &&
-                (is_new ? sbi_cut_root(cut, 4 * i + corner) : cut->cells[i].old_nodes[corner]) == mine)
+                (is_new ? sbi_cut_root(cut, cut->nodes_per_tet * i + corner) : cut->cells[i].old_nodes[corner]) == mine)
                 sbi_cut_visit(cut, flood, i);
         for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
             if (sbi_cut_handle_node(cut, ~piece, corner) == mine)

@@ -20,6 +20,8 @@ typedef struct sbi_cut_piece {
     int crumb;       /* of a call: the search for crumbs that has found it last */
 } sbi_cut_piece;
 
+enum { SBI_CUT_NODES = 10 }; /* of an element, at most */
+
 /* A piece near what a call has parted, as it is to be. */
 typedef struct sbi_cut_cell {
     uint64_t points;
@@ -31,11 +33,11 @@ typedef struct sbi_cut_cell {
     int crumb;     /* as of a piece */
     int cell;      /* -1: it has none */
     sb_real share; /* of its tet's volume, where crumbs are looked for */
-    int old_nodes[4], nodes[4];
+    int old_nodes[SBI_CUT_NODES], nodes[SBI_CUT_NODES];
     unsigned short marks[4]; /* on the faces */
 } sbi_cut_cell;
 
-/* A class of the corners around a node: one node from now on. */
+/* A class of the cells' nodes at a node: one node from now on. */
 typedef struct sbi_cut_class {
     int root;
     int old;  /* its number so far */
@@ -142,7 +144,9 @@ struct sb_cut {
     sbi_lattice lattice;
 
     int tet_count, node_end;
-    int *tets;                 /* [tet_count][4] nodes */
+    int *tets;                 /* [tet_count][4] corners */
+    int nodes_per_tet;         /* 4, or 10 */
+    int *nodes;                /* [tet_count][nodes_per_tet] of tet10; of tet4 these are `tets` */
     sb_index_table neighbours; /* [tet_count][4] across faces, -1: none */
     sb_index_lists node_tets;  /* tets of each node, ascending */
 
@@ -200,7 +204,7 @@ struct sb_cut {
     sbi_cut_list touched, parted;          /* tets */
     sbi_cut_cell *cells;
     int cell_count, cell_capacity;
-    sbi_cut_list roots;     /* [cell_count][4] union-find over corners of the records */
+    sbi_cut_list roots;     /* [cell_count][nodes_per_tet] union-find over nodes of the records */
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
@@ -261,14 +265,31 @@ SB_INLINE int sbi_cut_piece_with(const sb_cut *cut, int tet, int point)
         piece = cut->pieces[piece].next;
     return piece;
 }
-/* A piece in the present shape. */
+/* Nodes of a tet of the uncut mesh, and of the cell of a piece. */
+SB_INLINE const int *sbi_cut_tet_nodes(const sb_cut *cut, int tet)
+{
+    return cut->nodes + (size_t)cut->nodes_per_tet * (size_t)tet;
+}
+SB_INLINE const int *sbi_cut_piece_nodes(const sb_cut *cut, int piece)
+{
+    return cut->body->domain.cells + (size_t)cut->nodes_per_tet * (size_t)cut->pieces[piece].cell;
+}
+/* Where the nodes of a piece are (m, in space). */
+SBI_API void sbi_cut_get_nodes(const sb_cut *cut, int piece, sb_vec3 x[SBI_CUT_NODES]);
+/* Where a point with these barycentrics is in an element with nodes at x: the same bits from all tets around. */
+SBI_API sb_vec3 sbi_cut_place(const sb_cut *cut, const sbi_corner_order *order, const sb_real barycentrics[4],
+                              const sb_vec3 x[SBI_CUT_NODES]);
+/* Shape functions of an element there: [nodes_per_tet]. */
+SBI_API void sbi_cut_get_shape(const sb_cut *cut, const sb_real barycentrics[4], sb_real shape[SBI_CUT_NODES]);
+/* Box of a piece (m, in space). */
+SBI_API sbi_cut_box sbi_cut_box_of_piece(const sb_cut *cut, int piece);
+/* A piece in the present shape: places of all lattice points. */
 typedef struct sbi_cut_shape {
     sbi_corner_order order;
-    sb_vec3 corners[4];
     sbi_int3 places[SBI_LATTICE_POINTS];
 } sbi_cut_shape;
-/* Makes places of all lattice points from corners. */
-SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape);
+SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, int piece, const sbi_crossing_frame *frame,
+                                sbi_cut_shape *shape);
 /* Lists the tets with a piece whose box meets this one (m, in space) in cut->near. now: the body's box. */
 SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach);
 /* 1 when the box of a piece of a tet meets this one. */
@@ -366,14 +387,16 @@ SBI_API void sbi_cut_parted(const sb_cut *cut, int tet, sbi_parted *parted);
 SBI_API void sbi_cut_find_parted(sb_cut *cut);
 /* Takes back what points touched tets have lost in this call. */
 SBI_API void sbi_cut_take_back_lost(sb_cut *cut);
-/* The corner of a record that is this node of the uncut mesh; -1: none. */
-SBI_API int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node);
+/* Place among the nodes of a record of this node of the uncut mesh; -1: none. */
+SBI_API int sbi_cut_local_of(const sb_cut *cut, const sbi_cut_cell *cell, int node);
+/* 1 when a record has the material at one of its nodes. */
+SBI_API int sbi_cut_has_material(const sb_cut *cut, const sbi_cut_cell *cell, int local);
 /* Where the records of a tet end, one of which is `first`. */
 SBI_API int sbi_cut_end_of(const sb_cut *cut, int first);
-/* The root of corner a of record i, for 4 i + a. */
+/* The root of node a of record i, for nodes_per_tet i + a. */
 SBI_API int sbi_cut_root(const sb_cut *cut, int i);
 /* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
-SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner);
+SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int node);
 /* Records of the pieces of a tet as they are to be, and of all tets near what has parted; 0: no memory. */
 SBI_API int sbi_cut_add_tet(sb_cut *cut, int tet);
 SBI_API int sbi_cut_add_tets(sb_cut *cut);

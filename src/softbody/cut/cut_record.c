@@ -1,4 +1,4 @@
-/* cut_record: records of the pieces about what a call cuts, as they are to be, and which of their corners hang
+/* cut_record: records of the pieces about what a call cuts, as they are to be, and which of their nodes hang
  * together.
  *
  * What is taken out has records, too, which are gone: they touch nothing, and their cells are removed. */
@@ -41,8 +41,8 @@ SBI_API void sbi_cut_find_parted(sb_cut *cut)
             continue;
         cut->tet_marks[tet] |= SBI_CUT_PARTED;
         cut->parted.items[cut->parted.count++] = tet;
-        for (int a = 0; a < 4; a++)
-            cut->node_marks[cut->tets[4 * (size_t)tet + (size_t)a]] = 1;
+        for (int a = 0; a < cut->nodes_per_tet; a++)
+            cut->node_marks[sbi_cut_tet_nodes(cut, tet)[a]] = 1;
     }
     for (int i = 0; i < cut->parted.count; i++)
         for (int a = 0; a < 4; a++) {
@@ -65,7 +65,7 @@ SBI_API void sbi_cut_take_back_lost(sb_cut *cut)
 static sbi_cut_cell *sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, const sbi_corner_order *order)
 {
     sbi_cut_cell *cell = cut->cells + cut->cell_count;
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
     cell->points = points;
     cell->tet = tet;
     cell->piece = piece;
@@ -74,10 +74,10 @@ static sbi_cut_cell *sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int
     cell->is_new = cell->crumb = 0;
     cell->is_gone = points == 0;
     cell->share = sb_body_cell_share(cut->body, cell->cell);
-    for (int a = 0; a < 4; a++) {
+    for (int a = 0; a < cut->nodes_per_tet; a++)
         cell->old_nodes[a] = cell->nodes[a] = nodes[a];
-        cell->marks[a] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, a, points);
-    }
+    for (int face = 0; face < 4; face++)
+        cell->marks[face] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, face, points);
     cut->cell_count++;
     return cell;
 }
@@ -129,7 +129,7 @@ SBI_API int sbi_cut_add_tets(sb_cut *cut)
     for (int tet = 0; tet < cut->tet_count; tet++)
         if ((cut->tet_marks[tet] & SBI_CUT_NEAR) && !sbi_cut_add_tet(cut, tet))
             return 0;
-    return sbi_cut_list_grow(cut, &cut->roots, 4 * cut->cell_count - cut->roots.count);
+    return sbi_cut_list_grow(cut, &cut->roots, cut->nodes_per_tet * cut->cell_count - cut->roots.count);
 }
 
 SBI_API int sbi_cut_end_of(const sb_cut *cut, int first)
@@ -156,22 +156,22 @@ static void sbi_cut_join(const sb_cut *cut, int i, int j)
     cut->roots.items[sbi_max_int(a, b)] = sbi_min_int(a, b);
 }
 
-/* Joins the corners of two records that touch over a face of the first. */
+/* Joins the nodes of two records that touch over a face of the first. */
 static void sbi_cut_join_over(const sb_cut *cut, int mine, int its, int face)
 {
-    const int *nodes = cut->tets + 4 * (size_t)cut->cells[mine].tet,
-              *others = cut->tets + 4 * (size_t)cut->cells[its].tet;
-    int corners[SB_MAX_FACE_NODES];
-    sb_element_face(SB_TET4, face, corners, NULL);
-    for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 4; a++)
-            if (others[a] == nodes[corners[k]] && cut->node_marks[others[a]])
-                sbi_cut_join(cut, 4 * mine + corners[k], 4 * its + a);
+    const int *nodes = sbi_cut_tet_nodes(cut, cut->cells[mine].tet);
+    const int *others = sbi_cut_tet_nodes(cut, cut->cells[its].tet);
+    int local[SB_MAX_FACE_NODES], n = cut->nodes_per_tet;
+    int count = sb_element_face(cut->body->domain.element_type, face, local, NULL);
+    for (int k = 0; k < count; k++)
+        for (int a = 0; a < n; a++)
+            if (others[a] == nodes[local[k]] && cut->node_marks[others[a]])
+                sbi_cut_join(cut, n * mine + local[k], n * its + a);
 }
 
 SBI_API void sbi_cut_join_all(sb_cut *cut)
 {
-    for (int i = 0; i < 4 * cut->cell_count; i++)
+    for (int i = 0; i < cut->nodes_per_tet * cut->cell_count; i++)
         cut->roots.items[i] = i;
     for (int mine = 0; mine < cut->cell_count; mine++) {
         int tet = cut->cells[mine].tet;
@@ -189,15 +189,15 @@ SBI_API void sbi_cut_join_all(sb_cut *cut)
     }
 }
 
-SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner)
+SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int node)
 {
     int held = 0;
     for (int face = 0; face < 4; face++) {
-        int corners[SB_MAX_FACE_NODES], all = SB_XYZ, on = 0;
-        sb_element_face(SB_TET4, face, corners, NULL);
-        for (int k = 0; k < 3; k++) {
-            on |= corners[k] == corner;
-            all &= cut->body->fixed[cell->old_nodes[corners[k]]];
+        int local[SB_MAX_FACE_NODES], all = SB_XYZ, on = 0;
+        int count = sb_element_face(cut->body->domain.element_type, face, local, NULL);
+        for (int k = 0; k < count; k++) {
+            on |= local[k] == node;
+            all &= cut->body->fixed[cell->old_nodes[local[k]]];
         }
         if (on && cell->marks[face] && cut->neighbours.items[4 * (size_t)cell->tet + (size_t)face] < 0)
             held |= all;
@@ -205,12 +205,31 @@ SBI_API int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int c
     return held;
 }
 
-SBI_API int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
+SBI_API int sbi_cut_local_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
 {
-    for (int a = 0; a < 4; a++)
-        if (cut->tets[4 * (size_t)cell->tet + (size_t)a] == node)
+    const int *nodes = sbi_cut_tet_nodes(cut, cell->tet);
+    for (int a = 0; a < cut->nodes_per_tet; a++)
+        if (nodes[a] == node)
             return a;
     return -1;
+}
+
+/* 1 when a record has the material in the middle of an edge of its tet, whose link is all of the edge. */
+static int sbi_cut_has_middle(const sb_cut *cut, const sbi_cut_cell *cell, int edge)
+{
+    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)cell->tet);
+    int link = cut->lattice.micro_links[0][edge], ends[2], item;
+    sbi_link_key key = sbi_lattice_key(&cut->lattice, &order, cell->tet, link);
+    sbi_lattice_ends(&cut->lattice, &order, link, ends);
+    item = sbi_cut_links_find(&cut->links, &key);
+    return (int)(cell->points >> ends[item >= 0 && cut->links.items[item].t < (sb_real)0.5] & 1);
+}
+
+SBI_API int sbi_cut_has_material(const sb_cut *cut, const sbi_cut_cell *cell, int local)
+{
+    if (local < cut->lattice.point_count) /* a point of the lattice, which has them in the order of a tet10 */
+        return (int)(cell->points >> local & 1);
+    return sbi_cut_has_middle(cut, cell, local - 4);
 }
 
 /* How near an end of its link a crossing may be, of the link, for masses and stiffness. Explicit steps are as long as

@@ -327,11 +327,11 @@ static int sbi_cut_holes_end(const sbi_parted *parted)
  * material at them, and no other nodes of the uncut mesh. */
 static int sbi_cut_cell_fits(const sb_cut *cut, const sb_body *body, int tet, int cell, uint64_t points)
 {
-    const int *nodes, *own = cut->tets + 4 * (size_t)tet;
+    const int *nodes, *own = sbi_cut_tet_nodes(cut, tet);
     if (!sb_body_cell_in_use(body, cell) || cut->loaded_elements.items[cell] >= 0)
         return 0;
     nodes = sb_body_cell_nodes(body, cell);
-    for (int a = 0; a < 4; a++)
+    for (int a = 0; a < cut->nodes_per_tet; a++)
         if (nodes[a] != own[a] && ((points >> a & 1) || nodes[a] < cut->node_end))
             return 0;
     cut->loaded_elements.items[cell] = tet;
@@ -562,9 +562,9 @@ static void sbi_cut_load_origins(sb_cut *cut)
         cut->origins.items[i] = i;
     for (int tet = 0; tet < cut->tet_count; tet++)
         for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
-            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-            for (int a = 0; a < 4; a++)
-                cut->origins.items[nodes[a]] = cut->tets[4 * (size_t)tet + (size_t)a];
+            const int *nodes = sbi_cut_piece_nodes(cut, piece), *own = sbi_cut_tet_nodes(cut, tet);
+            for (int a = 0; a < cut->nodes_per_tet; a++)
+                cut->origins.items[nodes[a]] = own[a];
         }
 }
 

@@ -37,8 +37,8 @@ typedef struct sbi_draw_table {
 
 typedef struct sbi_draw_vertex {
     sb_cut_origin origin;
-    int cell, cell_nodes[4]; /* of the body, that it moves with */
-    int stamp;               /* of the last rebuild that used it */
+    int cell, cell_nodes[SBI_CUT_NODES]; /* of the body, that it moves with */
+    int stamp;                           /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
 typedef struct sbi_draw_axes {
@@ -323,7 +323,8 @@ static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piec
         memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
         memcpy(made->origin.weights, at, sizeof made->origin.weights);
         made->cell = t->cells[piece];
-        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]), sizeof made->cell_nodes);
+        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]),
+               (size_t)s->cut->nodes_per_tet * sizeof(int));
         s->origins[vertex] = made->origin;
     }
     return vertex;
@@ -371,15 +372,18 @@ static int sbi_draw_place(const sbi_draw_tet *t, const sb_real at[4])
     return (int)(mixed & 0x3fffffff);
 }
 
-/* Node of a piece's cell at the first corner, in ascending order, that a place depends on. */
+/* Node of a piece's cell that tells apart the sides of a cut at a place: the first corner, in ascending order, that it
+ * depends on, or the middle of its edge where that has a node. */
 static int sbi_draw_node(const sb_cut_surface *s, const sbi_draw_tet *t, int piece, const sb_real at[4])
 {
-    for (int k = 0; k < 4; k++) {
-        int corner = t->parted.order.corners[k];
-        if (at[corner] != 0)
-            return sb_body_cell_nodes(s->cut->body, t->cells[piece])[corner];
-    }
-    return -1;
+    const int *nodes = sb_body_cell_nodes(s->cut->body, t->cells[piece]);
+    int corners[4], count = 0;
+    for (int k = 0; k < 4; k++)
+        if (at[t->parted.order.corners[k]] != 0)
+            corners[count++] = t->parted.order.corners[k];
+    if (count == 2 && s->cut->nodes_per_tet > 4)
+        return nodes[4 + s->edge_of[corners[0]][corners[1]]];
+    return count ? nodes[corners[0]] : -1;
 }
 
 /* A lattice point on the skin: its element's nodes with their weights, ascending. */
@@ -914,23 +918,28 @@ static void sbi_draw_find_unused(sb_cut_surface *s)
 static void sbi_draw_move(sb_cut_surface *s)
 {
     const sb_vec3 *x = sb_body_positions(s->cut->body);
+    int n = s->cut->nodes_per_tet;
     for (int i = 0; i < s->names.count; i++) {
         const sbi_draw_vertex *vertex = s->vertices + i;
+        sb_real shape[SBI_CUT_NODES];
+        const sb_real *weights = n == 4 ? vertex->origin.weights : shape;
         sb_vec3 sum = sb_v3(0, 0, 0);
         s->normals[i] = sum;
         if (s->origins[i].element < 0)
             continue;
-        for (int a = 0; a < 4; a++)
-            if (vertex->origin.weights[a] != 0)
-                sum = sb_v3_madd(sum, vertex->origin.weights[a], x[vertex->cell_nodes[a]]);
+        if (n > 4)
+            sb_element_shape(SB_TET10, vertex->origin.weights + 1, shape, NULL);
+        for (int a = 0; a < n; a++)
+            if (weights[a] != 0)
+                sum = sb_v3_madd(sum, weights[a], x[vertex->cell_nodes[a]]);
         s->positions[i] = sum;
     }
     for (int f = 0; f < s->triangle_count; f++) {
         const int *v = s->triangles[f];
-        sb_vec3 n = sb_v3_cross(sb_v3_sub(s->positions[v[1]], s->positions[v[0]]),
-                                sb_v3_sub(s->positions[v[2]], s->positions[v[0]]));
+        sb_vec3 normal = sb_v3_cross(sb_v3_sub(s->positions[v[1]], s->positions[v[0]]),
+                                     sb_v3_sub(s->positions[v[2]], s->positions[v[0]]));
         for (int k = 0; k < 3; k++)
-            s->normals[v[k]] = sb_v3_add(s->normals[v[k]], n);
+            s->normals[v[k]] = sb_v3_add(s->normals[v[k]], normal);
     }
     for (int i = 0; i < s->names.count; i++) {
         sb_real size = sb_v3_norm(s->normals[i]);

@@ -1,8 +1,10 @@
 /* topology: which cells and copies of nodes a cut makes.
  *
- * Every piece of a tet is a cell with all four corners. Corners of pieces that touch over a face with that node are one
- * node: classes of a union-find over the pieces around the node. The class with the material at the node's place keeps
- * its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does not hold.
+ * Every piece of a tet is a cell with all of its nodes. Those of pieces that touch over a face with that node are one:
+ * classes of a union-find over the pieces around the node. Nodes in the middle of edges have classes of their own: they
+ * may have copies where the ends of the edge hang together around a front. The class with the material at the node's
+ * place keeps its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does
+ * not hold.
  * All loops are in ascending order of nodes, tets and lattice points: so are new numbers. */
 #include "cut_private.h"
 
@@ -10,7 +12,7 @@
 
 /* ---- copies ---- */
 
-/* The class of a corner among those listed, or the next one. */
+/* The class of a node among those listed, or the next one. */
 static int sbi_cut_class_of(const sb_cut *cut, int root)
 {
     int at = 0;
@@ -19,7 +21,7 @@ static int sbi_cut_class_of(const sb_cut *cut, int root)
     return at;
 }
 
-/* Lists the classes around a node, in the order of their first corners; 0: no memory. */
+/* Lists the classes around a node, in the order of their first records; 0: no memory. */
 static int sbi_cut_list_classes(sb_cut *cut, int node)
 {
     cut->class_count = 0;
@@ -27,7 +29,7 @@ static int sbi_cut_list_classes(sb_cut *cut, int node)
         int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = first < 0 ? -1 : sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
             const sbi_cut_cell *cell = cut->cells + i;
-            int corner = sbi_cut_corner_of(cut, cell, node), root = sbi_cut_root(cut, 4 * i + corner);
+            int local = sbi_cut_local_of(cut, cell, node), root = sbi_cut_root(cut, cut->nodes_per_tet * i + local);
             int at = sbi_cut_class_of(cut, root), grown;
             void *classes = cut->classes;
             if (cell->is_gone)
@@ -39,12 +41,12 @@ static int sbi_cut_list_classes(sb_cut *cut, int node)
                 return 0;
             if (at == cut->class_count) {
                 cut->classes[at].root = root;
-                cut->classes[at].old = cell->old_nodes[corner];
+                cut->classes[at].old = cell->old_nodes[local];
                 cut->classes[at].has = cut->classes[at].held = 0;
                 cut->class_count++;
             }
-            cut->classes[at].has |= (int)(cell->points >> corner & 1);
-            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, corner);
+            cut->classes[at].has |= sbi_cut_has_material(cut, cell, local);
+            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, local);
         }
     }
     return 1;
@@ -82,7 +84,7 @@ static sb_result sbi_cut_add_copy(sb_cut *cut, sb_body_change *change, int node,
     return SB_OK;
 }
 
-/* Numbers of the corners around a node. */
+/* Numbers of a node in the records around it. */
 static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int node, sb_error *error)
 {
     if (!sbi_cut_list_classes(cut, node))
@@ -99,10 +101,10 @@ static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int no
     for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
         int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = first < 0 ? -1 : sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
-            int corner = sbi_cut_corner_of(cut, cut->cells + i, node);
+            int local = sbi_cut_local_of(cut, cut->cells + i, node);
+            int root = sbi_cut_root(cut, cut->nodes_per_tet * i + local);
             if (!cut->cells[i].is_gone)
-                cut->cells[i].nodes[corner] =
-                    cut->classes[sbi_cut_class_of(cut, sbi_cut_root(cut, 4 * i + corner))].number;
+                cut->cells[i].nodes[local] = cut->classes[sbi_cut_class_of(cut, root)].number;
         }
     }
     return SB_OK;
@@ -131,7 +133,7 @@ static void sbi_cut_measure(const sb_cut *cut, int tet, sbi_cut_measures *measur
     sbi_face_moments of_face[SBI_LATTICE_POINTS];
     sbi_cut_parted(cut, tet, &parted);
     sbi_parted_moments(&parted, sbi_cut_least(cut), measures->moments);
-    for (int face = 0; face < 4; face++) {
+    for (int face = 0; face < 4 && cut->nodes_per_tet == 4; face++) {
         int corners[SB_MAX_FACE_NODES];
         sb_element_face(SB_TET4, face, corners, NULL);
         sbi_parted_face(&parted, face, of_face);
@@ -155,7 +157,7 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
         of_piece.covariance = measures->moments[piece].spread;
         made.share = sb_min(measures->moments[piece].share, 1);
         made.moments = &of_piece;
-        made.face_loads = measures->faces[piece];
+        made.face_loads = cut->nodes_per_tet == 4 ? measures->faces[piece] : NULL;
     }
     cut->made_cells += cell->is_new;
     return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
@@ -163,9 +165,10 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
 }
 
 /* 1 when a record is to have another cell than there is. */
-static int sbi_cut_differs(const sbi_cut_cell *cell)
+static int sbi_cut_differs(const sb_cut *cut, const sbi_cut_cell *cell)
 {
-    return !cell->is_gone && (cell->is_cut || memcmp(cell->nodes, cell->old_nodes, sizeof cell->nodes) != 0);
+    size_t nodes = (size_t)cut->nodes_per_tet * sizeof(int);
+    return !cell->is_gone && (cell->is_cut || memcmp(cell->nodes, cell->old_nodes, nodes) != 0);
 }
 
 /* Of the records of one piece the first that stays keeps its cell. */
@@ -187,13 +190,13 @@ static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first,
     int differs = 0, is_whole = cut->cells[first].points == sbi_lattice_all(&cut->lattice);
     sbi_cut_claim_cells(cut, first, end);
     for (int i = first; i < end; i++)
-        differs |= sbi_cut_differs(cut->cells + i);
+        differs |= sbi_cut_differs(cut, cut->cells + i);
     if (!differs)
         return SB_OK;
     if (!is_whole)
         sbi_cut_measure(cut, cut->cells[first].tet, &measures);
     for (int i = first; i < end && result == SB_OK; i++)
-        if (sbi_cut_differs(cut->cells + i))
+        if (sbi_cut_differs(cut, cut->cells + i))
             result = sbi_cut_put_cell(cut, change, i, is_whole ? NULL : &measures, i - first, error);
     return result;
 }
@@ -230,7 +233,7 @@ static sb_result sbi_cut_empty_cell(const sb_cut *cut, sb_body_change *change, i
     made.parent = cut->cells[record].cell;
     made.share = 0;
     made.moments = &moments;
-    made.face_loads = nothing;
+    made.face_loads = cut->nodes_per_tet == 4 ? nothing : NULL;
     return sb_body_change_replace_cell(change, made.parent, &made, error);
 }
 
@@ -336,7 +339,7 @@ static void sbi_cut_forget_gone(sb_cut *cut)
         int cell = cut->pieces[cut->cells[i].piece].cell;
         if (cut->cells[i].cell < 0 && !sb_body_cell_in_use(cut->body, cell))
             cut->elements.items[cell] = -1;
-        for (int a = 0; a < 4 && cut->cells[i].is_gone; a++) {
+        for (int a = 0; a < cut->nodes_per_tet && cut->cells[i].is_gone; a++) {
             int node = cut->cells[i].old_nodes[a];
             if (node >= cut->node_end && sbi_live_first_cell(cut->body, node) < 0)
                 cut->origins.items[node] = -1;
