@@ -654,7 +654,7 @@ expect 0 '^removed_ml=' $burn --path way.txt --every 5 -o again
 for file in .csv .png _0003.vtk; do
     check "the same way from a file: $file" cmp -s cautery$file again$file
 done
-printf '0 -1 -1 -1\n1 1 1 1\n' >out.txt
+printf '0 0 0 0\n1 0 0 0.1\n' >out.txt
 expect 0 '^removed_ml=[0-9.]* removed_g=[0-9.]* left_g=0.0000 parts=0 frames=2$' cautery --cells 4 --path out.txt --radius 1 --frames 2 --every 0 -o all
 long expect_data 0 '^removed_ml=[0-9.]* .* parts=1' cautery volumes/liver_a_tet4_2k.vtk --passes 1 --frames 60 -o organ
 bad_way() { # bad_way WORDS TEXT: the file with the way is refused
@@ -665,7 +665,7 @@ bad_way ': has fewer than two places' '# nothing\n0 1 2 3\n'
 bad_way ':1: needs four finite numbers' '0 1 2\n'
 bad_way ':1: needs four finite numbers' '0 1 2 nan\n'
 bad_way ':2: needs a later time' '1 1 2 3\n1 1 2 3\n'
-bad_way ':1: has a time below 0' '-1 1 2 3\n'
+bad_way ':1: has a time below 0' ' -1 1 2 3\n'
 expect 2 'no-such.txt: cannot be read' cautery --cells 4 --path no-such.txt
 expect 2 '--lattice needs 1, 2 or 4' cautery --lattice 3
 expect 2 '--radius needs a number from' cautery --radius 0
