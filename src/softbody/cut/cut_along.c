@@ -151,12 +151,13 @@ static int sbi_cut_may_owe(const sb_cut *cut, sbi_cut_stroke *stroke)
            sbi_cut_reserve_debts(cut, stroke, stroke->debts.count + cut->freed.count);
 }
 
-SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
-                                sb_cut_info *info, sb_error *error)
+/* What triangles have cut, links from number `links` on, becomes pieces; swept 0: there was no memory for it. */
+static sb_result sbi_cut_finish(sb_cut *cut, int links, int swept, const sb_vec3 *triangles, int count,
+                                sbi_cut_stroke *stroke, sb_cut_info *info, sb_error *error)
 {
     sb_cut_info own;
-    int links = cut->links.count, ringed = 0, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
     sb_result result;
+    int ringed = 0;
     if (swept) {
         int before = sbi_cut_count_cut(cut, links);
         swept = cut->keeps_rings || sbi_cut_close_rings(cut, links);
@@ -180,6 +181,19 @@ SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count
     cut->crossed.count = 0;
     sbi_cut_forget_struck(cut);
     return SB_OK;
+}
+
+SBI_API sb_result sbi_cut_settle(sb_cut *cut, int links, int done, sb_cut_info *info, sb_error *error)
+{
+    cut->near.count = 0; /* no blades */
+    return sbi_cut_finish(cut, links, done, NULL, 0, NULL, info, error);
+}
+
+SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
+                                sb_cut_info *info, sb_error *error)
+{
+    int links = cut->links.count, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
+    return sbi_cut_finish(cut, links, swept, triangles, count, stroke, info, error);
 }
 
 SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)

@@ -184,6 +184,8 @@ struct sb_cut {
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
+    sb_real *tear_loads;                   /* [tet_count] stress over what it bears; NULL: no call yet */
+    sbi_cut_list tearing, tearing_scratch; /* tets that may tear */
 };
 
 enum { SBI_CUT_ALL_PARTS = -1 };
@@ -294,8 +296,21 @@ SBI_API void sbi_cut_free_force(sb_cut *cut);
 
 #define SBI_CUT_PART "cut" /* of the body's state */
 /* What a recording holds of a cut. Calls of strokes: the stroke, and the edge. */
-enum { SBI_CUT_TRIANGLES = 1, SBI_CUT_BEGIN = 2, SBI_CUT_MOVE = 3, SBI_CUT_END = 4, SBI_CUT_SCISSORS = 5 };
+enum {
+    SBI_CUT_TRIANGLES = 1,
+    SBI_CUT_BEGIN = 2,
+    SBI_CUT_MOVE = 3,
+    SBI_CUT_END = 4,
+    SBI_CUT_SCISSORS = 5,
+    SBI_CUT_TEAR = 6
+};
 SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
+/* A tear has its options instead. */
+SBI_API void sbi_cut_tell_tear(const sb_cut *cut, const sb_tear_options *options);
+
+/* ---- cut_tear.c ---- */
+
+SBI_API void sbi_cut_free_tears(sb_cut *cut);
 
 /* ---- cut_along.c ---- */
 
@@ -309,6 +324,9 @@ SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count,
  * did (info may be NULL). On failure nothing has happened. */
 SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
                                 sb_cut_info *info, sb_error *error);
+/* What links from number `links` on, which no blade has cut, have come to; done 0: there was no memory for all of them.
+ * On failure nothing has happened. */
+SBI_API sb_result sbi_cut_settle(sb_cut *cut, int links, int done, sb_cut_info *info, sb_error *error);
 /* Whether a call may go on: SB_ERROR_STATE. */
 SBI_API sb_result sbi_cut_check_use(const sb_cut *cut, sb_error *error);
 
