@@ -339,6 +339,7 @@
 #define sb_cut_move sb_cut_move_f32
 #define sb_cut_scissors sb_cut_scissors_f32
 #define sb_cut_end sb_cut_end_f32
+#define sb_cut_ablate sb_cut_ablate_f32
 #define sb_default_tear_options sb_default_tear_options_f32
 #define sb_cut_tear sb_cut_tear_f32
 #define sb_cut_node_origin sb_cut_node_origin_f32

@@ -13,6 +13,8 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));
+    for (int list = 0; list < SBI_PAIR_LISTS; list++)
+        p->lists[list] = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->slot_of = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->around = (int *)sbi_arena_take(arena, faces, (size_t)c->faces->width * sizeof(int));
     p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));

@@ -19,6 +19,10 @@
 #define SBI_NEAR_THICKEST ((sb_real)4)
 /* Normals that are part of a smooth surface have at rest a product above this: 60 degrees. */
 #define SBI_NEAR_SMOOTH ((sb_real)0.5)
+/* In lengths of a face: how high above it samples are paired with it. */
+#define SBI_NEAR_HIGH ((sb_real)0.5)
+/* Of a face's length, more than rounding makes of heights. */
+#define SBI_NEAR_ROUNDED ((sb_real)1e-3)
 
 /* ---- of the mesh at rest ---- */
 
@@ -323,6 +327,37 @@ static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_re
     return sb_v3_dot(way, way) > reach * reach;
 }
 
+SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face)
+{
+    return sb_max(contact->pairs.distance, SBI_NEAR_HIGH * contact->faces->lengths[face]);
+}
+
+SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real height = sb_v3_dot(pairs->normals[other], sb_v3_sub(at, pairs->middles[other]));
+    return contact->faces->sizes[other] == 3 && height > most + SBI_NEAR_ROUNDED * contact->faces->lengths[other];
+}
+
+/* 1 when a point of a face may be paired with another: some are not too high above that where the step begins, or come
+ * down to it. */
+static int sbi_near_may_hold(const sb_contact *contact, const sb_vec3 *x, int face, int other)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    int curved = faces->sizes[face] != 3, above = 1;
+    sb_real most = sbi_pairs_highest(contact, other);
+    for (int pass = 0; pass < 2 && above; pass++) {
+        if (pass == 1) /* most are high, or not, without it */
+            most = sb_max(most, sbi_pairs_closing(contact, face, other));
+        if (curved)
+            above = sbi_pairs_is_above(contact, other, contact->pairs.middles[face], most + contact->pairs.radii[face]);
+        for (int a = 0; a < 3 && above && !curved; a++)
+            above = sbi_pairs_is_above(contact, other, x[nodes[a]], most);
+    }
+    return !above;
+}
+
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
 static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
 {
@@ -341,7 +376,8 @@ static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
 
 typedef struct sbi_near_walk {
     sb_contact *contact;
-    float grow; /* m */
+    float grow;       /* m */
+    const sb_vec3 *x; /* of nodes where the step begins: what can be paired counts alone; or NULL */
 } sbi_near_walk;
 
 static int sbi_near_boxes_meet(const sbi_face_box *a, const sbi_face_box *b, float grow)
@@ -369,11 +405,38 @@ static void sbi_near_mark(uint64_t *marks, int face)
     marks[face / SBI_FACE_TREE_BITS] |= (uint64_t)1 << face % SBI_FACE_TREE_BITS;
 }
 
+static int sbi_near_is_marked(const uint64_t *marks, int face)
+{
+    return (int)(marks[face / SBI_FACE_TREE_BITS] >> face % SBI_FACE_TREE_BITS & 1);
+}
+
+/* Two faces whose boxes meet. */
+static void sbi_near_match(const sbi_near_walk *walk, int face, int other)
+{
+    sb_contact *contact = walk->contact;
+    uint64_t *marks = contact->pairs.near;
+    int one = sbi_near_is_marked(marks, face), two = sbi_near_is_marked(marks, other);
+    if ((one && two) || !sbi_pairs_may_touch(contact, face, other))
+        return;
+    if (!one && (!walk->x || sbi_near_may_hold(contact, walk->x, face, other)))
+        sbi_near_mark(marks, face);
+    if (!two && (!walk->x || sbi_near_may_hold(contact, walk->x, other, face)))
+        sbi_near_mark(marks, other);
+}
+
+static int sbi_near_leaf_is_marked(const sbi_near_walk *walk, int leaf)
+{
+    const sbi_face_tree *tree = &walk->contact->faces->tree;
+    int place = SBI_FACE_TREE_LEAF * leaf, last = sbi_min_int(place + SBI_FACE_TREE_LEAF, tree->count);
+    while (place < last && sbi_near_is_marked(walk->contact->pairs.near, tree->faces[place]))
+        place++;
+    return place == last;
+}
+
 /* Faces of two leaves, which may be the same. */
 static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
 {
-    sb_contact *contact = walk->contact;
-    const sbi_face_tree *tree = &contact->faces->tree;
+    const sbi_face_tree *tree = &walk->contact->faces->tree;
     sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
     sb_real grow = (sb_real)walk->grow;
     int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
@@ -385,11 +448,9 @@ static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
         for (int j = a == b ? i + 1 : first; j < last; j++) {
             sb_vec3 l = low[j - first], h = high[j - first];
             if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
-                l.y - own_high.y > grow || l.z - own_high.z > grow ||
-                !sbi_pairs_may_touch(contact, tree->faces[i], tree->faces[j]))
+                l.y - own_high.y > grow || l.z - own_high.z > grow)
                 continue;
-            sbi_near_mark(contact->pairs.near, tree->faces[i]);
-            sbi_near_mark(contact->pairs.near, tree->faces[j]);
+            sbi_near_match(walk, tree->faces[i], tree->faces[j]);
         }
     }
 }
@@ -401,13 +462,14 @@ typedef struct sbi_near_pair {
 
 enum { SBI_NEAR_STACK = 4 * SBI_FACE_TREE_LEVELS };
 
-SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow)
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec3 *x)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
     sbi_near_pair stack[SBI_NEAR_STACK];
     sbi_near_walk walk;
     int top = 0;
     walk.contact = contact;
+    walk.x = x;
     walk.grow = (float)(grow + 2 * tree->spacing);
     memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     if (tree->count > 0)
@@ -418,7 +480,8 @@ SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow)
         if (!sbi_near_boxes_touch(&walk, start + pair.a, start + pair.b))
             continue;
         if (pair.level == 0) {
-            sbi_near_match_leaves(&walk, pair.a, pair.b);
+            if (!sbi_near_leaf_is_marked(&walk, pair.a) || !sbi_near_leaf_is_marked(&walk, pair.b))
+                sbi_near_match_leaves(&walk, pair.a, pair.b);
             continue;
         }
         below.level = pair.level - 1;
@@ -465,8 +528,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
     count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
                                     sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
     for (int i = 0; i < count; i++)
-        if (pairs->found[i] != face && !sbi_near_is_far(contact, face, pairs->found[i], reach) &&
-            sbi_pairs_may_touch(contact, face, pairs->found[i]))
+        if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]) &&
+            !sbi_near_is_far(contact, face, pairs->found[i], reach))
             pairs->found[kept++] = pairs->found[i];
     return kept;
 }

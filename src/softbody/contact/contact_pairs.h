@@ -60,11 +60,17 @@ typedef struct sbi_pair_pressure {
     sb_real value; /* l_a (Pa), > 0 */
 } sbi_pair_pressure;
 
+/* Faces found near one whose samples are to be paired: whose middle may be the nearest to a sample; that may hold one
+ * where the step begins; that one may be behind; that one may come to on its way. */
+enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
+
 /* Smallest and largest, of the unit normals below a box of the tree and of the organs there. */
 typedef struct sbi_pair_cone {
     float low[3], high[3];
     int first_organ, last_organ;
 } sbi_pair_cone;
+
+typedef enum sbi_zones { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } sbi_zones;
 
 typedef struct sbi_pairs {
     int kinds; /* SB_CONTACT_SELF | SB_CONTACT_ORGANS; 0: none of all this is there */
@@ -91,10 +97,12 @@ typedef struct sbi_pairs {
     sb_real *spreads; /* m */
     uint64_t *near;   /* a bit for each face that is near one that it looks at */
     int *found;
+    int *lists[SBI_PAIR_LISTS]; /* of those found, what samples of the face at hand need to look at */
+    int list_counts[SBI_PAIR_LISTS];
     int *slot_of; /* -1 between steps */
     int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
-    enum { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } zones_made; /* by what was mended in this step */
-    sb_vec3 *zone_ways, *zone_masses, *zone_held;                          /* [nodes] sums of a zone */
+    sbi_zones zones_made;                         /* by what was mended in this step */
+    sb_vec3 *zone_ways, *zone_masses, *zone_held; /* [nodes] sums of a zone */
 
     sbi_pair_patch *patches;
     int patch_count;

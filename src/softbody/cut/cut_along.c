@@ -111,12 +111,11 @@ static int sbi_cut_in_frames(sb_cut *cut, const sb_vec3 *triangles, int count, s
     return swept;
 }
 
-/* What of the lips is glued after the call; 0: no memory. */
-static int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
+SBI_API int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
 {
     sbi_cut_find_parted(cut);
     return sbi_cut_list_seams(cut) &&
-           (!cut->seam_count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
+           (!cut->seam_count || !count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
            sbi_cut_keep_seams(cut);
 }
 
@@ -142,6 +141,34 @@ static void sbi_cut_tell_info(const sb_cut *cut, int first, int ringed, sb_cut_i
     info->glued_area = cut->released.glued_area;
     info->released_area = cut->released.area;
     info->released_energy = cut->released.energy;
+    info->crumbs = cut->removed.crumbs;
+    info->removed_volume = (sb_real)cut->removed.volume;
+    info->removed_mass = (sb_real)cut->removed.mass;
+    info->removed_momentum =
+        sb_v3((sb_real)cut->removed.momentum[0], (sb_real)cut->removed.momentum[1], (sb_real)cut->removed.momentum[2]);
+}
+
+SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, sb_cut_info *info, sb_error *error)
+{
+    sb_result result;
+    if (done) {
+        result = sbi_cut_part(cut, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
+        sbi_cut_take_back_lost(cut);
+        sbi_cut_clear(cut);
+    }
+    if (result != SB_OK) {
+        sbi_cut_take_back(cut, first);
+        return result;
+    }
+    if (info) {
+        memset(info, 0, sizeof *info);
+        sbi_cut_tell_info(cut, first, ringed, info);
+    }
+    cut->crossed.count = 0;
+    sbi_cut_forget_struck(cut);
+    return SB_OK;
 }
 
 /* Room for what a stroke may owe after this call; 0: no memory. */
@@ -151,49 +178,24 @@ static int sbi_cut_may_owe(const sb_cut *cut, sbi_cut_stroke *stroke)
            sbi_cut_reserve_debts(cut, stroke, stroke->debts.count + cut->freed.count);
 }
 
-/* What triangles have cut, links from number `links` on, becomes pieces; swept 0: there was no memory for it. */
-static sb_result sbi_cut_finish(sb_cut *cut, int links, int swept, const sb_vec3 *triangles, int count,
-                                sbi_cut_stroke *stroke, sb_cut_info *info, sb_error *error)
+SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
+                                sb_cut_info *info, sb_error *error)
 {
     sb_cut_info own;
     sb_result result;
-    int ringed = 0;
+    int links = cut->links.count, ringed = 0, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
     if (swept) {
         int before = sbi_cut_count_cut(cut, links);
         swept = cut->keeps_rings || sbi_cut_close_rings(cut, links);
         ringed = sbi_cut_count_cut(cut, links) - before;
     }
-    if (swept && sbi_cut_settle_seams(cut, triangles, count) && sbi_cut_may_owe(cut, stroke)) {
-        result = sbi_cut_part(cut, error);
-    } else {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
-        sbi_cut_clear(cut);
-    }
-    if (result != SB_OK) {
-        sbi_cut_take_back(cut, links);
-        return result;
-    }
+    if (swept)
+        swept = sbi_cut_settle_seams(cut, triangles, count) && sbi_cut_may_owe(cut, stroke);
     info = info ? info : &own;
-    memset(info, 0, sizeof *info);
-    sbi_cut_tell_info(cut, links, ringed, info);
-    if (cut->toughness > 0 && stroke)
+    result = sbi_cut_finish(cut, links, ringed, swept, info, error);
+    if (result == SB_OK && cut->toughness > 0 && stroke)
         sbi_cut_pay(cut, stroke, triangles, info);
-    cut->crossed.count = 0;
-    sbi_cut_forget_struck(cut);
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_cut_settle(sb_cut *cut, int links, int done, sb_cut_info *info, sb_error *error)
-{
-    cut->near.count = 0; /* no blades */
-    return sbi_cut_finish(cut, links, done, NULL, 0, NULL, info, error);
-}
-
-SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
-                                sb_cut_info *info, sb_error *error)
-{
-    int links = cut->links.count, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
-    return sbi_cut_finish(cut, links, swept, triangles, count, stroke, info, error);
+    return result;
 }
 
 SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)

@@ -29,10 +29,11 @@ static int sbi_cut_grow_debts(const sb_cut *cut, sbi_cut_debts *debts, int more)
     return grown;
 }
 
-/* Each debt pushes the corners of the cells on both sides. */
+/* Each debt pushes the nodes of the cells on both sides. */
 static int sbi_cut_reserve_pushes(const sb_cut *cut, int debts)
 {
-    return debts < INT32_MAX / 8 && sbi_live_reserve_pushes(cut->body, 8 * debts);
+    int pushes = 2 * cut->nodes_per_tet;
+    return debts < INT32_MAX / pushes && sbi_live_reserve_pushes(cut->body, pushes * debts);
 }
 
 SBI_API int sbi_cut_take_force(sb_cut *cut)
@@ -75,8 +76,8 @@ SBI_API void sbi_cut_add_freed(sb_cut *cut, const sbi_cut_seam *seam)
 
 /* A triangle's two lips as cells hold them now. */
 typedef struct sbi_cut_lips {
-    const int *nodes[2]; /* of the cell on each side */
-    sb_real share[2];    /* of the force, by the material there */
+    const int *nodes[2]; /* of the cell on each side; NULL: it was taken out */
+    sb_real share[2];    /* of the force, by the material there; both 0: both were */
     sb_vec3 place;       /* where the force acts (m) */
 } sbi_cut_lips;
 
@@ -84,18 +85,21 @@ static sbi_cut_lips sbi_cut_lips_of(const sb_cut *cut, const sbi_cut_debt *debt)
 {
     const sb_body *body = cut->body;
     sbi_cut_lips lips;
-    sb_real both;
+    sb_real both, shape[SBI_CUT_NODES];
+    sbi_cut_get_shape(cut, debt->at, shape);
     lips.place = sb_v3(0, 0, 0);
     for (int side = 0; side < 2; side++) {
-        int cell = cut->pieces[sbi_cut_piece_with(cut, debt->tet, debt->sides[side])].cell;
+        int lost = (int)(cut->links.lost[debt->tet] >> debt->sides[side] & 1);
+        int cell = lost ? -1 : cut->pieces[sbi_cut_piece_with(cut, debt->tet, debt->sides[side])].cell;
         lips.nodes[side] = sb_body_cell_nodes(body, cell);
-        lips.share[side] = sb_body_cell_share(body, cell);
+        lips.share[side] = cell < 0 ? 0 : sb_body_cell_share(body, cell);
     }
     both = lips.share[0] + lips.share[1];
     for (int side = 0; side < 2; side++) {
-        lips.share[side] = both > 0 ? lips.share[side] / both : (sb_real)0.5;
-        for (int a = 0; a < 4; a++)
-            lips.place = sb_v3_madd(lips.place, lips.share[side] * debt->at[a], body->position[lips.nodes[side][a]]);
+        sb_real even = lips.nodes[1 - side] ? (sb_real)0.5 : 1; /* of pieces without volume */
+        lips.share[side] = both > 0 ? lips.share[side] / both : lips.nodes[side] ? even : 0;
+        for (int a = 0; a < cut->nodes_per_tet && lips.nodes[side]; a++)
+            lips.place = sb_v3_madd(lips.place, lips.share[side] * shape[a], body->position[lips.nodes[side][a]]);
     }
     return lips;
 }
@@ -150,9 +154,11 @@ static sb_real sbi_cut_pay_debt(const sb_cut *cut, sbi_cut_debt *debt, sb_vec3 w
 
 static void sbi_cut_push(const sb_cut *cut, const sbi_cut_debt *debt, const sbi_cut_lips *lips, sb_vec3 force)
 {
+    sb_real shape[SBI_CUT_NODES];
+    sbi_cut_get_shape(cut, debt->at, shape);
     for (int side = 0; side < 2; side++)
-        for (int a = 0; a < 4 && lips->share[side] > 0; a++)
-            sbi_live_push(cut->body, lips->nodes[side][a], sb_v3_scale(lips->share[side] * debt->at[a], force));
+        for (int a = 0; a < cut->nodes_per_tet && lips->share[side] > 0; a++)
+            sbi_live_push(cut->body, lips->nodes[side][a], sb_v3_scale(lips->share[side] * shape[a], force));
 }
 
 SBI_API void sbi_cut_pay(const sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec3 *strip, sb_cut_info *info)
@@ -165,7 +171,10 @@ SBI_API void sbi_cut_pay(const sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec
         sbi_cut_debt *debt = debts->items + i;
         sbi_cut_lips lips = sbi_cut_lips_of(cut, debt);
         sb_vec3 force;
-        sb_real work = sbi_cut_pay_debt(cut, debt, sbi_cut_way_near(strip, stroke->sample_count, lips.place), &force);
+        sb_real work;
+        if (!lips.nodes[0] && !lips.nodes[1])
+            continue;
+        work = sbi_cut_pay_debt(cut, debt, sbi_cut_way_near(strip, stroke->sample_count, lips.place), &force);
         if (work > 0)
             sbi_cut_push(cut, debt, &lips, force);
         info->work += work;

@@ -10,8 +10,9 @@
 #include "../base/bytes.h"
 
 enum {
-    SBI_CUT_STATE_VERSION = 2,
+    SBI_CUT_STATE_VERSION = 3,
     SBI_CUT_LINK_BYTES = 5 * 4 + 8,
+    SBI_CUT_LOST_BYTES = 3 * 4,
     SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8,
     SBI_CUT_DEBT_BYTES = 3 * 4 + 6 * 8,
     SBI_CUT_PUSH_BYTES = 4 + 3 * 8
@@ -91,7 +92,7 @@ static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
     make[4] = sbi_int_of(hash & 0xFFFFFFFFu);
     make[5] = sbi_int_of(hash >> 32);
     make[6] = cut->glues;
-    hash = sbi_hash_word(0, sbi_real_bits(cut->beta));
+    hash = sbi_hash_word(sbi_hash_word(0, sbi_real_bits(cut->beta)), sbi_real_bits(cut->least_piece));
     if (cut->toughness > 0)
         hash = sbi_hash_word(hash, sbi_real_bits(cut->toughness));
     make[7] = sbi_int_of(hash & 0xFFFFFFFFu);
@@ -100,23 +101,45 @@ static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
 static int sbi_cut_count_pieces(const sb_cut *cut, int tet)
 {
     int count = 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
         count++;
     return count;
+}
+
+/* Which points of which tets were taken out. */
+static void sbi_cut_save_lost(const sb_cut *cut, sbi_state_out *out)
+{
+    int count = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        count += cut->links.lost[tet] != 0;
+    sbi_cut_put_int(out, count);
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        if (!cut->links.lost[tet])
+            continue;
+        sbi_cut_put_int(out, tet);
+        sbi_cut_put_int(out, sbi_int_of(cut->links.lost[tet] & 0xFFFFFFFFu));
+        sbi_cut_put_int(out, sbi_int_of(cut->links.lost[tet] >> 32));
+    }
+}
+
+/* 1 when a tet is one whole piece, with the cell that it had at first. */
+static int sbi_cut_is_whole(const sb_cut *cut, int tet)
+{
+    return cut->pieces[tet].next < 0 && cut->links.lost[tet] == 0;
 }
 
 static void sbi_cut_save_pieces(const sb_cut *cut, sbi_state_out *out)
 {
     int parted = 0;
     for (int tet = 0; tet < cut->tet_count; tet++)
-        parted += cut->pieces[tet].next >= 0;
+        parted += !sbi_cut_is_whole(cut, tet);
     sbi_cut_put_int(out, parted);
     for (int tet = 0; tet < cut->tet_count; tet++) {
-        if (cut->pieces[tet].next < 0)
+        if (sbi_cut_is_whole(cut, tet))
             continue;
         sbi_cut_put_int(out, tet);
         sbi_cut_put_int(out, sbi_cut_count_pieces(cut, tet));
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
             sbi_cut_put_int(out, cut->pieces[piece].cell);
     }
 }
@@ -186,9 +209,10 @@ static void sbi_cut_save(const void *user, sbi_state_out *out)
         const sbi_cut_link *link = cut->links.items + i;
         for (int k = 0; k < 4; k++)
             sbi_cut_put_int(out, link->key.at[k]);
-        sbi_cut_put_int(out, link->state);
+        sbi_cut_put_int(out, link->state | link->charred << 8);
         sbi_cut_put_real(out, link->t);
     }
+    sbi_cut_save_lost(cut, out);
     sbi_cut_save_pieces(cut, out);
     sbi_cut_put_int(out, cut->glue_count);
     for (int i = 0; i < cut->glue_count; i++) {
@@ -251,11 +275,13 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d links of a saved cut", count);
     for (int i = 0; i < count; i++) {
         sbi_link_key key;
-        int state, ends;
+        int state, charred, ends;
         sb_real t;
         for (int k = 0; k < 4; k++)
             key.at[k] = sbi_cut_get_int(in);
         state = sbi_cut_get_int(in);
+        charred = state == (SBI_LINK_CUT | 1 << 8);
+        state = charred ? SBI_LINK_CUT : state;
         t = sbi_cut_get_real(in);
         ends = key.at[1] < 0 ? cut->tet_count : cut->node_end;
         if (in->bad || (state != SBI_LINK_CUT && state != SBI_LINK_PREDICTED) || !(t >= 0) || !(t <= 1) ||
@@ -263,39 +289,71 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
             key.at[2] >= cut->node_end || sbi_cut_links_find(&cut->loaded_links, &key) >= 0)
             return sbi_cut_damaged("links", error);
         sbi_cut_links_add(&cut->loaded_links, &key, t, state);
+        cut->loaded_links.items[i].charred = charred;
     }
     return in->bad ? sbi_cut_damaged("links", error) : SB_OK;
+}
+
+/* loaded_links.lost: what was taken out. */
+static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+{
+    int count = sbi_cut_get_count(in, SBI_CUT_LOST_BYTES), last = -1;
+    uint64_t all = sbi_lattice_all(&cut->lattice);
+    memset(cut->loaded_links.lost, 0, (size_t)cut->tet_count * sizeof(uint64_t));
+    for (int i = 0; i < count; i++) {
+        int tet = sbi_cut_get_int(in);
+        uint64_t lost = (uint64_t)sbi_cut_get(in, 4);
+        lost |= sbi_cut_get(in, 4) << 32;
+        if (in->bad || tet <= last || tet >= cut->tet_count || !lost || (lost & ~all))
+            return sbi_cut_damaged("holes", error);
+        cut->loaded_links.lost[tet] = lost;
+        last = tet;
+    }
+    return in->bad ? sbi_cut_damaged("holes", error) : SB_OK;
+}
+
+/* 1 when no whole or predicted link goes from what was taken out to something else. */
+static int sbi_cut_holes_end(const sbi_parted *parted)
+{
+    int end = 1;
+    for (int l = 0; l < parted->lattice->link_count && end && parted->lost; l++) {
+        const unsigned char *ends = parted->lattice->links[l];
+        end = parted->cut[l] == SBI_LINK_CUT || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
+    }
+    return end;
 }
 
 /* Whether a cell of the body can be a piece of a tet with these points: it has the tet's own nodes where it has the
  * material at them, and no other nodes of the uncut mesh. */
 static int sbi_cut_cell_fits(const sb_cut *cut, const sb_body *body, int tet, int cell, uint64_t points)
 {
-    const int *nodes, *own = cut->tets + 4 * (size_t)tet;
+    const int *nodes, *own = sbi_cut_tet_nodes(cut, tet);
     if (!sb_body_cell_in_use(body, cell) || cut->loaded_elements.items[cell] >= 0)
         return 0;
     nodes = sb_body_cell_nodes(body, cell);
-    for (int a = 0; a < 4; a++)
+    for (int a = 0; a < cut->nodes_per_tet; a++)
         if (nodes[a] != own[a] && ((points >> a & 1) || nodes[a] < cut->node_end))
             return 0;
     cut->loaded_elements.items[cell] = tet;
     return 1;
 }
 
-/* The cells of a tet's pieces; those of one that has not parted are not in the image. */
-static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, sbi_cut_in *in,
-                                   sb_error *error)
+/* The cells of a tet's pieces; those of one that is whole are not in the image. is_last: it may have the empty cell
+ * that a body without material has. */
+static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, int is_last,
+                                   sbi_cut_in *in, sb_error *error)
 {
     sbi_parted parted;
     int count = is_parted ? sbi_cut_get_int(in) : 1;
     sbi_parted_make(&cut->lattice, &cut->loaded_links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    if (count != parted.piece_count || (is_parted && count < 2))
+    if ((count != parted.piece_count && !(is_last && count == 1 && parted.piece_count == 0)) ||
+        is_parted != (parted.piece_count > 1 || parted.lost) || !sbi_cut_holes_end(&parted))
         return sbi_cut_damaged("pieces", error);
     if (!sbi_cut_list_grow(cut, &cut->loaded_cells, count + 2))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
     for (int k = 0; k < count; k++) {
-        int cell = is_parted ? sbi_cut_get_int(in) : cut->pieces[tet].cell;
-        if ((k == 0 && cell != cut->pieces[tet].cell) || !sbi_cut_cell_fits(cut, body, tet, cell, parted.pieces[k]))
+        int cell = is_parted ? sbi_cut_get_int(in) : cut->cells_at_first[tet];
+        if (!sbi_cut_cell_fits(cut, body, tet, cell, parted.piece_count ? parted.pieces[k] : 0))
             return sbi_cut_damaged("pieces", error);
         cut->loaded_cells.items[cut->loaded_cells.count++] = cell;
     }
@@ -305,8 +363,8 @@ static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, in
 /* loaded_cells: the cells of all tets, in their order. */
 static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
 {
-    int parted = sbi_cut_get_count(in, 4 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
-    int end = sb_body_element_count(body);
+    int parted = sbi_cut_get_count(in, 2 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
+    int end = sb_body_element_count(body), slots = cut->tet_count;
     sb_result result = SB_OK;
     cut->loaded_cells.count = cut->loaded_elements.count = 0;
     if (!sbi_cut_list_grow(cut, &cut->loaded_elements, end) ||
@@ -318,7 +376,9 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
     }
     cut->loaded_elements.count = end;
     for (int tet = 0; tet < cut->tet_count && result == SB_OK; tet++) {
-        result = sbi_cut_check_tet(cut, body, tet, tet == next, in, error);
+        int before = cut->loaded_cells.count;
+        result = sbi_cut_check_tet(cut, body, tet, tet == next, cells == 1, in, error);
+        slots += sbi_max_int(cut->loaded_cells.count - before - 1, 0);
         if (tet == next)
             next = --parted > 0 ? sbi_cut_get_int(in) : -1;
     }
@@ -327,7 +387,7 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
     if (result == SB_OK) {
         void *pieces = cut->pieces;
         int grown = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, cut->piece_count,
-                                 cells - cut->piece_count, sizeof *cut->pieces);
+                                 slots - cut->piece_count, sizeof *cut->pieces);
         cut->pieces = (sbi_cut_piece *)pieces;
         if (!grown)
             result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
@@ -449,6 +509,8 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
     if (result == SB_OK && !stale) {
         result = sbi_cut_check_links(cut, &in, error);
         if (result == SB_OK)
+            result = sbi_cut_check_lost(cut, &in, error);
+        if (result == SB_OK)
             result = sbi_cut_check_pieces(cut, body, &in, error);
         if (result == SB_OK)
             result = sbi_cut_check_glue(cut, &in, error);
@@ -467,17 +529,27 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
 static void sbi_cut_load_pieces(sb_cut *cut)
 {
     const int *cell = cut->loaded_cells.items;
+    const int *end = cell + cut->loaded_cells.count;
     cut->piece_count = cut->tet_count;
+    cut->free_piece = -1;
     for (int tet = 0; tet < cut->tet_count; tet++) {
         sbi_parted parted;
         int piece = tet;
         sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+        cut->pieces[tet].cell = cut->pieces[tet].next = -1;
         for (int k = 0; k < parted.piece_count; k++) {
             cut->pieces[piece].points = parted.pieces[k];
             cut->pieces[piece].cell = *cell++;
+            cut->pieces[piece].crumb = 0;
             cut->pieces[piece].next = k + 1 < parted.piece_count ? cut->piece_count++ : -1;
             piece = cut->pieces[piece].next;
         }
+    }
+    if (cell < end) { /* the empty one */
+        int tet = cut->elements.items[*cell];
+        cut->pieces[tet].points = 0;
+        cut->pieces[tet].cell = *cell;
+        cut->pieces[tet].crumb = 0;
     }
 }
 
@@ -486,11 +558,13 @@ static void sbi_cut_load_origins(sb_cut *cut)
 {
     cut->origins.count = 0;
     sbi_cut_list_set(&cut->origins, sb_body_node_count(cut->body) - 1, -1);
+    for (int i = 0; i < cut->node_end; i++)
+        cut->origins.items[i] = i;
     for (int tet = 0; tet < cut->tet_count; tet++)
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-            for (int a = 0; a < 4; a++)
-                cut->origins.items[nodes[a]] = cut->tets[4 * (size_t)tet + (size_t)a];
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
+            const int *nodes = sbi_cut_piece_nodes(cut, piece), *own = sbi_cut_tet_nodes(cut, tet);
+            for (int a = 0; a < cut->nodes_per_tet; a++)
+                cut->origins.items[nodes[a]] = own[a];
         }
 }
 
@@ -516,12 +590,15 @@ static void sbi_cut_load_force(const sb_cut *cut, sbi_cut_in *in)
     }
 }
 
-/* Steps over links, pieces and glue, which are in cut->loaded and next_glue. */
+/* Steps over links, holes, pieces and glue, which are in cut->loaded and next_glue. */
 static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
 {
     int count = sbi_cut_get_int(in);
     in->bytes += (size_t)count * SBI_CUT_LINK_BYTES;
     in->left -= (size_t)count * SBI_CUT_LINK_BYTES;
+    count = sbi_cut_get_int(in);
+    in->bytes += (size_t)count * SBI_CUT_LOST_BYTES;
+    in->left -= (size_t)count * SBI_CUT_LOST_BYTES;
     for (count = sbi_cut_get_int(in); count > 0; count--) {
         (void)sbi_cut_get_int(in);
         for (int k = sbi_cut_get_int(in); k > 0; k--)
@@ -589,6 +666,8 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
     if (command == SBI_CUT_MOVE && ints[1] >= 0 && ints[1] < cut->max_strokes && count > 0 &&
         cut->strokes[ints[1]].edge_count == count)
         return sb_cut_move(cut, ints[1], points, NULL, error);
+    if (command == SBI_CUT_ABLATE && count == 2)
+        return sb_cut_ablate(cut, points[0], points[1].x, NULL, error);
     if (command == SBI_CUT_SCISSORS && count == 3) {
         sb_vec3 tips[2];
         tips[0] = points[0];

@@ -2,7 +2,8 @@
  *
  * The front is where the blade's edge was: samples at its corners, and wherever it goes through a face of a cell.
  * Between calls they move with the material that they are in, and what is between two of them, in one cell, as straight
- * as it was; outside of the tissue they stay where they are. So the next strip begins exactly where the last one ended,
+ * as it was (in elements with curved edges, in one micro-tet of the lattice, as which links see it); outside of the
+ * tissue they stay where they are. So the next strip begins exactly where the last one ended,
  * however the tissue has moved, but for the rounding of places: cut_ring.c closes what that may leave. Tissue that
  * moves against a blade at rest is cut as well. */
 #include "cut_private.h"
@@ -97,34 +98,109 @@ static int sbi_cut_piece_at(const sb_cut *cut, int tet, const sb_real at[4])
     if (cut->pieces[tet].next < 0)
         return tet;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    points = parted.pieces[sbi_parted_piece_at(&parted, at)];
+    points = parted.pieces[sbi_parted_piece_at(&parted, at)]; /* there are several pieces */
     while (cut->pieces[piece].next >= 0 && !(cut->pieces[piece].points & points))
         piece = cut->pieces[piece].next;
     return piece;
 }
 
-static void sbi_cut_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
+/* Parts of an element that stay straight: a tet4, or the micro-tets of one with curved edges. */
+static int sbi_cut_brick_count(const sb_cut *cut) { return cut->nodes_per_tet == 4 ? 1 : cut->lattice.micro_count; }
+
+/* The same as a number of them along an edge. */
+static int sbi_cut_bricks_along(const sb_cut *cut) { return cut->nodes_per_tet == 4 ? 1 : cut->lattice.intervals; }
+
+/* Where the corners of a brick of a piece are now. */
+static void sbi_cut_corners(const sb_cut *cut, int tet, int piece, int brick, sb_vec3 corners[4])
 {
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-    for (int a = 0; a < 4; a++)
-        x[a] = sb_body_positions(cut->body)[nodes[a]];
+    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    sb_vec3 x[SBI_CUT_NODES];
+    sbi_cut_get_nodes(cut, piece, x);
+    for (int a = 0; a < 4; a++) {
+        sb_real at[4];
+        sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], at);
+        corners[a] = cut->nodes_per_tet == 4 ? x[a] : sbi_cut_place(cut, &order, at, x);
+    }
+}
+
+/* Barycentrics in the tet of a point of a brick. */
+static void sbi_cut_from_brick(const sb_cut *cut, int brick, const sb_real of_brick[4], sb_real at[4])
+{
+    if (cut->nodes_per_tet == 4) {
+        memcpy(at, of_brick, 4 * sizeof *at);
+        return;
+    }
+    at[0] = at[1] = at[2] = at[3] = 0;
+    for (int a = 0; a < 4; a++) {
+        sb_real corner[4];
+        sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], corner);
+        for (int k = 0; k < 4; k++)
+            at[k] += of_brick[a] * corner[k];
+    }
+}
+
+/* The brick that has a point of the tet deepest inside, and its barycentrics there. */
+static int sbi_cut_to_brick(const sb_cut *cut, const sb_real at[4], sb_real of_brick[4])
+{
+    sb_real deepest = -SB_REAL_MAX;
+    int found = 0;
+    memcpy(of_brick, at, 4 * sizeof *at);
+    for (int brick = 0; brick < cut->lattice.micro_count && cut->nodes_per_tet > 4; brick++) {
+        sb_vec3 corners[4];
+        sb_real own[4], depth;
+        for (int a = 0; a < 4; a++) {
+            sb_real corner[4];
+            sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], corner);
+            corners[a] = sb_v3(corner[1], corner[2], corner[3]);
+        }
+        depth = sbi_lattice_barycentrics(corners, sb_v3(at[1], at[2], at[3]), own);
+        if (!(depth > deepest))
+            continue;
+        deepest = depth;
+        found = brick;
+        memcpy(of_brick, own, sizeof own);
+    }
+    return found;
 }
 
 /* Where a sample is now. */
 static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
 {
     sb_vec3 x[4], place = {0, 0, 0};
-    if (sample->tet < 0)
+    sb_real of_brick[4];
+    int brick;
+    if (sample->tet < 0 || sbi_cut_first_piece(cut, sample->tet) < 0)
         return sample->place;
-    sbi_cut_corners(cut, sbi_cut_piece_at(cut, sample->tet, sample->at), x);
+    brick = sbi_cut_to_brick(cut, sample->at, of_brick);
+    sbi_cut_corners(cut, sample->tet, sbi_cut_piece_at(cut, sample->tet, sample->at), brick, x);
     for (int a = 0; a < 4; a++)
-        place = sb_v3_madd(place, sample->at[a], x[a]);
+        place = sb_v3_madd(place, of_brick[a], x[a]);
     return place;
 }
 
 /* Outside of the tissue a blade moves with the skin where it is no farther than that, in barycentrics of the cell:
  * tissue that comes upon it is cut from its skin on. */
 static const sb_real sbi_cut_skin = 1;
+
+/* Puts a sample at p into a piece where that has it deeper inside, or nearer, than by `deepest`, in barycentrics of the
+ * cell. */
+static void sbi_cut_settle(const sb_cut *cut, int tet, int piece, sb_vec3 p, sb_real *deepest, sbi_cut_sample *sample)
+{
+    for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++) {
+        sb_vec3 x[4];
+        sb_real own[4], at[4], depth;
+        sbi_cut_corners(cut, tet, piece, brick, x);
+        depth = sbi_lattice_barycentrics(x, p, own) / (sb_real)sbi_cut_bricks_along(cut);
+        if (!(depth > *deepest))
+            continue;
+        sbi_cut_from_brick(cut, brick, own, at);
+        if (sbi_cut_piece_at(cut, tet, at) != piece)
+            continue;
+        *deepest = depth;
+        sample->tet = tet;
+        memcpy(sample->at, at, sizeof at);
+    }
+}
 
 /* A sample at a corner: in the piece of a near tet that has it deepest inside or nearest, or in space. */
 static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, int *count)
@@ -138,20 +214,13 @@ static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, 
     sample->along = corner == corners - 1;
     sample->tet = -1;
     sample->place = p;
-    for (int i = 0; i < cut->near.count; i++)
-        for (int tet = cut->near.items[i], piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-            sb_vec3 x[4];
-            sb_real at[4], depth;
-            if (!sbi_cut_meets_tet(cut, tet, &box))
-                continue;
-            sbi_cut_corners(cut, piece, x);
-            depth = sbi_lattice_barycentrics(x, p, at);
-            if (!(depth > deepest) || sbi_cut_piece_at(cut, tet, at) != piece)
-                continue;
-            deepest = depth;
-            sample->tet = tet;
-            memcpy(sample->at, at, sizeof at);
-        }
+    for (int i = 0; i < cut->near.count; i++) {
+        int tet = cut->near.items[i];
+        if (!sbi_cut_meets_tet(cut, tet, &box))
+            continue;
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_settle(cut, tet, piece, p, &deepest, sample);
+    }
 }
 
 /* ---- the front along an edge ---- */
@@ -195,27 +264,29 @@ static int sbi_cut_is_outside(const sb_cut *cut, sb_real along)
     return 1;
 }
 
-/* Adds where a side goes into and out of a piece that has the material there; beyond > 0: of what is near its skin,
- * outside of the tissue. The ends of the side are not of these. 0: no memory. */
-static int sbi_cut_add_passes(sb_cut *cut, int piece, sb_real beyond, const sbi_cut_sample *side, const sb_vec3 ends[2],
-                              int *count)
+/* Adds where a side goes into and out of a brick of a piece that has the material there; beyond > 0: of what is near
+ * its skin, outside of the tissue. The ends of the side are not of these. 0: no memory. */
+static int sbi_cut_add_passes(sb_cut *cut, int piece, int brick, sb_real beyond, const sbi_cut_sample *side,
+                              const sb_vec3 ends[2], int *count)
 {
     sb_vec3 x[4];
     sb_real stretch[2], at[2][4];
-    sbi_cut_corners(cut, piece, x);
-    if (!sbi_cut_clip(x, ends[0], ends[1], beyond, stretch, at))
+    sbi_cut_corners(cut, side->tet, piece, brick, x);
+    if (!sbi_cut_clip(x, ends[0], ends[1], beyond * (sb_real)sbi_cut_bricks_along(cut), stretch, at))
         return 1;
     if (!sbi_cut_reserve_front(cut, *count, 2) || (beyond == 0 && !sbi_cut_add_span(cut, stretch)))
         return 0;
     for (int end = 0; end < 2; end++) {
         sbi_cut_sample *sample = cut->front + *count;
-        if (!(stretch[end] > 0) || !(stretch[end] < 1) || sbi_cut_piece_at(cut, side->tet, at[end]) != piece ||
+        sb_real of_tet[4];
+        sbi_cut_from_brick(cut, brick, at[end], of_tet);
+        if (!(stretch[end] > 0) || !(stretch[end] < 1) || sbi_cut_piece_at(cut, side->tet, of_tet) != piece ||
             (beyond > 0 && !sbi_cut_is_outside(cut, stretch[end])))
             continue;
         *sample = *side;
         sample->along = stretch[end];
         sample->place = sb_v3_madd(sb_v3_scale(1 - stretch[end], ends[0]), stretch[end], ends[1]);
-        memcpy(sample->at, at[end], sizeof sample->at);
+        memcpy(sample->at, of_tet, sizeof of_tet);
         (*count)++;
     }
     return 1;
@@ -235,9 +306,10 @@ static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *c
             int tet = passing.tet = cut->near.items[i];
             if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
                 continue;
-            for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
-                if (!sbi_cut_add_passes(cut, piece, skin ? sbi_cut_skin : 0, &passing, ends, count))
-                    return 0;
+            for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
+                for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++)
+                    if (!sbi_cut_add_passes(cut, piece, brick, skin ? sbi_cut_skin : 0, &passing, ends, count))
+                        return 0;
         }
     return 1;
 }

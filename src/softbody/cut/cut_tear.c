@@ -40,9 +40,23 @@ typedef struct sbi_cut_plane {
 
 static void sbi_cut_piece_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
 {
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
     for (int a = 0; a < 4; a++)
         x[a] = cut->body->position[nodes[a]];
+}
+
+/* Stress of a cell (Pa), mean over its points; 0: it has none. */
+static int sbi_cut_mean_stress(const sb_body *body, int cell, sb_mat3 *mean)
+{
+    int points = sb_body_point_count(body);
+    *mean = sb_m3_zero();
+    for (int p = 0; p < points; p++) {
+        sb_mat3 stress;
+        if (sb_body_stress(body, cell, p, &stress) != SB_OK)
+            return 0;
+        *mean = sb_m3_add(*mean, sb_m3_scale(1 / (sb_real)points, stress));
+    }
+    return 1;
 }
 
 /* Area at rest of a tet's section by a plane: corners at rest X have heights h over it. */
@@ -73,13 +87,13 @@ static sb_real sbi_cut_piece_load(const sb_cut *cut, int tet, int piece, sbi_cut
 {
     const sb_real least = (sb_real)0.5; /* small pieces hang on, and are stretched by that: they do not tear again */
     const sb_body *body = cut->body;
-    const int *nodes = cut->tets + 4 * (size_t)tet;
+    const int *nodes = sbi_cut_tet_nodes(cut, tet);
     const sb_material *material = body->materials + body->cell_material[cut->pieces[piece].cell];
     sb_vec3 x[4], X[4], values;
     sb_mat3 stress, vectors;
     sb_real h[4], volume, section, bears;
     if (!(sb_body_cell_share(body, cut->pieces[piece].cell) > least) ||
-        sb_body_stress(body, cut->pieces[piece].cell, 0, &stress) != SB_OK)
+        !sbi_cut_mean_stress(body, cut->pieces[piece].cell, &stress))
         return 0;
     sb_m3_eigen(stress, &values, &vectors);
     if (!(values.x > 0))
@@ -102,7 +116,7 @@ static sb_real sbi_cut_tet_load(const sb_cut *cut, int tet, int *worst, sbi_cut_
 {
     sb_real most = 0;
     *worst = tet;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
         sbi_cut_plane of;
         sb_real load = sbi_cut_piece_load(cut, tet, piece, &of);
         if (load > most) {
@@ -130,11 +144,12 @@ static int sbi_cut_is_front(const sb_cut *cut, int tet)
 {
     sbi_parted parted;
     int is_front = 0;
-    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    sbi_parted_make(&cut->lattice, &cut->links, sbi_cut_tet_nodes(cut, tet), tet, &parted);
     for (int l = 0; l < cut->lattice.link_count && !is_front; l++) {
         const unsigned char *ends = cut->lattice.links[l];
         is_front = parted.cut[l] == SBI_LINK_PREDICTED ||
-                   (parted.cut[l] && parted.piece_of[ends[0]] == parted.piece_of[ends[1]]);
+                   (parted.cut[l] && parted.piece_of[ends[0]] == parted.piece_of[ends[1]] &&
+                    parted.piece_of[ends[0]] != SBI_PARTED_LOST);
     }
     return is_front;
 }
@@ -338,7 +353,7 @@ static int sbi_cut_tear_tet(sb_cut *cut, int tet)
     sbi_cut_plane plane;
     sb_vec3 x[4];
     int piece, torn;
-    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+    sbi_parted_make(&cut->lattice, &cut->links, sbi_cut_tet_nodes(cut, tet), tet, &parted);
     torn = sbi_cut_tear_glue(cut, &parted);
     if (torn || !(sbi_cut_tet_load(cut, tet, &piece, &plane) > 1))
         return torn;
@@ -383,7 +398,7 @@ SBI_API void sbi_cut_free_tears(sb_cut *cut)
 SB_API sb_result sb_cut_tear(sb_cut *cut, const sb_tear_options *options, sb_cut_info *info, sb_error *error)
 {
     sb_tear_options defaults = sb_default_tear_options();
-    int links, most, tears = 0, torn = 1;
+    int links, most, done, tears = 0, torn = 1;
     sb_result result = sbi_cut_check_tear(cut, options, error);
     if (result != SB_OK)
         return result;
@@ -396,7 +411,8 @@ SB_API sb_result sb_cut_tear(sb_cut *cut, const sb_tear_options *options, sb_cut
         torn = sbi_cut_tear_tet(cut, cut->tearing.items[i]);
         tears += torn > 0;
     }
-    result = sbi_cut_settle(cut, links, torn >= 0, info, error);
+    done = torn >= 0 && (cut->keeps_rings || sbi_cut_close_rings(cut, links)) && sbi_cut_settle_seams(cut, NULL, 0);
+    result = sbi_cut_finish(cut, links, 0, done, info, error);
     if (result != SB_OK)
         return result;
     if (info)
