@@ -214,6 +214,8 @@ struct sb_cut {
     sbi_cut_list flooded; /* pieces of a part: a record, or ~ a piece of a tet without records */
     int floods;           /* searches for crumbs so far */
     sbi_cut_removed removed;
+    sb_real *tear_loads;                   /* [tet_count] stress over what it bears; NULL: no call yet */
+    sbi_cut_list tearing, tearing_scratch; /* tets that may tear */
 };
 
 /* The first piece of a tet, or -1. */
@@ -352,9 +354,16 @@ enum {
     SBI_CUT_MOVE = 3,
     SBI_CUT_END = 4,
     SBI_CUT_SCISSORS = 5,
-    SBI_CUT_ABLATE = 6
+    SBI_CUT_ABLATE = 6,
+    SBI_CUT_TEAR = 7
 };
 SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
+/* A tear has its options instead. */
+SBI_API void sbi_cut_tell_tear(const sb_cut *cut, const sb_tear_options *options);
+
+/* ---- cut_tear.c ---- */
+
+SBI_API void sbi_cut_free_tears(sb_cut *cut);
 
 /* ---- cut_along.c ---- */
 

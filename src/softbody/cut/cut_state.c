@@ -637,6 +637,14 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
 
 /* ---- recording ---- */
 
+static sb_result sbi_cut_replay_tear(sb_cut *cut, const int *ints, sb_error *error)
+{
+    sb_tear_options options = sb_default_tear_options();
+    options.nucleate = ints[1];
+    options.max_tears = ints[2];
+    return sb_cut_tear(cut, &options, NULL, error);
+}
+
 static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
                                 sb_error *error)
 {
@@ -644,6 +652,8 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
     const sb_vec3 *points = (const sb_vec3 *)(const void *)reals;
     int stroke, is_known = int_count == 2 && real_count % 3 == 0 && real_count < INT32_MAX;
     int count = is_known ? (int)(real_count / 3) : 0, command = is_known ? ints[0] : 0;
+    if (int_count == 3 && ints[0] == SBI_CUT_TEAR)
+        return sbi_cut_replay_tear(cut, ints, error);
     if (command == SBI_CUT_TRIANGLES && count % 3 == 0)
         return sb_cut_triangles(cut, points, count / 3, NULL, error);
     if (command == SBI_CUT_BEGIN) {
