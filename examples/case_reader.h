@@ -1207,8 +1207,8 @@ static inline int case_load_cut(case_file *c, case_statement *s)
 {
     int lattice = s->given & CASE_BIT(CASE_LATTICE) ? (int)s->number[CASE_LATTICE] : 0, ok;
     char *path;
-    if (c->mesh.element_type != SB_TET4)
-        return case_fail(c, s->line, "elements of type %s cannot be cut, only tet4",
+    if (c->mesh.element_type != SB_TET4 && c->mesh.element_type != SB_TET10)
+        return case_fail(c, s->line, "elements of type %s cannot be cut, only tet4 and tet10",
                          sb_element_name(c->mesh.element_type));
     if (lattice && c->lattice && lattice != c->lattice)
         return case_fail(c, s->line, "lattice=%d differs from that of a cut before, %d", lattice, c->lattice);

@@ -41,7 +41,7 @@ static const char help[] =
     "  traction  faces=FILE value=TX,TY,TZ   Pa on the undeformed area; lines: the nodes of a face\n"
     "  pressure  faces=FILE value=P          Pa, follows the faces, positive pushes inwards\n"
     "  spring    file=FILE                   lines: NODE K X Y Z, N/m to a point in space\n"
-    "  cut       plane PX PY PZ NX NY NZ     through a point across a normal, at rest, before the solve; tet4 only\n"
+    "  cut       plane PX PY PZ NX NY NZ     through a point across a normal, at rest, before the solve; tet4, tet10\n"
     "  cut       polygon file=FILE           lines: X Y Z, corners of a polygon: triangles from the first\n"
     "  cut       surface file=FILE           a surface, e.g. one closed around what is to come loose. Each of the "
     "three\n"

@@ -454,7 +454,7 @@ wrong_cut 'a surface that is a volume' 'cut surface file=bar.vtk' 'bar.vtk has t
 wrong_cut 'a part that nothing holds' 'cut plane 2.5 0 0 1 0 0' \
     'part 2 of the 2 that the cuts leave can move freely: .* 14 m^3 about (4.25, 1, 1)' 5
 wrong_cut 'a box that nothing holds' 'cut surface file=box.obj lattice=4' 'part 2 of the 2 that the cuts leave' 5
-wrong_line 'cuts of other elements' 'cut plane 0.5 0 0 1 0 0' 'elements of type hex8 cannot be cut, only tet4'
+wrong_line 'cuts of other elements' 'cut plane 0.5 0 0 1 0 0' 'elements of type hex8 cannot be cut, only tet4 and tet10'
 say 'mesh bar.vtk' "$material" 'fix xyz nodes=bar0' 'cut polygon file=half' 'solve static steps=1 tol=1e-9' \
     'output displacement half' >overwriting.case
 "$program" overwriting.case >../stdout 2>../stderr

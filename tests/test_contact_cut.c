@@ -397,6 +397,36 @@ static void test_drawing(void)
     scene_free(&s);
 }
 
+/* A ball is burnt out below a tool that presses, until nothing is left to touch: contact follows each time. */
+static void test_burnt(void)
+{
+    for (int k = 0; k < 6; k++) {
+        scene s;
+        sb_tool_def sphere = press_sphere(0.008, 0.3, sb_v3(REAL(0.03), REAL(0.02), REAL(0.0575)));
+        sb_cut_info info;
+        int tool, touched = 0;
+        scene_make(&s, intervals_of[k % 3], k < 3, 1, NULL);
+        scene_fix_plane(s.b.body, &s.b.mesh, 2, 0, SB_XYZ);
+        tool = press_add(&s.p, &sphere);
+        for (int i = 0; i < 24; i++) {
+            press_move(&s.p, tool, sb_v3(REAL(0.03), REAL(0.02), REAL(0.0572 - 0.0015 * (i > 12 ? 12 : i))),
+                       sb_quat_make(1, 0, 0, 0));
+            if (i % 3 == 2)
+                CHECK_OK(sb_cut_ablate(s.b.cut, sb_v3(REAL(0.03), REAL(0.02), REAL(0.049 - 0.002 * i)),
+                                       REAL(0.006 + 0.0002 * i), &info, NULL));
+            if (i == 22)
+                CHECK_OK(sb_cut_ablate(s.b.cut, sb_v3(REAL(0.03), REAL(0.02), 0), 1, &info, NULL));
+            take_step(&s, 0.01);
+            touched += sb_contact_get_info(s.p.contact).touching > 0;
+            CHECK(scene_all_finite(sb_body_positions(s.b.body), sb_body_node_count(s.b.body)));
+        }
+        CHECK(touched > 3);
+        CHECK_INT(sb_contact_get_info(s.p.contact).touching, 0);
+        CHECK_NEAR(sb_v3_norm(press_wrench(&s.p, tool).force), 0, 1e-12);
+        scene_free(&s);
+    }
+}
+
 CHECK_SUITE(contact_cut, {"where the lips are", test_place}, {"beyond the cut", test_beyond}, {"a flap", test_flap},
             {"what is remembered", test_kept}, {"state", test_state}, {"no memory", test_no_memory},
-            {"drawing", test_drawing});
+            {"drawing", test_drawing}, {"a hole below a tool", test_burnt});

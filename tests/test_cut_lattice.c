@@ -779,6 +779,7 @@ static sbi_parted parted_random(const sbi_lattice *lattice, double share, unsign
     static const int nodes[4] = {7, 3, 12, 5};
     sbi_parted parted;
     parted.lattice = lattice;
+    parted.lost = 0;
     parted.order = sbi_corner_order_make(nodes);
     for (int l = 0; l < lattice->link_count; l++) {
         double t = check_random_in(seed, -0.2, 1.2); /* often at an end */
@@ -1093,6 +1094,7 @@ static void test_lips(void)
             sbi_part_moments moments[SBI_LATTICE_POINTS];
             sbi_lattice_make(intervals_of[i], &lattice);
             parted.lattice = &lattice;
+            parted.lost = 0;
             parted.order = sbi_corner_order_make(nodes);
             for (int l = 0; l < lattice.link_count; l++) {
                 sb_real at[4], heights[2];

@@ -7,26 +7,6 @@
 
 /* ---- loaded faces ------------------------------------------------------------------------------------------------ */
 
-/* Faces of the uncut block, all of its skin or those in the plane x = its length. */
-static int *skin_faces(const block *b, int end_only, int *count)
-{
-    const sb_cut *cut = b->cut;
-    int *faces = (int *)malloc((size_t)cut->tet_count * 12 * sizeof(int));
-    *count = 0;
-    for (int tet = 0; tet < cut->tet_count; tet++)
-        for (int face = 0; face < 4; face++) {
-            int local[SB_MAX_FACE_NODES], at_end = 1;
-            sb_element_face(SB_TET4, face, local, NULL);
-            for (int k = 0; k < 3; k++) {
-                int node = cut->tets[4 * tet + local[k]];
-                faces[3 * *count + k] = node;
-                at_end &= b->mesh.nodes[node].x > REAL(0.9999) * block_size.x;
-            }
-            *count += cut->neighbours.items[4 * tet + face] < 0 && (at_end || !end_only);
-        }
-    return faces;
-}
-
 enum { LOADS = 2 };
 static const sb_real pressures[LOADS] = {REAL(130), REAL(-45)};
 static const sb_vec3 stress = {REAL(20), REAL(-310), REAL(55)};

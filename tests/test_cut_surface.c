@@ -1,146 +1,23 @@
 /* The surface of a body that is cut: closed, with the parts' volumes, and its vertices where their material is. */
-#include "cut_block.h"
+#include "cut_drawing.h"
 #include "random_case.h"
-
-#include "../src/softbody/cut/cut_surface.h"
 
 /* ---- measures ---------------------------------------------------------------------------------------------------- */
 
-/* A side of a triangle, by points. */
-typedef struct edge {
-    int a, b, turn; /* a < b; turn 1: from b to a */
-    int at_a, at_b; /* corners, 3 triangle + k */
-} edge;
-
-static int edge_order(const void *p, const void *q)
-{
-    const edge *a = (const edge *)p, *b = (const edge *)q;
-    return a->a != b->a ? (a->a > b->a) - (a->a < b->a) : (a->b > b->b) - (a->b < b->b);
-}
-
-static int is_drawn(const sb_cut_drawing *d, int f) { return d->triangles[f][0] != d->triangles[f][1]; }
-
-/* Edges of all triangles by points, sorted. */
-static edge *edges_of(const sb_cut_drawing *d, int *count)
-{
-    edge *edges = (edge *)malloc((size_t)d->triangle_count * 3 * sizeof *edges);
-    *count = 0;
-    for (int f = 0; f < d->triangle_count; f++)
-        for (int k = 0; k < 3 && is_drawn(d, f); k++) {
-            int next = (k + 1) % 3, from = d->points[d->triangles[f][k]], to = d->points[d->triangles[f][next]];
-            edge *e = edges + (*count)++;
-            e->turn = from > to;
-            e->a = e->turn ? to : from;
-            e->b = e->turn ? from : to;
-            e->at_a = 3 * f + (e->turn ? next : k);
-            e->at_b = 3 * f + (e->turn ? k : next);
-        }
-    qsort(edges, (size_t)*count, sizeof *edges, edge_order);
-    return edges;
-}
-
-static int root_of(int *parents, int i)
-{
-    while (parents[i] != i)
-        i = parents[i] = parents[parents[i]];
-    return i;
-}
-
-static void join(int *parents, int i, int j) { parents[root_of(parents, i)] = root_of(parents, j); }
-
-/* Every edge has two triangles, one each way. Returns the number of closed surfaces; *euler: the sum of theirs, where a
- * point in which a surface touches itself is one for each fan of triangles around it. */
-static int check_closed(const sb_cut_drawing *d, int *euler)
-{
-    int count, open = 0, surfaces = 0, fans = 0, corners = 3 * d->triangle_count;
-    edge *edges = edges_of(d, &count);
-    int *fan = (int *)malloc((size_t)corners * 2 * sizeof *fan), *surface = fan + corners;
-    for (int i = 0; i < corners; i++)
-        fan[i] = surface[i] = i;
-    for (int i = 0; i < count; i += 2) {
-        int pair = i + 1 < count && edge_order(edges + i, edges + i + 1) == 0;
-        open += !pair || edges[i].turn == edges[i + 1].turn || edges[i].a == edges[i].b ||
-                (i + 2 < count && edge_order(edges + i, edges + i + 2) == 0);
-        if (!pair)
-            continue;
-        join(fan, edges[i].at_a, edges[i + 1].at_a);
-        join(fan, edges[i].at_b, edges[i + 1].at_b);
-        join(surface, edges[i].at_a / 3, edges[i + 1].at_a / 3);
-    }
-    for (int i = 0; i < corners; i++)
-        fans += is_drawn(d, i / 3) && fan[i] == i;
-    for (int f = 0; f < d->triangle_count; f++)
-        surfaces += is_drawn(d, f) && surface[f] == f;
-    CHECK_INT(open, 0);
-    *euler = fans - count / 2 + count / 3;
-    free(edges);
-    free(fan);
-    return surfaces;
-}
-
-/* Six times the volume below a triangle. */
-static double below(const sb_vec3 *x, const int *triangle)
-{
-    return (double)sb_v3_dot(x[triangle[0]], sb_v3_cross(x[triangle[1]], x[triangle[2]]));
-}
-
-/* Volumes within the surfaces of the parts are those of their cells, at rest and now; lips are equal and opposite. */
+/* Volumes of the parts, and lips that are equal and opposite. */
 static double check_volumes(const block *b, const sb_cut_drawing *d)
 {
-    const sb_body *body = b->body;
-    double whole = 0, area = 0, worst = 0;
-    int parts = body->component_count;
-    double *volumes = (double *)calloc((size_t)parts * 4, sizeof *volumes);
+    double area = 0, worst = volumes_error(b, d);
     sb_vec3 lips = {0, 0, 0};
-    for (int f = 0; f < d->triangle_count; f++) {
-        int part;
-        if (!is_drawn(d, f))
-            continue;
-        part = body->node_component[sb_body_cell_nodes(body, d->cells[f])[0]];
-        volumes[4 * part] += below(d->rest, d->triangles[f]) / 6;
-        volumes[4 * part + 1] += below(d->positions, d->triangles[f]) / 6;
-        if (d->tags[f] == SB_CUT_LIP) {
+    for (int f = 0; f < d->triangle_count; f++)
+        if (is_drawn(d, f) && d->tags[f] == SB_CUT_LIP) {
             const sb_vec3 *x = d->rest;
             const int *v = d->triangles[f];
             sb_vec3 normal = sb_v3_cross(sb_v3_sub(x[v[1]], x[v[0]]), sb_v3_sub(x[v[2]], x[v[0]]));
             lips = sb_v3_add(lips, normal);
             area += (double)sb_v3_norm(normal);
         }
-    }
-    for (int e = 0; e < sb_body_element_count(body); e++) {
-        const int *n = sb_body_cell_nodes(body, e);
-        if (!sb_body_cell_in_use(body, e))
-            continue;
-        for (int now = 0; now < 2; now++) {
-            const sb_vec3 *x = now ? sb_body_positions(body) : body->reference;
-            sb_vec3 a = sb_v3_sub(x[n[1]], x[n[0]]), c = sb_v3_sub(x[n[2]], x[n[0]]), g = sb_v3_sub(x[n[3]], x[n[0]]);
-            volumes[4 * body->node_component[n[0]] + 2 + now] +=
-                (double)sb_body_cell_share(body, e) * (double)sb_v3_dot(a, sb_v3_cross(c, g)) / 6;
-        }
-    }
-    for (int part = 0; part < parts; part++)
-        whole += volumes[4 * part + 2];
-    for (int part = 0; part < parts; part++)
-        for (int now = 0; now < 2; now++)
-            worst = fmax(worst, fabs(volumes[4 * part + now] - volumes[4 * part + 2 + now]) / whole);
-    if (area > 0)
-        worst = fmax(worst, (double)sb_v3_norm(lips) / area);
-    free(volumes);
-    return worst;
-}
-
-/* Area at rest of what has a tag. */
-static double area_of(const sb_cut_drawing *d, int tag)
-{
-    double area = 0;
-    for (int f = 0; f < d->triangle_count; f++) {
-        const int *v = d->triangles[f];
-        if (d->tags[f] == tag && is_drawn(d, f))
-            area += (double)sb_v3_norm(
-                        sb_v3_cross(sb_v3_sub(d->rest[v[1]], d->rest[v[0]]), sb_v3_sub(d->rest[v[2]], d->rest[v[0]]))) /
-                    2;
-    }
-    return area;
+    return area > 0 ? fmax(worst, (double)sb_v3_norm(lips) / area) : worst;
 }
 
 /* Vertices are where their origins say, with unit normals where they are used. */

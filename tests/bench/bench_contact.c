@@ -10,7 +10,10 @@
  *     contact_narrow     the same slab under 64 spheres of 2.5 mm, twelve of which press on it
  *     contact_grip       the liver of the shared data (else a generated organ), about 3,000 tet10, an end of which two
  *                        jaws hold and draw outward at 1 cm/s
- *     haptic_publish     a frame for the hand after each step of contact_slide_13k
+ *     contact_pairs      two blocks of some 5,000 tet4 each, one of which stands and carries the other, whose round
+ *                        underside is pressed 3 mm into it and goes to and fro at 2.5 cm/s; mu 0.2; some 500 samples
+ * touch contact_pairs_hold the same when all has come to rest haptic_publish     a frame for the hand after each step
+ * of contact_slide_13k
  *
  * Steps are compared with those of a twin that the same forces deform without contact: the same motion, and the same
  * systems but for contact. Both take turns, each warm, and times are least and median. Then what contact does in a
@@ -236,6 +239,8 @@ typedef struct pair {
     sb_pose poses[MOST_TOOLS]; /* at first */
     sb_vec3 *forces;           /* [TURN][nodes] on the nodes at the end of each step of a turn (N) */
     int *all;                  /* [nodes] */
+    int *led, led_count;       /* nodes that go where `lead` says */
+    sb_vec3 (*lead)(int step); /* m */
 } pair;
 
 /* Where the tool is to be after so many steps. */
@@ -273,9 +278,8 @@ static sb_body *make_organ(const sb_mesh *mesh)
 }
 
 /* The mesh becomes the pair's. */
-static pair make_pair(sb_mesh mesh, sb_body *(*make)(const sb_mesh *mesh), double dt)
+static pair make_pair_with(sb_mesh mesh, sb_body *(*make)(const sb_mesh *mesh), double dt, sb_contact_def def)
 {
-    sb_contact_def def = sb_default_contact_def();
     pair p;
     memset(&p, 0, sizeof p);
     p.mesh = mesh;
@@ -293,6 +297,11 @@ static pair make_pair(sb_mesh mesh, sb_body *(*make)(const sb_mesh *mesh), doubl
     return p;
 }
 
+static pair make_pair(sb_mesh mesh, sb_body *(*make)(const sb_mesh *mesh), double dt)
+{
+    return make_pair_with(mesh, make, dt, sb_default_contact_def());
+}
+
 static void free_pair(pair *p)
 {
     sb_contact_destroy(p->contact);
@@ -301,6 +310,16 @@ static void free_pair(pair *p)
     sb_mesh_free(&p->mesh);
     free(p->forces);
     free(p->all);
+    free(p->led);
+}
+
+static void lead_body(const pair *p, sb_body *body, int step)
+{
+    sb_vec3 way;
+    if (!p->lead)
+        return;
+    way = p->lead(step);
+    sb_body_prescribe(body, p->led, p->led_count, SB_XYZ, &way, 1);
 }
 
 static void add_tool(pair *p, const sb_tool_def *def)
@@ -321,6 +340,7 @@ static double step_pair(const pair *p, pair_way way, int step, sb_step_info *inf
         sb_pose pose = way(p, t, step);
         sb_contact_move_tool(p->contact, p->tools[t], &pose);
     }
+    lead_body(p, p->body, step);
     if (sb_body_step(p->body, p->dt, info) != SB_OK) {
         printf("step %d: %s\n", step, info->error.message);
         exit(1);
@@ -329,9 +349,10 @@ static double step_pair(const pair *p, pair_way way, int step, sb_step_info *inf
 }
 
 /* A step of the twin with the forces of a step of this turn; its seconds. */
-static double step_twin(const pair *p, int place, sb_step_info *info)
+static double step_twin(const pair *p, int step, int place, sb_step_info *info)
 {
     double start;
+    lead_body(p, p->twin, step);
     sb_body_clear_loads(p->twin);
     sb_body_add_forces(p->twin, p->all, p->mesh.node_count, p->forces + (size_t)place * (size_t)p->mesh.node_count, 0);
     start = now();
@@ -354,7 +375,7 @@ static void warm_pair(const pair *p, pair_way way, int first, int last)
     for (int i = first; i < last; i++) {
         step_pair(p, way, i, &info);
         keep_forces(p, 0);
-        step_twin(p, 0, &info);
+        step_twin(p, i, 0, &info);
     }
 }
 
@@ -400,7 +421,7 @@ static void time_pair(const char *name, const pair *p, pair_way way, int first)
             keep_forces(p, k);
         }
         for (int k = 0; k < TURN; k++) {
-            s.without[turn * TURN + k] = step_twin(p, k, &info);
+            s.without[turn * TURN + k] = step_twin(p, first + turn * TURN + k, k, &info);
             s.twin_iterations += info.pcg_iterations;
         }
     }
@@ -602,6 +623,65 @@ static void time_grip(void)
     free_pair(&p);
 }
 
+/* ---- organ on organ ---- */
+
+static const double blocks_height = 0.04; /* m, of each */
+
+static sb_mesh blocks_mesh(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 12, 12, 6, sb_v3(REAL(0.1), REAL(0.1), REAL(blocks_height)), 0.1);
+    sb_mesh other = scene_box(SB_TET4, 11, 11, 7, sb_v3(REAL(0.08), REAL(0.08), REAL(blocks_height)), 0.1);
+    for (int i = 0; i < other.node_count; i++) {
+        sb_vec3 *x = other.nodes + i, way = sb_v3_sub(*x, sb_v3(REAL(0.04), REAL(0.04), 0));
+        x->z += (1 - x->z / REAL(blocks_height)) * (way.x * way.x + way.y * way.y) / REAL(2 * 0.1); /* radius 100 mm */
+        *x = sb_v3_add(*x, sb_v3(REAL(0.007), REAL(0.011), REAL(1.01 * blocks_height)));
+    }
+    if (sb_mesh_append(&mesh, &other, NULL) != SB_OK)
+        exit(1);
+    sb_mesh_free(&other);
+    sb_mesh_reorder(&mesh, NULL, NULL, NULL);
+    return mesh;
+}
+
+/* 3.4 mm down, the last 3 of them against the other block. */
+static sb_vec3 lead_down(int step)
+{
+    return sb_v3(0, 0, REAL(-0.0034 * (step < PRESSED ? step : PRESSED) / (double)PRESSED));
+}
+
+/* Then to and fro over 10 mm, 0.25 mm in each step. */
+static sb_vec3 lead_to_and_fro(int step)
+{
+    sb_vec3 way = lead_down(step);
+    int phase = step > PRESSED ? (step - PRESSED) % 80 : 0;
+    way.x = REAL(0.00025 * (phase < 40 ? phase : 80 - phase));
+    return way;
+}
+
+static pair blocks_pressed(sb_vec3 (*lead)(int step))
+{
+    sb_contact_def def = sb_default_contact_def();
+    sb_real top = REAL((2.01 - 1e-3) * blocks_height);
+    pair p;
+    def.pairs = SB_CONTACT_ORGANS;
+    def.pair_friction = REAL(0.2);
+    p = make_pair_with(blocks_mesh(), make_slab, 0.01, def);
+    p.led = (int *)malloc((size_t)p.mesh.node_count * sizeof(int));
+    for (int i = 0; p.led && i < p.mesh.node_count; i++)
+        if (p.mesh.nodes[i].z > top)
+            p.led[p.led_count++] = i;
+    p.lead = lead;
+    return p;
+}
+
+static void time_blocks(const char *name, sb_vec3 (*lead)(int step), int first)
+{
+    pair p = blocks_pressed(lead);
+    warm_pair(&p, NULL, 1, first);
+    time_pair(name, &p, NULL, first);
+    free_pair(&p);
+}
+
 int main(void)
 {
     for (int c = 0; c < (int)(sizeof cases / sizeof cases[0]); c++) {
@@ -631,6 +711,8 @@ int main(void)
     time_hold();
     time_narrow();
     time_grip();
+    time_blocks("contact_pairs", lead_to_and_fro, PRESSED + 20);
+    time_blocks("contact_pairs_hold", lead_down, PRESSED + 200);
     time_publish();
     return 0;
 }

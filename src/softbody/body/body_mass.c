@@ -24,14 +24,15 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
-    if (body->live) { /* without free nodes */
+    if (body->live && body->component_count) { /* without free nodes */
         low = body->component_low[0], high = body->component_high[0];
         for (int c = 1; c < body->component_count; c++) {
             sb_vec3 a = body->component_low[c], b = body->component_high[c];
             low = sb_v3(sb_min(low.x, a.x), sb_min(low.y, a.y), sb_min(low.z, a.z));
             high = sb_v3(sb_max(high.x, b.x), sb_max(high.y, b.y), sb_max(high.z, b.z));
         }
-        return sb_v3_norm(sb_v3_sub(high, low));
+        if (low.x <= high.x) /* else there is no material left */
+            return sb_v3_norm(sb_v3_sub(high, low));
     }
     sb_mesh_bounds(&mesh, &low, &high);
     return sb_v3_norm(sb_v3_sub(high, low));

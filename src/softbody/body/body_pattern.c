@@ -62,33 +62,56 @@ static sb_result sbi_body_make_extra(const sb_body *body, int cell_count, const 
     return SB_OK;
 }
 
-/* The matrix of elements and rows together. */
-static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+/* Ties that are rows of the matrix's pattern: a body that follows changes has its couplings by itself. */
+static int sbi_body_tie_rows(const sb_body *body)
+{
+    return body->live && !body->live->follows ? body->live->glue.count : 0;
+}
+
+/* The matrix of elements, ties and extra rows together. */
+static sb_result sbi_body_make_extended_matrix(const sb_body *body, int extra_count, const int *extra_start,
+                                               const int *extra_nodes, sb_matrix *matrix, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)domain->cell_count * n;
-    size_t extra = (size_t)pattern->extra_start[pattern->extra_count], bytes = 0;
-    size_t cells = (size_t)domain->cell_count + (size_t)pattern->extra_count;
+    int ties = sbi_body_tie_rows(body), first = domain->cell_count + ties;
+    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)first * n + (size_t)ties * n, bytes = 0;
+    size_t extra = extra_count ? (size_t)extra_start[extra_count] : 0, cells = (size_t)first + (size_t)extra_count;
     int *start = NULL, *nodes;
     sb_result result;
     if (own + extra <= INT32_MAX && cells < INT32_MAX && sbi_size_add(&bytes, cells + 1, sizeof(int)) &&
         sbi_size_add(&bytes, own + extra, sizeof(int)))
         start = (int *)sbi_alloc(&body->allocator, bytes, 1);
     if (!start)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the couplings of %d rows", pattern->extra_count);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the couplings of %d rows", extra_count);
     nodes = start + cells + 1;
     for (int e = 0; e < domain->cell_count; e++)
         start[e] = e * domain->nodes_per_cell;
-    for (int c = 0; c <= pattern->extra_count; c++)
-        start[domain->cell_count + c] = (int)own + pattern->extra_start[c];
-    memcpy(nodes, domain->cells, own * sizeof(int));
-    memcpy(nodes + own, pattern->extra_nodes, extra * sizeof(int));
-    result =
-        sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix, error);
+    memcpy(nodes, domain->cells, (size_t)domain->cell_count * n * sizeof(int));
+    for (int k = 0; k < ties; k++) {
+        int at = (domain->cell_count + 2 * k) * domain->nodes_per_cell;
+        start[domain->cell_count + k] = at;
+        memcpy(nodes + at, body->live->glue.ties[k].nodes[0], n * sizeof(int));
+        memcpy(nodes + (size_t)at + n, body->live->glue.ties[k].nodes[1], n * sizeof(int));
+    }
+    for (int c = 0; c < extra_count; c++)
+        start[first + c] = (int)own + extra_start[c];
+    start[cells] = (int)(own + extra);
+    if (extra)
+        memcpy(nodes + own, extra_nodes, extra * sizeof(int));
+    result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, matrix, error);
     sbi_free(&body->allocator, start);
-    if (result == SB_OK)
-        result = sbi_live_make_matrix(body, &pattern->matrix, error);
     return result;
+}
+
+SBI_API sb_result sbi_body_make_matrix(const sb_body *body, int extra_count, const int *extra_start,
+                                       const int *extra_nodes, sb_matrix *matrix, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_result result = extra_count || sbi_body_tie_rows(body)
+                           ? sbi_body_make_extended_matrix(body, extra_count, extra_start, extra_nodes, matrix, error)
+                           : sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
+                                              domain->cells, &body->allocator, matrix, error);
+    return result == SB_OK ? sbi_live_make_matrix(body, matrix, error) : result;
 }
 
 /* Takes the arrays of one entry per block from the arena (measuring or for real). */
@@ -154,7 +177,8 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
                                           sb_error *error)
 {
-    sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
+    sb_result result = sbi_body_make_matrix(body, pattern->extra_count, pattern->extra_start, pattern->extra_nodes,
+                                            &pattern->matrix, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
     if (result == SB_OK)

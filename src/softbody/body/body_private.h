@@ -256,6 +256,9 @@ SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, con
                                         sbi_body_pattern *pattern, sb_error *error);
 /* The rest of a pattern whose rows (extra_...) are there, for supports that may be still to come (fixed[node_count]);
  * no elimination. On failure the pattern is freed, rows included. */
+/* The matrix of the elements, of ties between them, and of extra rows of nodes. */
+SBI_API sb_result sbi_body_make_matrix(const sb_body *body, int extra_count, const int *extra_start,
+                                       const int *extra_nodes, sb_matrix *matrix, sb_error *error);
 SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
                                           sb_error *error);
 /* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */
@@ -380,6 +383,9 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* SB_ERROR_UNSUPPORTED where a face, as found, is that of a piece of a tet10: how much of it is material nobody knows.
+ */
+SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face *face, sb_error *error);
 /* What of a face of tet4, as found, is material: int N dA over the cells behind it, over the face's area, by its nodes;
  * all of it unless cells are pieces. */
 SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3]);

@@ -133,6 +133,7 @@ SB_API void sb_body_reset(sb_body *body)
     memset(body->reaction, 0, bytes);
     memset(body->external, 0, bytes);
     memset(body->equilibrated, 0, bytes);
+    sbi_live_forget_pushes(body);
     for (int i = 0; i < body->load_count; i++)
         sbi_body_reset_load(body->loads + i);
     if (body->elimination) {

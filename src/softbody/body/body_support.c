@@ -71,6 +71,23 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     return SB_OK;
 }
 
+SBI_API sb_result sbi_body_check_whole(const sb_body *body, const sbi_body_face *face, sb_error *error)
+{
+    int at = body->domain.element_type == SB_TET10 && body->live && body->live->piece_count
+                 ? sbi_live_first_cell(body, face->nodes[0])
+                 : -1;
+    for (; at >= 0; at = sbi_live_next_cell(body, face->nodes[0], at)) {
+        int e = sbi_live_cell_of(body, at), local[SB_MAX_FACE_NODES];
+        for (int side = 0; side < 4 && sbi_live_is_piece(body, e); side++) {
+            sb_element_face(SB_TET4, side, local, NULL);
+            if (sbi_body_has_corners(face->nodes, body->domain.cells + 10 * (size_t)e, local, 3))
+                return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
+                                        "cell %d is a piece of a tet10: its faces take no pressures and tractions", e);
+        }
+    }
+    return SB_OK;
+}
+
 SBI_API void sbi_body_face_loads(const sb_body *body, const int nodes[3], sb_real loads[3])
 {
     loads[0] = loads[1] = loads[2] = 0;

@@ -220,6 +220,8 @@ static sb_result sbi_live_make_lists(const sbi_live_mesh *mesh, sb_body *next, s
         result = sb_mesh_components(&view, &next->allocator, &next->element_component, &next->component_count, error);
     if (result == SB_OK && !sbi_live_spread_parts(next, used))
         result = sbi_live_no_memory(error, view.node_count);
+    if (result == SB_OK && !next->live->follows) /* there are no more parts than cells */
+        sbi_live_join_glued(next, used);
     sbi_free(&next->allocator, used);
     return result;
 }
@@ -230,10 +232,7 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     const sb_domain *domain = &next->domain;
     sb_result result = sbi_live_make_lists(mesh, next, error);
     if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
-                                  &next->allocator, &next->matrix, error);
-    if (result == SB_OK)
-        result = sbi_live_make_matrix(next, &next->matrix, error);
+        result = sbi_body_make_matrix(next, 0, NULL, NULL, &next->matrix, error);
     if (result == SB_OK)
         result = sbi_body_take_nodes(next, error);
     next->assembly.chunk_size = body->live->follows ? body->assembly.chunk_size : 0;
@@ -449,7 +448,7 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
                 *load = sb_v3_madd(*load, change->heir_weights[k], force);
         }
     for (int i = 0; i < next->domain.node_count; i++)
-        sbi_live_park_node(next, i);
+        sbi_live_park_node(next, i, i < both && body->node_component[i] >= 0);
     sbi_body_update_positions(next);
 }
 
@@ -473,10 +472,12 @@ SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
                          node);
 }
 
-/* Every node in use has a cell, but those that had none before. */
+/* Every node in use has a cell, but those that had none before, unless the change may leave nodes alone. */
 static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
                                        sb_error *error)
 {
+    if (body->live->erodes)
+        return SB_OK;
     for (int i = 0; i < change->made_node_count; i++)
         if (sbi_live_first_cell(next, change->made_nodes[i]) < 0)
             return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
@@ -552,6 +553,11 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->substep_room_size = old.substep_room_size;
     next->touch = NULL;
     next->substep_room = NULL;
+    sbi_free(&next->allocator, made->pushes);
+    made->pushes = live->pushes;
+    made->push_count = live->push_count;
+    made->push_capacity = live->push_capacity;
+    live->pushes = NULL;
     made->open = live->open;
     made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;

@@ -218,6 +218,7 @@ SB_API void sb_body_change_cancel(sb_body_change *change)
         return;
     sbi_change_clear(change);
     change->body->live->open = NULL;
+    change->body->live->erodes = 0;
     change->body->live->spare = change;
 }
 
@@ -226,6 +227,8 @@ SBI_API void sbi_change_set_glue(sb_body_change *change, const sbi_glue_tie *tie
     change->glue = ties;
     change->glue_count = count;
 }
+
+SBI_API void sbi_change_erode(sb_body_change *change) { change->body->live->erodes = 1; }
 
 SBI_API void sbi_change_destroy(sb_body_change *change)
 {
@@ -985,7 +988,7 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
                     return sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d twice", e, cell[a]);
         }
     }
-    return cells ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
+    return cells || body->live->erodes ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
 }
 
 /* The change as others learn of it, in memory that the body keeps for the next one. */
@@ -1100,7 +1103,7 @@ static sb_result sbi_change_check_mesh(const sb_body *body, const sb_mesh_change
         if (mesh->cells.used[e])
             result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], mesh->pieces && mesh->pieces[e].is != 0, error);
     }
-    return result == SB_OK ? sbi_change_check_lonely(body, out, mesh, error) : result;
+    return result == SB_OK && !body->live->erodes ? sbi_change_check_lonely(body, out, mesh, error) : result;
 }
 
 /* Makes the change on a body of its own, beside the present one, which takes its place. */

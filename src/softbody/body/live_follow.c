@@ -76,8 +76,8 @@ static void sbi_live_mark_nodes(const sbi_live_following *work, int goes, int gl
         marks[out->removed_nodes[i]] = goes;
     for (int i = 0; i < out->moved_node_count; i++)
         marks[out->moved_nodes[i]] = goes;
-    for (int k = 0; k < 2 * SBI_GLUE_NODES * glue->count; k++) {
-        int *mark = marks + glue->ties[k / (2 * SBI_GLUE_NODES)].nodes[k & 1][k / 2 % SBI_GLUE_NODES];
+    for (int k = 0; k < 2 * glue->nodes * glue->count; k++) {
+        int *mark = marks + glue->ties[k / (2 * glue->nodes)].nodes[k & 1][k / 2 % glue->nodes];
         *mark = glued ? *mark | glued : 0;
     }
 }
@@ -139,8 +139,8 @@ static void sbi_live_list_nodes(sbi_live_following *work)
         sbi_live_list_node(work, out->moved_nodes[i], 0);
     for (int next = 0; next < 2; next++) { /* rows of their supports have other blocks */
         const sbi_glue *glue = next ? &work->body->live->next_glue : &work->body->live->glue;
-        for (int k = 0; k < 2 * SBI_GLUE_NODES * glue->count; k++)
-            sbi_live_list_node(work, glue->ties[k / (2 * SBI_GLUE_NODES)].nodes[k & 1][k / 2 % SBI_GLUE_NODES], 0);
+        for (int k = 0; k < 2 * glue->nodes * glue->count; k++)
+            sbi_live_list_node(work, glue->ties[k / (2 * glue->nodes)].nodes[k & 1][k / 2 % glue->nodes], 0);
     }
 }
 
@@ -248,7 +248,7 @@ static int sbi_live_change_fits(sbi_live_following *work)
     if (!good)
         return 0;
     sbi_live_list_nodes(work);
-    good = sbi_live_leave_all(work) && sbi_live_keep_some(work);
+    good = sbi_live_leave_all(work) && (work->body->live->erodes || sbi_live_keep_some(work));
     for (int k = 0; k < work->node_count; k++)
         work->body->live->node_marks[work->lists->nodes[k]] = 0;
     return good && sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
@@ -551,7 +551,7 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_live_label_changed(work);
     for (int k = 0; k < work->node_count; k++)
         if (work->lists->nodes[k] < body->domain.node_count)
-            sbi_live_park_node(body, work->lists->nodes[k]);
+            sbi_live_park_node(body, work->lists->nodes[k], work->lists->gone[k] > 0);
     body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);

@@ -6,14 +6,17 @@
 
 #include <string.h>
 
-enum { SBI_GLUE_PAIRS = SBI_GLUE_NODES * SBI_GLUE_NODES }; /* couplings of a tie, at most */
+/* Couplings of a tie, at most, of a body that follows changes in place. */
+enum { SBI_GLUE_FOLLOWS = 4, SBI_GLUE_PAIRS = SBI_GLUE_FOLLOWS * SBI_GLUE_FOLLOWS };
 
 /* An array with room for so many ties in place of the one there; 0: no memory. */
-static int sbi_live_grow_ties(const sb_allocator *allocator, sbi_glue *glue, int capacity)
+static int sbi_live_grow_ties(const sb_body *body, sbi_glue *glue, int capacity)
 {
+    const sb_allocator *allocator = &body->allocator;
     sbi_glue_tie *ties = (sbi_glue_tie *)sbi_alloc(allocator, (size_t)capacity, sizeof *ties);
     if (!ties)
         return 0;
+    glue->nodes = body->domain.nodes_per_cell;
     if (glue->count)
         memcpy(ties, glue->ties, (size_t)glue->count * sizeof *ties);
     sbi_free(allocator, glue->ties);
@@ -26,14 +29,15 @@ SBI_API sb_result sbi_live_take_glue_room(sb_body *body, int count, sb_error *er
 {
     sbi_live *live = body->live;
     int capacity = count;
-    int(*couplings)[2];
+    int(*couplings)[2] = NULL;
     if (count <= live->glue.capacity && count <= live->next_glue.capacity)
         return SB_OK;
     if (capacity > INT32_MAX / (8 * SBI_GLUE_PAIRS))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d ties", count);
-    couplings = (int(*)[2])sbi_alloc(&body->allocator, 2 * (size_t)capacity, SBI_GLUE_PAIRS * sizeof *couplings);
-    if (!couplings || !sbi_live_grow_ties(&body->allocator, &live->next_glue, capacity) ||
-        !sbi_live_grow_ties(&body->allocator, &live->glue, capacity)) {
+    if (live->follows)
+        couplings = (int(*)[2])sbi_alloc(&body->allocator, 2 * (size_t)capacity, SBI_GLUE_PAIRS * sizeof *couplings);
+    if ((live->follows && !couplings) || !sbi_live_grow_ties(body, &live->next_glue, capacity) ||
+        !sbi_live_grow_ties(body, &live->glue, capacity)) {
         sbi_free(&body->allocator, couplings);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d ties", count);
     }
@@ -56,8 +60,8 @@ SBI_API void sbi_live_copy_glue(sbi_glue *glue, const sbi_glue_tie *ties, int co
     for (int k = 0; k < count; k++) {
         glue->ties[k] = ties[k];
         for (int side = 0; side < 2; side++)
-            memcpy(glue->ties[k].nodes[side], corners + SBI_GLUE_NODES * (size_t)ties[k].cells[side],
-                   SBI_GLUE_NODES * sizeof(int));
+            memcpy(glue->ties[k].nodes[side], corners + (size_t)glue->nodes * (size_t)ties[k].cells[side],
+                   (size_t)glue->nodes * sizeof(int));
     }
 }
 
@@ -69,7 +73,7 @@ static const int *sbi_live_next_nodes(const sb_body_change *change, int cell)
     int at = change->cell_at[cell];
     if (at && !change->made_cells.items[at - 1].dropped)
         return change->corners.items + change->made_cells.items[at - 1].first;
-    return change->body->domain.cells + SBI_GLUE_NODES * (size_t)cell;
+    return change->body->domain.cells + (size_t)change->body->domain.nodes_per_cell * (size_t)cell;
 }
 
 /* 1 when a change of others takes a tie with it: one of its cells goes, or of its nodes moves in the material, so that
@@ -80,7 +84,7 @@ static int sbi_live_tie_goes(const sb_body_change *change, const sbi_glue_tie *t
     for (int i = 0; i < change->removed_cells.count; i++)
         goes |= change->removed_cells.items[i] == tie->cells[0] || change->removed_cells.items[i] == tie->cells[1];
     for (int i = 0; i < change->moved_nodes.count; i++)
-        for (int a = 0; a < SBI_GLUE_NODES; a++)
+        for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
             goes |= change->moved_nodes.items[i].node == tie->nodes[0][a] ||
                     change->moved_nodes.items[i].node == tie->nodes[1][a];
     return goes;
@@ -102,7 +106,8 @@ SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error
             continue;
         *tie = ties[k];
         for (int side = 0; side < 2; side++)
-            memcpy(tie->nodes[side], sbi_live_next_nodes(change, tie->cells[side]), sizeof tie->nodes[side]);
+            memcpy(tie->nodes[side], sbi_live_next_nodes(change, tie->cells[side]),
+                   (size_t)live->next_glue.nodes * sizeof(int));
         live->next_glue.count++;
     }
     return SB_OK;
@@ -112,7 +117,7 @@ SBI_API int sbi_live_list_couplings(const sbi_glue *glue, int (*pairs)[2], int c
 {
     for (int k = 0; k < glue->count; k++)
         for (int i = 0; i < SBI_GLUE_PAIRS; i++) {
-            int a = i % SBI_GLUE_NODES, b = i / SBI_GLUE_NODES;
+            int a = i % SBI_GLUE_FOLLOWS, b = i / SBI_GLUE_FOLLOWS;
             const sbi_glue_tie *tie = glue->ties + k;
             if (tie->nodes[0][a] == tie->nodes[1][a] || tie->nodes[0][b] == tie->nodes[1][b])
                 continue;
@@ -136,6 +141,26 @@ static int sbi_live_drop_couplings(const sbi_mesh_change *out, int (*pairs)[2], 
         pairs[kept++][1] = pairs[k][1];
     }
     return kept;
+}
+
+SBI_API void sbi_live_join_glued(sb_body *body, int *joined)
+{
+    const sbi_glue *glue = &body->live->glue;
+    int *parts = body->element_component.items, count = 0;
+    for (int c = 0; c < body->component_count; c++)
+        joined[c] = c;
+    for (int k = 0; k < glue->count; k++) {
+        int a = joined[parts[glue->ties[k].cells[0]]], b = joined[parts[glue->ties[k].cells[1]]];
+        for (int c = 0; c < body->component_count && a != b; c++)
+            if (joined[c] == sbi_max_int(a, b))
+                joined[c] = sbi_min_int(a, b);
+    }
+    for (int c = 0; c < body->component_count; c++) /* the first of each has the lowest number, which is itself */
+        joined[c] = joined[c] == c ? count++ : joined[joined[c]];
+    for (int e = 0; e < body->domain.cell_count; e++)
+        if (parts[e] >= 0)
+            parts[e] = joined[parts[e]];
+    body->component_count = count;
 }
 
 SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out)
@@ -194,12 +219,12 @@ SBI_API sb_result sbi_live_check_glue(const sb_body *body, sb_error *error)
         const sbi_glue_tie *tie = glue->ties + k;
         for (int side = 0; side < 2; side++) {
             const int *nodes = sb_body_cell_nodes(body, tie->cells[side]);
-            if (!nodes || memcmp(nodes, tie->nodes[side], sizeof tie->nodes[side]) != 0)
+            if (!nodes || memcmp(nodes, tie->nodes[side], (size_t)glue->nodes * sizeof(int)) != 0)
                 return sbi_fail_element(error, SB_ERROR_STATE, tie->cells[side], "tie %d has other nodes than cell %d",
                                         k, tie->cells[side]);
         }
-        for (int i = 0; i < SBI_GLUE_PAIRS; i++) {
-            int a = i % SBI_GLUE_NODES, b = i / SBI_GLUE_NODES;
+        for (int i = 0; i < glue->nodes * glue->nodes; i++) {
+            int a = i % glue->nodes, b = i / glue->nodes;
             if (tie->nodes[0][a] != tie->nodes[1][a] && tie->nodes[0][b] != tie->nodes[1][b] &&
                 sb_matrix_find(&body->matrix, tie->nodes[0][a], tie->nodes[1][b]) < 0)
                 return sbi_fail_node(error, SB_ERROR_STATE, tie->nodes[0][a], "the matrix does not have tie %d", k);

@@ -38,9 +38,8 @@ static void sbi_live_add_mass(const sb_body *body, int node, double m, sb_vec3 a
     }
 }
 
-/* Adds the lumped mass of a cell. */
-static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
-                              sbi_live_moment *also)
+SBI_API void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
+                               sbi_live_moment *also)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
@@ -76,6 +75,9 @@ SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_chan
     memset(&b, 0, sizeof b);
     b.about = about;
     b.motions = body->acceleration_known ? 2 : 1;
+    b.is_eaten = body->live->erodes;
+    if (b.is_eaten)
+        return b;
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 1;
@@ -244,6 +246,8 @@ SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change
     sbi_live_missing missing[SBI_LIVE_MOTIONS];
     sbi_live_rigid rigid;
     int some = 0;
+    if (before->is_eaten)
+        return;
     sbi_live_weigh_next(next, change, before, have);
     for (int k = 0; k < before->motions; k++) {
         sbi_live_moment want = sbi_live_wanted(before, k, have[k].mass);

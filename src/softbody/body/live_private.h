@@ -36,15 +36,23 @@ typedef struct sbi_listener {
     sb_body_listener calls;
 } sbi_listener;
 
+/* A force (N) on a node in the next step, see live_push.c. */
+typedef struct sbi_push {
+    int node;
+    sb_vec3 force;
+} sbi_push;
+
 typedef struct sbi_live {
     sbi_slots nodes, cells;
-    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
-    sbi_piece *pieces;       /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
-    int piece_count;         /* cells that are pieces */
-    sbi_inner_rows slivers;  /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
-    sbi_glue glue;           /* what ties pieces to each other, see live_glue.c; lent to the assembly */
-    sbi_glue next_glue;      /* of the change under way */
-    int (*couplings)[2];     /* [32 glue.capacity] scratch */
+    sb_real *shares;        /* [cells.capacity] volume of material over that of the cell; 0: free, or an empty piece */
+    sbi_piece *pieces;      /* [cells.capacity] zeros of cells that are none; NULL: there has been none */
+    int piece_count;        /* cells that are pieces */
+    sbi_inner_rows slivers; /* what holds mid nodes of small pieces, see live_sliver.c; lent to the assembly */
+    sbi_glue glue;          /* what ties pieces to each other, see live_glue.c; lent to the assembly */
+    sbi_glue next_glue;     /* of the change under way */
+    int (*couplings)[2];    /* [32 glue.capacity] scratch of a body that follows */
+    sbi_push *pushes;       /* [push_capacity] */
+    int push_count, push_capacity;
     sb_quadrature_kind rule; /* of the domain's points */
     sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
     void *find_user;
@@ -61,6 +69,7 @@ typedef struct sbi_live {
     int version;
     int rebuilds;         /* times that a change made a body anew, or tried to: for tests */
     sb_body_change *open; /* the change under way, or NULL */
+    int erodes;           /* 1: it is as sbi_change_erode says */
     sbi_listener *listeners;
     int listener_count, listener_capacity, last_listener;
 } sbi_live;
@@ -135,9 +144,13 @@ enum { SBI_LIVE_MOTIONS = 2 }; /* velocity and acceleration */
 /* What the cells that a change takes or reshapes have, before it: all of them, and those reshaped or with children. */
 typedef struct sbi_live_balance {
     sb_vec3 about;
-    int motions; /* 1: velocity only */
+    int motions;  /* 1: velocity only */
+    int is_eaten; /* 1: momentum goes with what is removed, see sbi_change_erode */
     sbi_live_moment all[SBI_LIVE_MOTIONS], parents[SBI_LIVE_MOTIONS];
 } sbi_live_balance;
+/* Adds what the lumped mass of a cell has of so many motions; also: other sums that get the same, or NULL. */
+SBI_API void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, int motions, sbi_live_moment *sums,
+                               sbi_live_moment *also);
 /* The cell made or reshaped that momentum is summed about (the place of its first node after the change), or -1: there
  * is none, and nothing to keep. */
 SBI_API int sbi_live_first_changed(const sbi_mesh_change *change);
@@ -178,11 +191,14 @@ SBI_API sb_result sbi_live_take_glue_room(sb_body *body, int count, sb_error *er
 /* The same with more to come. */
 SBI_API sb_result sbi_live_reserve_glue(sb_body *body, int count, sb_error *error);
 /* Takes cells and Gram matrices of ties that there is room for; their nodes are those that the cells have in `corners`,
- * [cells][4]. */
+ * [cells][nodes of a cell]. */
 SBI_API void sbi_live_copy_glue(sbi_glue *glue, const sbi_glue_tie *ties, int count, const int *corners);
 /* next_glue = what a change leads to: the ties that it was given, or else those of cells that stay. Needs room. */
 SBI_API sb_result sbi_live_make_next_glue(const sb_body_change *change, sb_error *error);
-/* Nodes that all ties of a list couple besides the cells, appended to pairs; returns how many there are then. */
+/* Parts that glue ties are one, in the order of their first cells. joined: [component_count] scratch. */
+SBI_API void sbi_live_join_glued(sb_body *body, int *joined);
+/* Nodes that all ties of a list couple besides the cells, appended to pairs; returns how many there are then. Of a body
+ * that follows changes. */
 SBI_API int sbi_live_list_couplings(const sbi_glue *glue, int (*pairs)[2], int count);
 /* The couplings that go and come with next_glue. */
 SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_mesh_change *out);
@@ -193,12 +209,28 @@ SBI_API sb_result sbi_live_check_glue(const sb_body *body, sb_error *error);
 /* The change leads to these ties, of which it reads cells and Gram matrices; the list is borrowed until it is committed
  * or cancelled. */
 SBI_API void sbi_change_set_glue(sb_body_change *change, const sbi_glue_tie *ties, int count);
+/* What the change removes is gone for good, with its motion: nodes may be left without a cell, and stand still then
+ * without mass; loads may lose their last face, the body its last material (an empty piece is all that is left then);
+ * and velocities stay as they are. */
+SBI_API void sbi_change_erode(sb_body_change *change);
 /* Between changes: the ties that there are, in the order that the last change gave them in, have these Gram matrices.
  */
 SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int count);
 
-/* Holds nodes all of whose cells are empty where they are: nothing moves them. Others are left alone. */
-SBI_API void sbi_live_park_node(sb_body *body, int node);
+/* ---- live_push.c: forces in the next time step alone ---- */
+
+/* Room for so many more; 0: no memory. */
+SBI_API int sbi_live_reserve_pushes(sb_body *body, int more);
+/* Adds one that there is room for. */
+SBI_API void sbi_live_push(sb_body *body, int node, sb_vec3 force);
+/* forces [nodes] += all of them; of any body. */
+SBI_API void sbi_live_add_pushes(const sb_body *body, sb_vec3 *forces);
+/* The step is done; of any body. */
+SBI_API void sbi_live_forget_pushes(sb_body *body);
+
+/* Holds a node that has no material where it is, if all of its cells are empty or its last one went (had: it was of a
+ * part before): nothing moves it. Others are left alone. */
+SBI_API void sbi_live_park_node(sb_body *body, int node, int had);
 
 SB_INLINE int sbi_live_is_piece(const sb_body *body, int cell)
 {

@@ -258,31 +258,52 @@ static int sbi_live_find(sb_body_change *change, int cell, const sb_real xi[3])
     return found;
 }
 
+/* Barycentrics of the point whose shape functions these are in a tet10; 0: it has none. */
+static int sbi_live_find_barycentrics(const sb_real weights[10], sb_real at[4])
+{
+    sb_real shape[10];
+    int fits = 1;
+    for (int a = 0; a < 4; a++)
+        at[a] = weights[a];
+    for (int e = 0; e < 6; e++) {
+        int edge[3];
+        sb_element_edge(SB_TET10, e, edge);
+        at[edge[0]] += weights[edge[2]] / 2;
+        at[edge[1]] += weights[edge[2]] / 2;
+    }
+    sb_element_shape(SB_TET10, at + 1, shape, NULL);
+    for (int a = 0; a < 10; a++)
+        fits &= sb_abs(shape[a] - weights[a]) < (sb_real)1e-5;
+    return fits;
+}
+
 /* A row that is a point in an element that was cut goes over to the piece that has it. 1: done; 0: it is none, or its
  * cell is no piece. */
 static int sbi_live_repoint(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
 {
     const sbi_mesh_change *change = rows->change;
-    sb_real shares[4] = {0, 0, 0, 0}, sum = 0;
-    int corner[4], removed = -1, cell = -1, found;
-    if (!rows->next->live->piece_count || rows->body->domain.element_type != SB_TET4 || count > 4)
+    int n = change->nodes_per_cell, local[SB_MAX_ELEMENT_NODES], removed = -1, cell = -1, found;
+    sb_real shares[SB_MAX_ELEMENT_NODES], at[4], sum = 0;
+    if (!rows->next->live->piece_count || count > n)
         return 0;
+    memset(shares, 0, sizeof shares);
     removed = sbi_live_removed_cell(change, nodes, count);
     for (int k = 0; k < count && removed >= 0; k++) {
-        corner[k] = 0;
-        while (change->removed_cell_nodes[4 * removed + corner[k]] != nodes[k])
-            corner[k]++;
-        shares[corner[k]] = weights[k];
+        local[k] = 0;
+        while (change->removed_cell_nodes[n * removed + local[k]] != nodes[k])
+            local[k]++;
+        shares[local[k]] = weights[k];
         sum += weights[k];
     }
     for (int i = 0; i < change->made_cell_count && removed >= 0 && cell < 0; i++)
         if (change->made_parents[i] == change->removed_cells[removed])
             cell = change->made_cells[i];
-    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell))
+    if (cell < 0 || !(sb_abs(sum - 1) < (sb_real)1e-5) || !sbi_live_is_piece(rows->next, cell) ||
+        (n > 4 && !sbi_live_find_barycentrics(shares, at)))
         return 0;
-    found = sbi_live_find(rows->body->live->open, cell, shares + 1);
+    found = sbi_live_find(rows->body->live->open, cell, n > 4 ? at + 1 : shares + 1);
     for (int k = 0; k < count; k++)
-        sbi_live_rows_add(rows, rows->next->domain.cells[4 * (size_t)found + (size_t)corner[k]], weights[k]);
+        sbi_live_rows_add(rows, rows->next->domain.cells[(size_t)n * (size_t)found + (size_t)local[k]], weights[k]);
     return 1;
 }
 
@@ -461,12 +482,31 @@ static int sbi_live_face_is_cut(const sbi_live_rows *rows, const int *nodes, int
            sbi_live_removed_cell(rows->change, nodes, count) >= 0;
 }
 
+/* A tet10 with a pressure on this face cannot fall into pieces. */
+static sb_result sbi_live_check_face(const sbi_live_rows *rows, const int *nodes, int count, sb_error *error)
+{
+    const sbi_mesh_change *change = rows->change;
+    int removed = rows->next->live->piece_count > 0 && rows->next->domain.element_type == SB_TET10
+                      ? sbi_live_removed_cell(change, nodes, count)
+                      : -1;
+    for (int i = 0; i < change->made_cell_count && removed >= 0; i++)
+        if (change->made_parents[i] == change->removed_cells[removed] &&
+            sbi_live_is_piece(rows->next, change->made_cells[i]))
+            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, change->made_parents[i],
+                                    "a pressure is on a face of cell %d, a tet10, which cannot fall into pieces then",
+                                    change->made_parents[i]);
+    return SB_OK;
+}
+
 /* The parts of one face, or the face as it is. */
 static sb_result sbi_live_carry_face(sbi_live_rows *rows, const int *nodes, int count, sb_element_type type,
                                      sb_error *error)
 {
     int lost = sbi_live_loses_node(rows, nodes, count), done = 1;
+    sb_result result = sbi_live_check_face(rows, nodes, count, error);
     sbi_body_face face;
+    if (result != SB_OK)
+        return result;
     if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(type), &face, NULL) == SB_OK &&
         !face.inner) {
         int is_cut = sbi_live_face_is_cut(rows, nodes, count);
@@ -530,7 +570,7 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
                      ? sbi_live_carry_face(rows, load->nodes + load->row_start[j],
                                            load->row_start[j + 1] - load->row_start[j], load->face_types[j], error)
                      : sbi_live_carry_row(rows, load, j, error);
-    if (result == SB_OK && rows->rows == 0)
+    if (result == SB_OK && rows->rows == 0 && !rows->body->live->erodes)
         result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
                                "pressure %d would lose its last face: remove it first", load->id);
     if (result == SB_OK)
@@ -550,7 +590,7 @@ static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, 
 /* ---- tractions ---- */
 
 /* Takes the forces of a traction over to the parts of its face, which the rows list. Where they are not all of it, as
- * in changes other than cuts, the forces stay with their nodes. */
+ * in changes other than cuts, the forces stay with their nodes, unless the rest was taken out. */
 static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction *traction)
 {
     const sb_real close = (sb_real)1e-4;
@@ -559,7 +599,7 @@ static void sbi_live_move_traction(const sbi_live_rows *rows, const sbi_traction
     sb_real left = sbi_live_face_share(rows->body, traction->nodes);
     for (int j = 0; j < rows->rows; j++)
         left -= sbi_live_face_share(next, rows->nodes + rows->start[j]);
-    if (!(sb_abs(left) < close) || sbi_live_loses_node(rows, traction->nodes, 3))
+    if (!(sb_abs(left) < close || rows->body->live->erodes) || sbi_live_loses_node(rows, traction->nodes, 3))
         return;
     part.stress = sb_v3_scale(-1, part.stress);
     sbi_body_spread_traction(rows->body, &part, next->dead_load);

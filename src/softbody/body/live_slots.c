@@ -170,6 +170,7 @@ SBI_API void sbi_live_free(sb_body *body)
     sbi_free(&body->allocator, live->glue.ties);
     sbi_free(&body->allocator, live->next_glue.ties);
     sbi_free(&body->allocator, live->couplings);
+    sbi_free(&body->allocator, live->pushes);
     sbi_free(&body->allocator, live->listeners);
     sbi_free(&body->allocator, live);
     body->live = NULL;
@@ -222,9 +223,9 @@ SBI_API void sbi_live_drop_pieces(sb_body *body)
     body->live->pieces = NULL;
 }
 
-SBI_API void sbi_live_park_node(sb_body *body, int node)
+SBI_API void sbi_live_park_node(sb_body *body, int node, int had)
 {
-    if (body->node_component[node] >= 0 || sbi_live_first_cell(body, node) < 0)
+    if (body->node_component[node] >= 0 || (!had && sbi_live_first_cell(body, node) < 0))
         return;
     body->target[node] = body->displacement[node];
     body->velocity[node] = body->acceleration[node] = sb_v3(0, 0, 0);
@@ -259,9 +260,10 @@ SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, s
 SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
 {
     sb_result result;
+    if (body->live)
+        body->assembly.glue = &body->live->glue;
     if (!sbi_live_follows(body))
         return SB_OK;
-    body->assembly.glue = &body->live->glue;
     result = sbi_assembly_make_live(&body->assembly, &body->matrix, &body->allocator, error);
     if (result == SB_OK)
         sb_index_lists_free(&body->node_elements); /* rings take their place */

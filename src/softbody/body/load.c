@@ -241,8 +241,11 @@ SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
     if (!sb_v3_is_finite(traction))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
-    for (int f = face_count - 1; f >= 0 && result == SB_OK; f--) /* find all faces before any load changes */
+    for (int f = face_count - 1; f >= 0 && result == SB_OK; f--) { /* find all faces before any load changes */
         result = sbi_body_get_face(body, faces, f, corners, &face, error);
+        if (result == SB_OK)
+            result = sbi_body_check_whole(body, &face, error);
+    }
     if (result == SB_OK && face_count > 0 && sbi_load_keeps_tractions(body)) {
         result = sbi_body_reserve_tractions(body, face_count, error);
         at = sbi_load_first_traction(body, &face);
@@ -374,6 +377,8 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
     sb_result result = SB_OK;
     for (int f = 0; f < face_count && result == SB_OK; f++) {
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
+        if (result == SB_OK)
+            result = sbi_body_check_whole(body, &face, error);
         entries += (size_t)face.count;
         pairs += (size_t)(face.count * face.count);
         if (result == SB_OK && entries > INT32_MAX)

@@ -1137,7 +1137,6 @@ static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_m
 /* Numbers of its part, which comes first; the second of a mesh with pieces, the third of one with glue besides, the
  * last as earlier versions had pieces. */
 enum { SBI_STATE_LIVE = 15, SBI_STATE_PIECES = 17, SBI_STATE_GLUED = 19, SBI_STATE_PIECES_BEFORE = 16 };
-enum { SBI_STATE_TIE_BYTES = 2 * 4 + SBI_GLUE_GRAM * (int)sizeof(sb_real) };
 
 /* The body's mesh as the walk passes it; borrowed arrays. */
 static sbi_live_mesh sbi_state_live_view(const sb_body *body)
@@ -1191,13 +1190,13 @@ static void sbi_state_pieces(sbi_state_walk *walk, sbi_live_mesh *mesh)
     }
 }
 
-/* Ties between pieces. */
-static void sbi_state_glue(sbi_state_walk *walk, sbi_live_mesh *mesh)
+/* Ties between pieces of cells with n nodes. */
+static void sbi_state_glue(sbi_state_walk *walk, sbi_live_mesh *mesh, int n)
 {
     for (int k = 0; k < mesh->glue_count && walk->result == SB_OK; k++) {
         for (int side = 0; side < 2; side++)
             sbi_state_put_int(walk, mesh->glue[k].cells + side, 0, mesh->cells.end - 1, "cell of a tie");
-        for (int i = 0; i < SBI_GLUE_GRAM; i++)
+        for (int i = 0; i < sbi_glue_gram(n); i++)
             sbi_state_put_real(walk, mesh->glue[k].gram + i);
     }
 }
@@ -1247,7 +1246,7 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
     sbi_state_slot_stack(walk, &mesh->cells);
     if (mesh->pieces && walk->result == SB_OK)
         sbi_state_pieces(walk, mesh);
-    sbi_state_glue(walk, mesh);
+    sbi_state_glue(walk, mesh, n);
     if (sbi_state_put_mesh(walk, mesh, n))
         return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
@@ -1350,10 +1349,9 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         glue_count = sbi_state_glue_count(&walk, 1);
     if (walk.result != SB_OK)
         return walk.result;
-    if (glue_count && !sbi_live_follows(body))
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the state has glue between pieces, which goes with tet4 only");
     needed = 4 * ((uint64_t)nodes.count + (uint64_t)cells.count) + 3 * sizeof(sb_real) * (uint64_t)nodes.end +
-             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n) + (uint64_t)glue_count * SBI_STATE_TIE_BYTES;
+             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n) +
+             (uint64_t)glue_count * (2 * 4 + (uint64_t)sbi_glue_gram(n) * sizeof(sb_real));
     if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count ||
         cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
         nodes.end > nodes.fresh || cells.end > cells.fresh)
@@ -1644,6 +1642,8 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
     if (walk.result != SB_OK)
         return walk.result;
+    if (body->live)
+        body->live->push_count = 0; /* what has joined brings its own */
     sbi_state_parts_load(body, walk.others);
     sbi_state_tell(body, walk.in, size);
     return SB_OK;

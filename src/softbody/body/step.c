@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "live_private.h"
 #include "load.h"
 #include "step_explicit.h"
 #include "step_private.h"
@@ -239,6 +240,7 @@ static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_i
 static sb_result sbi_step_open(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
 {
     memset(step, 0, sizeof *step);
+    step->part = 1;
     step->info = info ? info : &step->own_info;
     sbi_step_begin_info(step->info);
     if (!body || !(dt > 0) || !sb_is_finite(dt))
@@ -278,6 +280,8 @@ static void sbi_step_settle(sbi_step *step)
     sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
+    if (!(step->part < 1)) /* the last part of a step that was divided */
+        sbi_live_forget_pushes(b);
     sbi_step_commit_guests(step);
     if (step->touch)
         sbi_step_commit_touch(step);

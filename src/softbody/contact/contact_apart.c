@@ -22,6 +22,10 @@
 #define SBI_APART_SIDE ((sb_real)0.5)
 /* Normals with a product below this are those of opposite sides. */
 #define SBI_APART_OPPOSITE ((sb_real)-0.25)
+/* Shares of safe depth and of a face's radius that are surely less than a way of what strays, see sbi_apart_least_way;
+ * more than edges are stretched by on the way, and rounding. */
+#define SBI_APART_GOES ((sb_real)0.9)
+#define SBI_APART_PASSES ((sb_real)0.04)
 /* Rounds in which zones grow face by face. */
 enum { SBI_APART_ROUNDS = 8 };
 
@@ -192,6 +196,25 @@ static int sbi_apart_find(sbi_apart_look *look, int face, int other)
     return 1;
 }
 
+/* How far samples have to come nearer to a face than they were before one may stray through it (m): what comes to it
+ * passes within a share of its edge, see sbi_closest_meeting, and goes on to a depth that is not safe. */
+static sb_real sbi_apart_least_way(const sb_contact *contact, int other)
+{
+    return SBI_APART_GOES * sbi_pairs_safe_depth(contact, other) - SBI_APART_PASSES * contact->pairs.radii[other];
+}
+
+/* 1 when no face moves so fast that a sample may stray. */
+static int sbi_apart_is_slow(const sb_contact *contact)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real fastest = 0, least = SB_REAL_MAX;
+    for (int f = 0; f < contact->faces->face_end; f++) {
+        fastest = sb_max(fastest, sb_v3_norm(pairs->ways[f]) + pairs->spreads[f]);
+        least = sb_min(least, sbi_apart_least_way(contact, f));
+    }
+    return 2 * fastest < least;
+}
+
 static int sbi_apart_look_at(sbi_apart_look *look, int face)
 {
     sb_contact *contact = look->contact;
@@ -199,7 +222,13 @@ static int sbi_apart_look_at(sbi_apart_look *look, int face)
     const sb_vec3 *x = sb_body_positions(contact->body);
     const int *nodes = sbi_contact_face_nodes(faces, face);
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pairs_parts(contact, face, 0));
-    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0);
+    int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0), fast = 0;
+    for (int k = 0; k < others; k++) {
+        int other = contact->pairs.found[k];
+        if (!(sbi_pairs_closing(contact, face, other) < sbi_apart_least_way(contact, other)))
+            contact->pairs.found[fast++] = other;
+    }
+    others = fast;
     for (int i = 0; others > 0 && i < rule->count; i++) {
         const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
         sbi_apart_sample s;
@@ -228,7 +257,9 @@ static int sbi_apart_look_around(sbi_apart_look *look)
         if (sbi_apart_sinks(contact, s) && !sbi_apart_find(look, s->face, s->other))
             return 0;
     }
-    sbi_pairs_find_near(contact, 0);
+    if (sbi_apart_is_slow(contact))
+        return !look->found;
+    sbi_pairs_find_near(contact, 0, NULL);
     for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
         if (!sbi_apart_look_at(look, face))
             return 0;

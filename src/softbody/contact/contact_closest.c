@@ -155,21 +155,22 @@ enum { SBI_CLOSEST_STEPS = 3 };
 SBI_API void sbi_closest_on_face(const sbi_contact_kind *kind, const sb_vec3 *x, sb_vec3 p, sbi_closest *closest)
 {
     sb_real b[3], xi[3] = {0, 0, 0};
-    int part = sbi_closest_part(kind, x, p, b);
+    int part;
     if (kind->nodes == 3) {
-        for (int k = 0; k < 3; k++)
-            closest->shares[k] = b[k];
-    } else {
-        for (int k = 0; k < 3; k++) {
-            sb_real at[3] = {0, 0, 0};
-            (void)sb_element_node_point(kind->type, sbi_closest_part_node(kind, part, k), at);
-            xi[0] += b[k] * at[0];
-            xi[1] += b[k] * at[1];
-        }
-        for (int i = 0; i < SBI_CLOSEST_STEPS && sbi_closest_improve(kind, x, p, xi); i++)
-            continue;
-        sb_element_shape(kind->type, xi, closest->shares, NULL);
+        sbi_closest_on_triangle(x, p, closest->shares);
+        closest->point = sbi_closest_mean(closest->shares, x, 3);
+        return;
     }
+    part = sbi_closest_part(kind, x, p, b);
+    for (int k = 0; k < 3; k++) {
+        sb_real at[3] = {0, 0, 0};
+        (void)sb_element_node_point(kind->type, sbi_closest_part_node(kind, part, k), at);
+        xi[0] += b[k] * at[0];
+        xi[1] += b[k] * at[1];
+    }
+    for (int i = 0; i < SBI_CLOSEST_STEPS && sbi_closest_improve(kind, x, p, xi); i++)
+        continue;
+    sb_element_shape(kind->type, xi, closest->shares, NULL);
     closest->point = sbi_closest_mean(closest->shares, x, kind->nodes);
 }
 

@@ -434,6 +434,15 @@ SBI_API sb_result sbi_contact_faces_create_skin(const sb_body *body, const sb_al
     return SB_OK;
 }
 
+/* 0: all of the body was taken out (sb_cut_ablate), and its surface with it. */
+static int sbi_contact_has_material(const sb_body *body)
+{
+    int has = 0;
+    for (int i = 0; i < body->domain.node_count && !has; i++)
+        has = body->node_component[i] >= 0;
+    return has;
+}
+
 SBI_API sb_result sbi_contact_faces_fill_skin(sbi_contact_faces *faces, const sb_body *body, const int (*triangles)[3],
                                               int count, const int *cells, const sb_vec3 *points, sb_error *error)
 {
@@ -452,7 +461,7 @@ SBI_API sb_result sbi_contact_faces_fill_skin(sbi_contact_faces *faces, const sb
         faces->versions[f] = -1;
         sbi_contact_measure(faces, body, f);
     }
-    if (faces->flat_count == count)
+    if (faces->flat_count == count && sbi_contact_has_material(body))
         return sbi_fail(error, SB_ERROR_MESH, "no triangle of the skin has an area: contact has none to act on");
     sbi_contact_build_tree(faces, body, &faces->live.order);
     return SB_OK;

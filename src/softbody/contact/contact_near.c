@@ -19,6 +19,10 @@
 #define SBI_NEAR_THICKEST ((sb_real)4)
 /* Normals that are part of a smooth surface have at rest a product above this: 60 degrees. */
 #define SBI_NEAR_SMOOTH ((sb_real)0.5)
+/* In lengths of a face: how high above it samples are paired with it. */
+#define SBI_NEAR_HIGH ((sb_real)0.5)
+/* Of a face's length, more than rounding makes of heights. */
+#define SBI_NEAR_ROUNDED ((sb_real)1e-3)
 
 /* ---- of the mesh at rest ---- */
 
@@ -139,22 +143,19 @@ static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *
 static void sbi_near_place_organs(sb_contact *contact)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
-    sbi_pairs *pairs = &contact->pairs;
-    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
-        sbi_pair_cone *cone = pairs->cones + leaf;
+    int *first = contact->pairs.first_organ, *last = contact->pairs.last_organ;
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
-            int organ = pairs->organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
-            cone->first_organ = k ? sbi_min_int(cone->first_organ, organ) : organ;
-            cone->last_organ = k ? sbi_max_int(cone->last_organ, organ) : organ;
+            int organ = contact->pairs.organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
+            first[leaf] = k ? sbi_min_int(first[leaf], organ) : organ;
+            last[leaf] = k ? sbi_max_int(last[leaf], organ) : organ;
         }
-    }
     for (int level = 1; level < tree->level_count; level++)
         for (int i = 0; i < tree->level_size[level]; i++) {
-            const sbi_pair_cone *a = pairs->cones + tree->level_start[level - 1] + 2 * i;
-            const sbi_pair_cone *b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
-            sbi_pair_cone *cone = pairs->cones + tree->level_start[level] + i;
-            cone->first_organ = sbi_min_int(a->first_organ, b->first_organ);
-            cone->last_organ = sbi_max_int(a->last_organ, b->last_organ);
+            int box = tree->level_start[level] + i, a = tree->level_start[level - 1] + 2 * i;
+            int b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
+            first[box] = sbi_min_int(first[a], first[b]);
+            last[box] = sbi_max_int(last[a], last[b]);
         }
 }
 
@@ -323,10 +324,40 @@ static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_re
     return sb_v3_dot(way, way) > reach * reach;
 }
 
-/* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
-static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
+SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face)
 {
-    int same = a->first_organ == a->last_organ && a->first_organ == b->first_organ && a->first_organ == b->last_organ;
+    return sb_max(contact->pairs.distance, SBI_NEAR_HIGH * contact->faces->lengths[face]);
+}
+
+SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real height = sb_v3_dot(pairs->normals[other], sb_v3_sub(at, pairs->middles[other]));
+    return contact->faces->sizes[other] == 3 && height > most + SBI_NEAR_ROUNDED * contact->faces->lengths[other];
+}
+
+/* 1 when a point of a face may be paired with another: some are not too high above that where the step begins, or come
+ * down to it. */
+static int sbi_near_may_hold(const sb_contact *contact, const sb_vec3 *x, int face, int other)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    const int *nodes = sbi_contact_face_nodes(faces, face);
+    int curved = faces->sizes[face] != 3, above = 1;
+    sb_real most = sbi_pairs_highest(contact, other);
+    for (int pass = 0; pass < 2 && above; pass++) {
+        if (pass == 1) /* most are high, or not, without it */
+            most = sb_max(most, sbi_pairs_closing(contact, face, other));
+        if (curved)
+            above = sbi_pairs_is_above(contact, other, contact->pairs.middles[face], most + contact->pairs.radii[face]);
+        for (int a = 0; a < 3 && above && !curved; a++)
+            above = sbi_pairs_is_above(contact, other, x[nodes[a]], most);
+    }
+    return !above;
+}
+
+/* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
+static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b, int same)
+{
     float sum = 0;
     for (int axis = 0; axis < 3; axis++) {
         float ll = a->low[axis] * b->low[axis], lh = a->low[axis] * b->high[axis];
@@ -341,7 +372,8 @@ static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
 
 typedef struct sbi_near_walk {
     sb_contact *contact;
-    float grow; /* m */
+    float grow;       /* m */
+    const sb_vec3 *x; /* of nodes where the step begins: what can be paired counts alone; or NULL */
 } sbi_near_walk;
 
 static int sbi_near_boxes_meet(const sbi_face_box *a, const sbi_face_box *b, float grow)
@@ -357,11 +389,12 @@ static int sbi_near_boxes_touch(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_pairs *pairs = &walk->contact->pairs;
     const sbi_face_box *boxes = walk->contact->faces->tree.boxes;
-    const sbi_pair_cone *one = pairs->cones + a, *two = pairs->cones + b;
-    if (!(pairs->kinds & SB_CONTACT_SELF) && one->first_organ == one->last_organ &&
-        one->first_organ == two->first_organ && one->first_organ == two->last_organ)
+    const int *first = pairs->first_organ, *last = pairs->last_organ;
+    int same = first[a] == last[a] && first[a] == first[b] && first[a] == last[b];
+    if (!(pairs->kinds & SB_CONTACT_SELF) && same)
         return 0;
-    return sbi_near_may_face(one, two) && (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
+    return sbi_near_may_face(pairs->cones + a, pairs->cones + b, same) &&
+           (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
 }
 
 static void sbi_near_mark(uint64_t *marks, int face)
@@ -369,29 +402,51 @@ static void sbi_near_mark(uint64_t *marks, int face)
     marks[face / SBI_FACE_TREE_BITS] |= (uint64_t)1 << face % SBI_FACE_TREE_BITS;
 }
 
+static int sbi_near_is_marked(const uint64_t *marks, int face)
+{
+    return (int)(marks[face / SBI_FACE_TREE_BITS] >> face % SBI_FACE_TREE_BITS & 1);
+}
+
+/* Two faces whose boxes meet. */
+static void sbi_near_match(const sbi_near_walk *walk, int face, int other)
+{
+    sb_contact *contact = walk->contact;
+    uint64_t *marks = contact->pairs.near;
+    int one = sbi_near_is_marked(marks, face), two = sbi_near_is_marked(marks, other);
+    if ((one && two) || !sbi_pairs_may_touch(contact, face, other))
+        return;
+    if (!one && (!walk->x || sbi_near_may_hold(contact, walk->x, face, other)))
+        sbi_near_mark(marks, face);
+    if (!two && (!walk->x || sbi_near_may_hold(contact, walk->x, other, face)))
+        sbi_near_mark(marks, other);
+}
+
+static int sbi_near_leaf_is_marked(const sbi_near_walk *walk, int leaf)
+{
+    const sbi_face_tree *tree = &walk->contact->faces->tree;
+    int place = SBI_FACE_TREE_LEAF * leaf, last = sbi_min_int(place + SBI_FACE_TREE_LEAF, tree->count);
+    while (place < last && sbi_near_is_marked(walk->contact->pairs.near, tree->faces[place]))
+        place++;
+    return place == last;
+}
+
+/* 1 when two faces' boxes are no farther than `grow` from each other. */
+static int sbi_near_places_meet(const sbi_pairs *pairs, int a, int b, sb_real grow)
+{
+    sb_vec3 l = pairs->box_low[a], h = pairs->box_high[a], low = pairs->box_low[b], high = pairs->box_high[b];
+    return !(l.x - high.x > grow || l.y - high.y > grow || l.z - high.z > grow || low.x - h.x > grow ||
+             low.y - h.y > grow || low.z - h.z > grow);
+}
+
 /* Faces of two leaves, which may be the same. */
 static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
 {
-    sb_contact *contact = walk->contact;
-    const sbi_face_tree *tree = &contact->faces->tree;
-    sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
-    sb_real grow = (sb_real)walk->grow;
+    const sbi_face_tree *tree = &walk->contact->faces->tree;
     int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
-    for (int j = first; j < last; j++)
-        sbi_face_tree_place_box(tree, j, low + (j - first), high + (j - first));
-    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++) {
-        sb_vec3 own_low, own_high;
-        sbi_face_tree_place_box(tree, i, &own_low, &own_high);
-        for (int j = a == b ? i + 1 : first; j < last; j++) {
-            sb_vec3 l = low[j - first], h = high[j - first];
-            if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
-                l.y - own_high.y > grow || l.z - own_high.z > grow ||
-                !sbi_pairs_may_touch(contact, tree->faces[i], tree->faces[j]))
-                continue;
-            sbi_near_mark(contact->pairs.near, tree->faces[i]);
-            sbi_near_mark(contact->pairs.near, tree->faces[j]);
-        }
-    }
+    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++)
+        for (int j = a == b ? i + 1 : first; j < last; j++)
+            if (sbi_near_places_meet(&walk->contact->pairs, i, j, (sb_real)walk->grow))
+                sbi_near_match(walk, tree->faces[i], tree->faces[j]);
 }
 
 /* Two boxes of a level, by their numbers in it; a <= b. */
@@ -401,14 +456,17 @@ typedef struct sbi_near_pair {
 
 enum { SBI_NEAR_STACK = 4 * SBI_FACE_TREE_LEVELS };
 
-SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow)
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec3 *x)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
     sbi_near_pair stack[SBI_NEAR_STACK];
     sbi_near_walk walk;
     int top = 0;
     walk.contact = contact;
+    walk.x = x;
     walk.grow = (float)(grow + 2 * tree->spacing);
+    for (int place = 0; place < tree->count; place++)
+        sbi_face_tree_place_box(tree, place, contact->pairs.box_low + place, contact->pairs.box_high + place);
     memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     if (tree->count > 0)
         stack[top].level = tree->level_count - 1, stack[top].a = stack[top].b = 0, top++;
@@ -418,7 +476,8 @@ SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow)
         if (!sbi_near_boxes_touch(&walk, start + pair.a, start + pair.b))
             continue;
         if (pair.level == 0) {
-            sbi_near_match_leaves(&walk, pair.a, pair.b);
+            if (!sbi_near_leaf_is_marked(&walk, pair.a) || !sbi_near_leaf_is_marked(&walk, pair.b))
+                sbi_near_match_leaves(&walk, pair.a, pair.b);
             continue;
         }
         below.level = pair.level - 1;
@@ -443,6 +502,19 @@ SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face)
     return -1;
 }
 
+/* Faces whose boxes meet this one, in pairs.found, but, where organs do not touch themselves, most of the face's own.
+ */
+static int sbi_near_query(sb_contact *contact, int face, sb_vec3 low, sb_vec3 high)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_face_tree_groups groups;
+    groups.first = contact->pairs.first_organ;
+    groups.last = contact->pairs.last_organ;
+    groups.left_out = contact->pairs.kinds & SB_CONTACT_SELF ? -1 : contact->pairs.organs[face];
+    return sbi_face_tree_query_groups(&faces->tree, low, high, &groups, faces->marks, contact->pairs.found,
+                                      faces->face_room);
+}
+
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
                                   sb_real grow)
 {
@@ -462,11 +534,11 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
         high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
                      sb_max(high.z, sb_max(at.z, to.z)));
     }
-    count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
-                                    sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
+    count = sbi_near_query(contact, face, sb_v3(low.x - grow, low.y - grow, low.z - grow),
+                           sb_v3(high.x + grow, high.y + grow, high.z + grow));
     for (int i = 0; i < count; i++)
-        if (pairs->found[i] != face && !sbi_near_is_far(contact, face, pairs->found[i], reach) &&
-            sbi_pairs_may_touch(contact, face, pairs->found[i]))
+        if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]) &&
+            !sbi_near_is_far(contact, face, pairs->found[i], reach))
             pairs->found[kept++] = pairs->found[i];
     return kept;
 }

@@ -11,8 +11,7 @@ enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5, SBI_PAIR_MOST_PARTS = 1024 };
 
 /* Of the body's own stiffness at the surface, for the two sides' harmonic mean. */
 #define SBI_PAIR_STIFFNESS ((sb_real)3)
-/* In lengths of a face: how near a sample counts, and how far it may lie beside the point it is paired with. */
-#define SBI_PAIR_NEAR ((sb_real)0.5)
+/* In lengths of a face: how far a sample may lie beside the point it is paired with. */
 #define SBI_PAIR_BESIDE ((sb_real)1e-3)
 /* The way from y to x may lean against the normal so far, as faces of a coarse curved surface make it; and where it
  * goes into the other organ, whose nearest point then lies within a face, or is none of this way at all. */
@@ -24,6 +23,8 @@ enum { SBI_PAIR_CHUNK = 64, SBI_PAIR_THINNEST = 5, SBI_PAIR_MOST_PARTS = 1024 };
 #define SBI_PAIR_SIDE ((sb_real)0.9)
 /* Faces whose normals have a product below this do not look the same way. */
 #define SBI_PAIR_TURNED ((sb_real)0.5)
+/* What lies so far behind a face lies no farther beside it, in these, than what leans by that: sqrt(1 / 0.5^2 - 1). */
+#define SBI_PAIR_SLANTED ((sb_real)1.7330)
 /* Of the thickness: what lies deeper is taken to be on the other side. */
 #define SBI_PAIR_DEEPEST ((sb_real)0.5)
 /* Of what is safe: a step at whose end samples would be deeper than this, if nothing held them, is divided at once. */
@@ -68,9 +69,10 @@ static int sbi_pair_is_far(const sbi_pair_search *search, int other, sb_real mos
 }
 
 /* How far a partner of this face may be, whichever way it leans (m). */
-static sb_real sbi_pair_farthest(const sbi_pairs *pairs, int other, sb_real length)
+static sb_real sbi_pair_farthest(const sb_contact *contact, int other, sb_real length)
 {
-    sb_real height = sb_max(sbi_pair_deepest(pairs, other), sb_max(pairs->distance, SBI_PAIR_NEAR * length));
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real height = sb_max(sbi_pair_deepest(pairs, other), sbi_pairs_highest(contact, other));
     return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * length;
 }
 
@@ -95,7 +97,7 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     sb_vec3 x[SB_MAX_FACE_NODES], way, n = sbi_pairs_face_normal(contact, other);
     sbi_closest closest;
     sb_real height, beside, length = contact->faces->lengths[other], away, lean;
-    sb_real most = sbi_pair_farthest(pairs, other, length);
+    sb_real most = sbi_pair_farthest(contact, other, length);
     if (sbi_pair_is_far(search, other, search->best >= 0 ? sb_min(most, search->measure) : most))
         return;
     sbi_pair_gather(contact, other, x);
@@ -112,7 +114,7 @@ static void sbi_pair_try_near(sbi_pair_search *search, int other)
     if (!(-height > SBI_PAIR_DEEP * length) && !sbi_pairs_face(contact, search->face, other))
         return;
     lean = height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
-    if (height > sb_max(pairs->distance, SBI_PAIR_NEAR * length) || -height > sbi_pair_deepest(pairs, other) ||
+    if (height > sbi_pairs_highest(contact, other) || -height > sbi_pair_deepest(pairs, other) ||
         beside > lean * sb_abs(height) + SBI_PAIR_BESIDE * length || (search->best >= 0 && !(away < search->measure)) ||
         (-height > SBI_PAIR_DEEP * length &&
          (!sbi_pair_is_within(search, other) ||
@@ -131,8 +133,9 @@ static void sbi_pair_try_way(sbi_pair_search *search, int other)
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
     const sb_vec3 against = sb_v3_sub(search->way, contact->pairs.ways[other]);
     sb_vec3 x[SB_MAX_FACE_NODES], v[SB_MAX_FACE_NODES];
-    if (!sbi_pairs_face(contact, search->face, other) ||
-        sbi_pair_is_far(search, other, sb_v3_norm(against) + contact->pairs.spreads[other]))
+    const sb_real most = sb_v3_norm(against) + contact->pairs.spreads[other];
+    if (!sbi_pairs_face(contact, search->face, other) || sbi_pairs_is_above(contact, other, search->at, most) ||
+        sbi_pair_is_far(search, other, most))
         return;
     sbi_pair_gather(contact, other, x);
     for (int a = 0; a < kind->nodes; a++)
@@ -192,36 +195,172 @@ static void sbi_pair_try_around(sbi_pair_search *search)
     search->best = best;
 }
 
-/* The place in `found` of the face whose middle is nearest: most others are then known to be farther. -1: none is. */
+/* The face whose middle is nearest: most others are then known to be farther. -1: none is. */
 static int sbi_pair_guess(const sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
+    const int *guesses = pairs->lists[SBI_PAIR_GUESSES];
     sb_real least = SB_REAL_MAX;
     int best = -1;
-    for (int i = 0; i < search->others; i++) {
-        sb_vec3 way = sb_v3_sub(search->at, pairs->middles[pairs->found[i]]);
+    for (int i = 0; i < pairs->list_counts[SBI_PAIR_GUESSES]; i++) {
+        sb_vec3 way = sb_v3_sub(search->at, pairs->middles[guesses[i]]);
         sb_real square = sb_v3_dot(way, way);
         if (square < least)
-            least = square, best = i;
+            least = square, best = guesses[i];
     }
     return best;
+}
+
+/* 1 when a flat face is no nearer than what holds the sample: by how high that is above its plane, and the square of
+ * how far it is beside its middle. */
+static int sbi_pair_is_no_nearer(const sbi_pair_search *search, int other, sb_real height, sb_real beside)
+{
+    sb_real most = search->measure + SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
+    sb_real reach = most * most - height * height;
+    if (reach < 0)
+        return 1;
+    reach = search->contact->pairs.radii[other] + sb_sqrt(reach);
+    return beside > reach * reach;
+}
+
+/* 1 when a flat face's own rule cannot hold the sample, or no better than what does: by how high it is above the plane
+ * (lower: behind) and how far beside the face. */
+static int sbi_pair_is_useless(const sbi_pair_search *search, int other)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
+    sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height, reach;
+    sb_real rounded = 2 * SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
+    reach = pairs->radii[other] + (height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE) * sb_abs(height) + rounded;
+    return beside > reach * reach || height > sbi_pairs_highest(search->contact, other) + rounded ||
+           -height > sbi_pair_deepest(pairs, other) + rounded ||
+           (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
+}
+
+/* The nearest face is no farther than this (m): as far as one is known to be that counts. */
+static sb_real sbi_pair_nearest_at_most(const sbi_pair_search *search, int first)
+{
+    const sb_contact *contact = search->contact;
+    if (search->nearest >= 0)
+        return search->nearest_away;
+    if (first < 0 || sbi_pair_is_far(search, first, sbi_pair_farthest(contact, first, contact->faces->lengths[first])))
+        return SB_REAL_MAX;
+    return sb_v3_norm(sb_v3_sub(search->at, contact->pairs.middles[first]));
+}
+
+/* 1 when the sample may lie straight behind a flat face, no farther than that. */
+static int sbi_pair_may_be_behind(const sbi_pair_search *search, int other, sb_real most)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_vec3 x[SB_MAX_FACE_NODES], way = sb_v3_sub(search->at, pairs->middles[other]);
+    sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height;
+    sb_real rounded = 2 * SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
+    sb_real reach = pairs->radii[other] - SBI_PAIR_SLANTED * height + rounded;
+    sbi_closest closest;
+    if (!(height < 0) || -height > most + rounded || pairs->organs[other] == pairs->organs[search->face] ||
+        beside > reach * reach)
+        return 0;
+    sbi_pair_gather(search->contact, other, x);
+    sbi_closest_on_face(&search->contact->faces->kinds[3], x, search->at, &closest);
+    reach = sb_v3_norm(sb_v3_sub(search->at, closest.point));
+    return reach < most + rounded && SBI_PAIR_TURNED * reach < rounded - height;
+}
+
+/* Tries those others that may hold the sample, or every one, since they may be nearer; one of them first. */
+static void sbi_pair_try_others(sbi_pair_search *search, int first, int every)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    const int *others = every ? pairs->found : pairs->lists[SBI_PAIR_HOLDERS];
+    int count = every ? search->others : pairs->list_counts[SBI_PAIR_HOLDERS];
+    search->best = search->nearest = -1;
+    if (first >= 0 && (every || !sbi_pair_is_useless(search, first)))
+        sbi_pair_try_near(search, first);
+    for (int i = 0; i < count; i++)
+        if (others[i] != first && (every || !sbi_pair_is_useless(search, others[i])))
+            sbi_pair_try_near(search, others[i]);
+}
+
+/* 1 when the nearest face of another organ is behind the sample; else that is beside it. */
+static int sbi_pair_is_behind(const sbi_pair_search *search)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    return search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
+           search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away;
+}
+
+/* 1 when the sample may lie straight behind some face, no farther than the nearest is: all are to be looked at. */
+static int sbi_pair_is_behind_any(const sbi_pair_search *search, int first)
+{
+    const sbi_pairs *pairs = &search->contact->pairs;
+    sb_real most = sbi_pair_nearest_at_most(search, first);
+    int i = 0, count = pairs->list_counts[SBI_PAIR_BACKS];
+    while (i < count && !sbi_pair_may_be_behind(search, pairs->lists[SBI_PAIR_BACKS][i], most))
+        i++;
+    return i < count;
 }
 
 static void sbi_pair_look(sbi_pair_search *search)
 {
     const sbi_pairs *pairs = &search->contact->pairs;
-    int first = sbi_pair_guess(search);
-    search->best = search->nearest = search->within_organ = -1;
-    if (first >= 0)
-        sbi_pair_try_near(search, pairs->found[first]);
-    for (int i = 0; i < search->others; i++)
-        if (i != first)
-            sbi_pair_try_near(search, pairs->found[i]);
-    if (search->best < 0 && search->nearest >= 0 && pairs->organs[search->nearest] != pairs->organs[search->face] &&
-        search->nearest_height < -SBI_PAIR_TURNED * search->nearest_away) /* else it is beside that face */
+    int first = sbi_pair_guess(search), every = search->contact->faces->tree.size != 3;
+    search->within_organ = -1;
+    sbi_pair_try_others(search, first, every);
+    if (!every && search->best < 0 && sbi_pair_is_behind_any(search, first)) {
+        every = 1;
+        sbi_pair_try_others(search, first, 1);
+    }
+    if (every && sbi_pair_is_behind(search))
         sbi_pair_try_around(search);
-    for (int i = 0; search->best < 0 && search->step->dt > 0 && i < search->others; i++)
-        sbi_pair_try_way(search, pairs->found[i]);
+    for (int i = 0; search->best < 0 && i < pairs->list_counts[SBI_PAIR_COMERS]; i++)
+        sbi_pair_try_way(search, pairs->lists[SBI_PAIR_COMERS][i]);
+}
+
+/* Which lists a face is in, as bits: by the ball around the face whose samples are to be paired. nearest: how near a
+ * middle is to the ball's at least (m). */
+static int sbi_pair_lists_of(const sbi_pair_search *search, int other, sb_real nearest)
+{
+    const sb_contact *contact = search->contact;
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 way = sb_v3_sub(pairs->middles[search->face], pairs->middles[other]);
+    sb_real square = sb_v3_dot(way, way), height = sb_v3_dot(pairs->normals[other], way), ball, low, high, reach;
+    sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other], most, closing;
+    int flat = contact->faces->tree.size == 3, lists = 0;
+    ball = pairs->radii[search->face], low = height - ball - rounded, high = height + ball + rounded;
+    most = nearest + 2 * ball + rounded;
+    if (square <= most * most)
+        lists |= 1 << SBI_PAIR_GUESSES;
+    most = sbi_pairs_highest(contact, other);
+    reach = pairs->radii[other] + ball + rounded + SBI_PAIR_LEAN * sb_max((sb_real)0, sb_min(high, most)) +
+            SBI_PAIR_LEAN_INSIDE * sb_max((sb_real)0, -low);
+    if (!flat || (low <= most && -high <= sbi_pair_deepest(pairs, other) && square - height * height <= reach * reach))
+        lists |= 1 << SBI_PAIR_HOLDERS;
+    if (!flat || low < 0)
+        lists |= 1 << SBI_PAIR_BACKS;
+    closing = sbi_pairs_closing(contact, search->face, other);
+    reach = pairs->radii[other] + ball + closing + rounded;
+    if (search->step->dt > 0 && square <= reach * reach && (!flat || low <= closing) &&
+        sbi_pairs_face(contact, search->face, other))
+        lists |= 1 << SBI_PAIR_COMERS;
+    return lists;
+}
+
+/* Lists what the face's samples need to look at, of what was found. */
+static void sbi_pair_list_others(sbi_pair_search *search)
+{
+    sbi_pairs *pairs = &search->contact->pairs;
+    sb_real least = SB_REAL_MAX;
+    memset(pairs->list_counts, 0, sizeof pairs->list_counts);
+    for (int i = 0; i < search->others; i++) {
+        sb_vec3 way = sb_v3_sub(pairs->middles[search->face], pairs->middles[pairs->found[i]]);
+        least = sb_min(least, sb_v3_dot(way, way));
+    }
+    least = sb_sqrt(least);
+    for (int i = 0; i < search->others; i++) {
+        int lists = sbi_pair_lists_of(search, pairs->found[i], least);
+        for (int list = 0; list < SBI_PAIR_LISTS; list++)
+            if (lists >> list & 1)
+                pairs->lists[list][pairs->list_counts[list]++] = pairs->found[i];
+    }
 }
 
 static int sbi_pair_take_slot(sbi_pairs *pairs, int face)
@@ -304,6 +443,7 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     search.step = step;
     search.face = face;
     search.others = sbi_pairs_find_others(contact, face, contact->x, step->velocity, step->dt, pairs->reach);
+    sbi_pair_list_others(&search);
     for (int i = 0; search.others > 0 && i < rule->count; i++) {
         const sb_real *weights = rule->weights + (size_t)i * (size_t)count;
         search.at = sbi_contact_mean(weights, nodes, count, contact->x);
@@ -368,7 +508,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
     pairs->reach = sb_max(pairs->longest, pairs->distance);
     sbi_pairs_look(contact, contact->x);
     sbi_pairs_follow(contact, step->velocity, step->dt);
-    sbi_pairs_find_near(contact, pairs->reach);
+    sbi_pairs_find_near(contact, pairs->reach, contact->x);
     for (int thin = 0;; thin++) {
         int face = sbi_pairs_next_near(contact, 0);
         sbi_pairs_forget(contact);

@@ -231,8 +231,13 @@ SBI_API int sbi_pairs_face(const sb_contact *contact, int face, int other);
 /* Unit normals out of the body where faces were looked at: of a face, and of the smooth surface at a point of it. */
 SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face);
 SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares);
-/* Marks faces that have others which they may touch within `grow` (m) of their boxes, as those were refitted last. */
-SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow);
+/* How high (m) above a face a sample may be that is paired with it where the step begins. */
+SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face);
+/* 1 when a point is higher than that above a flat face, wherever beside it. */
+SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most);
+/* Marks faces that have others which they may touch within `grow` (m) of their boxes, as those were refitted last. x
+ * [rows]: those alone whose samples can be paired where the step begins, or on its way; or NULL. */
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec3 *x);
 /* The first of them from `face` on, or -1. */
 SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face);
 /* What a face may touch on its way from x to x + dt v (v NULL: at x), in pairs.found, ascending; returns how many. */

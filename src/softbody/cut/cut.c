@@ -14,6 +14,7 @@ SB_API sb_cut_def sb_default_cut_def(void)
     def.lattice = 2;
     def.front = SB_CUT_LAG;
     def.glue = 10;
+    def.least_piece = 1;
     def.max_strokes = 4;
     def.cookie = SBI_CUT_COOKIE;
     return def;
@@ -25,6 +26,7 @@ enum { SBI_CUT_MOST_STROKES = 1024 };
 
 static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
 {
+    sb_result result;
     if (!def || def->cookie != SBI_CUT_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_cut_def");
     if (!def->body)
@@ -35,54 +37,68 @@ static sb_result sbi_cut_check_def(const sb_cut_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.front is %d, which is none", (int)def->front);
     if (!sb_is_finite(def->glue) || !(def->glue > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.glue is %g, it must be > 0", (double)def->glue);
+    if (!sb_is_finite(def->least_piece) || !(def->least_piece >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.least_piece is %g, it must be >= 0", (double)def->least_piece);
+    if (!sb_is_finite(def->toughness) || !(def->toughness >= 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.toughness is %g, it must be >= 0", (double)def->toughness);
     if (def->max_strokes < 0 || def->max_strokes > SBI_CUT_MOST_STROKES)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_strokes is %d, it must be in [0, %d]", def->max_strokes,
                         SBI_CUT_MOST_STROKES);
     if (!def->body->live)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: its def.slack was 0");
-    if (def->body->domain.element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of type %s cannot be cut, only tet4",
+    if (def->body->domain.element_type != SB_TET4 && def->body->domain.element_type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of type %s cannot be cut, only tet4 and tet10",
                         sb_element_name(def->body->domain.element_type));
     for (int e = 0; e < sb_body_element_count(def->body); e++)
         if (sb_body_cell_in_use(def->body, e) && sb_body_cell_share(def->body, e) < 1)
             return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d is a piece of an element: the body is cut", e);
-    return SB_OK;
+    result = sbi_domain_check_straight(&def->body->domain, def->body->reference, error);
+    return result == SB_OK ? sbi_live_check_pieces(def->body, error) : result;
 }
 
 static void sbi_cut_measure_rest(sb_cut *cut)
 {
     const sb_vec3 *x = sb_body_rest_positions(cut->body);
     sbi_cut_box box = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
-    double sum = 0;
+    double sum = 0, volumes = 0;
     for (int tet = 0; tet < cut->tet_count; tet++) {
-        const int *nodes = cut->tets + 4 * (size_t)tet;
-        sb_vec3 e = sb_v3_sub(x[nodes[1]], x[nodes[0]]), f = sb_v3_sub(x[nodes[2]], x[nodes[0]]);
-        double volume = (double)sb_v3_dot(sb_v3_cross(e, f), sb_v3_sub(x[nodes[3]], x[nodes[0]]));
-        sum += sbi_dense_cbrt(volume > 0 ? volume : -volume);
+        double volume = (double)sbi_cut_tet_volume(cut, tet);
+        volume = volume > 0 ? volume : -volume;
+        volumes += volume;
+        sum += sbi_dense_cbrt(6 * volume);
     }
     cut->rest_size = sbi_cut_size_of(&box);
     cut->element_size = (sb_real)(sum / (double)cut->tet_count);
+    cut->least_volume = cut->least_piece * (sb_real)(volumes / (double)cut->tet_count);
 }
 
 /* Tets, their neighbours, and those around each node. */
 static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
 {
     const sb_body *body = cut->body;
+    size_t cells = (size_t)sb_body_element_count(body), n = (size_t)body->domain.nodes_per_cell;
     sb_mesh mesh;
     sb_result result;
     memset(&mesh, 0, sizeof mesh);
     cut->node_end = sb_body_node_count(body);
-    cut->tets = (int *)sbi_alloc(&cut->allocator, (size_t)sb_body_element_count(body), 4 * sizeof(int));
-    if (!cut->tets)
+    cut->nodes_per_tet = (int)n;
+    cut->tets = (int *)sbi_alloc(&cut->allocator, cells, 4 * sizeof(int));
+    cut->nodes = n == 4 ? cut->tets : (int *)sbi_alloc(&cut->allocator, cells, n * sizeof(int));
+    cut->cells_at_first = (int *)sbi_alloc(&cut->allocator, cells, sizeof(int));
+    if (!cut->tets || !cut->nodes || !cut->cells_at_first)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", sb_body_element_count(body));
     for (int e = 0; e < sb_body_element_count(body); e++)
-        if (sb_body_cell_in_use(body, e))
-            memcpy(cut->tets + 4 * (size_t)cut->tet_count++, sb_body_cell_nodes(body, e), 4 * sizeof(int));
-    mesh.element_type = SB_TET4;
+        if (sb_body_cell_in_use(body, e)) {
+            const int *nodes = sb_body_cell_nodes(body, e);
+            memcpy(cut->nodes + n * (size_t)cut->tet_count, nodes, n * sizeof(int));
+            memcpy(cut->tets + 4 * (size_t)cut->tet_count, nodes, 4 * sizeof(int));
+            cut->cells_at_first[cut->tet_count++] = e;
+        }
+    mesh.element_type = body->domain.element_type;
     mesh.node_count = cut->node_end;
     mesh.nodes = body->reference;
     mesh.element_count = cut->tet_count;
-    mesh.elements = cut->tets;
+    mesh.elements = cut->nodes;
     result = sb_mesh_neighbours(&mesh, &cut->allocator, &cut->neighbours, error);
     return result == SB_OK ? sb_mesh_node_elements(&mesh, &cut->allocator, &cut->node_tets, error) : result;
 }
@@ -114,16 +130,20 @@ static int sbi_cut_take_pieces(sb_cut *cut)
     cut->tet_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
     cut->node_marks = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->node_end, 1);
     cut->cell_of = (int *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(int));
+    cut->links.lost = (uint64_t *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(uint64_t));
+    cut->loaded_links.lost = (uint64_t *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, sizeof(uint64_t));
+    cut->was_lost = (uint64_t *)sbi_alloc(&cut->allocator, (size_t)cut->tet_count, sizeof(uint64_t));
     cut->is_near = (unsigned char *)sbi_alloc_zeroed(&cut->allocator, (size_t)cut->tet_count, 1);
-    if (!taken || !cut->is_near || !cut->tet_marks || !cut->node_marks || !cut->cell_of ||
-        !sbi_cut_list_grow(cut, &cut->elements, cells) || !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
+    if (!taken || !cut->links.lost || !cut->loaded_links.lost || !cut->was_lost || !cut->is_near || !cut->tet_marks ||
+        !cut->node_marks || !cut->cell_of || !sbi_cut_list_grow(cut, &cut->elements, cells) ||
+        !sbi_cut_list_grow(cut, &cut->origins, body->node_capacity) ||
         !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) || !sbi_cut_list_grow(cut, &cut->near, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->near_hits, cut->tet_count + 1) ||
         !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) || !sbi_cut_list_grow(cut, &cut->struck, FEW + 8 * more) ||
-        !sbi_cut_list_grow(cut, &cut->crossed, FEW) ||
+        !sbi_cut_list_grow(cut, &cut->crossed, FEW) || !sbi_cut_list_grow(cut, &cut->flooded, 4 * FEW + more) ||
         !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||
-        !sbi_cut_list_grow(cut, &cut->roots, 16 * FEW + 4 * more))
+        !sbi_cut_list_grow(cut, &cut->roots, cut->nodes_per_tet * (4 * FEW + more)))
         return 0;
     for (int e = 0; e < sb_body_element_count(body); e++)
         if (sb_body_cell_in_use(body, e)) {
@@ -131,6 +151,7 @@ static int sbi_cut_take_pieces(sb_cut *cut)
             piece->points = sbi_lattice_all(&cut->lattice);
             piece->cell = e;
             piece->next = -1;
+            piece->crumb = 0;
             sbi_cut_list_set(&cut->elements, e, cut->piece_count++);
         }
     for (int i = 0; i < cut->node_end; i++)
@@ -179,12 +200,15 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
     made->listener = -1;
     made->glues = def->front == SB_CUT_GLUE;
     made->beta = def->glue;
+    made->least_piece = def->least_piece;
+    made->free_piece = -1;
+    made->toughness = def->toughness;
     sbi_lattice_make(def->lattice, &made->lattice);
     result = sbi_cut_take_mesh(made, error);
     if (result == SB_OK)
         sbi_cut_measure_rest(made);
     if (result == SB_OK && !(sbi_cut_take_pieces(made) && sbi_cut_take_strokes(made, def->max_strokes) &&
-                             sbi_cut_take_glue(made) && sbi_live_take_pieces(made->body)))
+                             sbi_cut_take_glue(made) && sbi_cut_take_force(made) && sbi_live_take_pieces(made->body)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", made->tet_count);
     if (result == SB_OK)
         result = sbi_cut_listen(made, error);
@@ -209,12 +233,22 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_cut_leave_state(cut);
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    sbi_cut_free_force(cut);
+    sbi_cut_free_tears(cut);
     sbi_cut_free_strokes(cut);
     if (cut->body && cut->body->live->find_user == cut)
         cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
+    if (cut->nodes != cut->tets)
+        sbi_free(&allocator, cut->nodes);
     sbi_free(&allocator, cut->tets);
+    sbi_free(&allocator, cut->cells_at_first);
+    sbi_free(&allocator, cut->links.lost);
+    sbi_free(&allocator, cut->loaded_links.lost);
+    sbi_free(&allocator, cut->was_lost);
+    sbi_free(&allocator, cut->receded);
+    sbi_free(&allocator, cut->flooded.items);
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);
     sbi_free(&allocator, cut->links.table);

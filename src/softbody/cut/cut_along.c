@@ -1,6 +1,8 @@
 /* cut_along: cuts along triangles. */
 #include "cut_private.h"
 
+#include <string.h>
+
 SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part)
 {
     const sbi_slots *nodes = &cut->body->live->nodes;
@@ -109,12 +111,11 @@ static int sbi_cut_in_frames(sb_cut *cut, const sb_vec3 *triangles, int count, s
     return swept;
 }
 
-/* What of the lips is glued after the call; 0: no memory. */
-static int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
+SBI_API int sbi_cut_settle_seams(sb_cut *cut, const sb_vec3 *triangles, int count)
 {
     sbi_cut_find_parted(cut);
     return sbi_cut_list_seams(cut) &&
-           (!cut->seam_count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
+           (!cut->seam_count || !count || sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_seams)) &&
            sbi_cut_keep_seams(cut);
 }
 
@@ -140,32 +141,61 @@ static void sbi_cut_tell_info(const sb_cut *cut, int first, int ringed, sb_cut_i
     info->glued_area = cut->released.glued_area;
     info->released_area = cut->released.area;
     info->released_energy = cut->released.energy;
+    info->crumbs = cut->removed.crumbs;
+    info->removed_volume = (sb_real)cut->removed.volume;
+    info->removed_mass = (sb_real)cut->removed.mass;
+    info->removed_momentum =
+        sb_v3((sb_real)cut->removed.momentum[0], (sb_real)cut->removed.momentum[1], (sb_real)cut->removed.momentum[2]);
 }
 
-SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
+SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, sb_cut_info *info, sb_error *error)
 {
-    int links = cut->links.count, ringed = 0, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
     sb_result result;
+    if (done) {
+        result = sbi_cut_part(cut, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
+        sbi_cut_take_back_lost(cut);
+        sbi_cut_clear(cut);
+    }
+    if (result != SB_OK) {
+        sbi_cut_take_back(cut, first);
+        return result;
+    }
+    if (info) {
+        memset(info, 0, sizeof *info);
+        sbi_cut_tell_info(cut, first, ringed, info);
+    }
+    cut->crossed.count = cut->receded_count = 0;
+    sbi_cut_forget_struck(cut);
+    return SB_OK;
+}
+
+/* Room for what a stroke may owe after this call; 0: no memory. */
+static int sbi_cut_may_owe(const sb_cut *cut, sbi_cut_stroke *stroke)
+{
+    return !(cut->toughness > 0) || !stroke ||
+           sbi_cut_reserve_debts(cut, stroke, stroke->debts.count + cut->freed.count);
+}
+
+SBI_API sb_result sbi_cut_along(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_stroke *stroke,
+                                sb_cut_info *info, sb_error *error)
+{
+    sb_cut_info own;
+    sb_result result;
+    int links = cut->links.count, ringed = 0, swept = sbi_cut_in_frames(cut, triangles, count, sbi_cut_sweep_part);
     if (swept) {
         int before = sbi_cut_count_cut(cut, links);
         swept = cut->keeps_rings || sbi_cut_close_rings(cut, links);
         ringed = sbi_cut_count_cut(cut, links) - before;
     }
-    if (swept && sbi_cut_settle_seams(cut, triangles, count)) {
-        result = sbi_cut_part(cut, error);
-    } else {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the links of a cut");
-        sbi_cut_clear(cut);
-    }
-    if (result != SB_OK) {
-        sbi_cut_take_back(cut, links);
-        return result;
-    }
-    if (info)
-        sbi_cut_tell_info(cut, links, ringed, info);
-    cut->crossed.count = 0;
-    sbi_cut_forget_struck(cut);
-    return SB_OK;
+    if (swept)
+        swept = sbi_cut_settle_seams(cut, triangles, count) && sbi_cut_may_owe(cut, stroke);
+    info = info ? info : &own;
+    result = sbi_cut_finish(cut, links, ringed, swept, info, error);
+    if (result == SB_OK && cut->toughness > 0 && stroke)
+        sbi_cut_pay(cut, stroke, triangles, info);
+    return result;
 }
 
 SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int count, sb_cut_info *info, sb_error *error)
@@ -173,7 +203,7 @@ SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int cou
     sb_result result = sbi_cut_check_call(cut, triangles, count, error);
     if (result == SB_OK) {
         sbi_cut_list_reached(cut, triangles, 3 * count, 0);
-        result = sbi_cut_along(cut, triangles, count, info, error);
+        result = sbi_cut_along(cut, triangles, count, NULL, info, error);
     }
     if (result == SB_OK)
         sbi_cut_tell(cut, SBI_CUT_TRIANGLES, 0, triangles, 3 * count);

@@ -9,9 +9,10 @@
 
 typedef struct sbi_cut_link {
     sbi_link_key key;
-    sb_real t;  /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
-    int state;  /* SBI_LINK_... , not 0 */
-    int struck; /* blade that has cut it, or that it is predicted by, in the frame at work; else -1 */
+    sb_real t;   /* of the crossing, 0 at the link's first end (sbi_lattice_ends), 1 at the other */
+    int state;   /* SBI_LINK_... , not 0 */
+    int charred; /* 1: material at one of its ends was taken out, and parted it */
+    int struck;  /* blade that has cut it, or that it is predicted by, in the frame at work; else -1 */
 } sbi_cut_link;
 
 /* Predicted: it parts pieces like a cut one, but no blade has crossed it yet. */
@@ -21,6 +22,8 @@ typedef struct sbi_cut_links {
     int count, capacity;
     sbi_cut_link *items; /* [capacity] in the order they were cut */
     int *table;          /* [sbi_cut_links_table(capacity)] 1 + item, or 0 */
+    uint64_t *lost;      /* [tets] points of each tet's lattice whose material was taken out; NULL: none. Links from
+                          * them to others are cut */
 } sbi_cut_links;
 
 /* Entries of the table for so many links: a power of two. */

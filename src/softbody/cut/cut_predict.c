@@ -55,18 +55,14 @@ static int sbi_cut_predict_points(sb_cut *cut, const sbi_crossing_frame *frame, 
     sbi_parted trial = *parted;
     sbi_cut_shape shape;
     uint64_t above;
-    const int *nodes;
     int first = 0, piece, blade;
     while (!(points >> first & 1))
         first++;
     piece = sbi_cut_piece_with(cut, tet, first);
-    nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
     blade = sbi_cut_last_struck(cut, parted, cut->pieces[piece].points);
-    if (blade < 0 || !sbi_cut_is_of(cut, nodes[0], part))
+    if (blade < 0 || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
         return 1;
-    for (int a = 0; a < 4; a++)
-        shape.corners[a] = cut->body->position[nodes[a]];
-    sbi_cut_shape_make(cut, tet, frame, &shape);
+    sbi_cut_shape_make(cut, tet, piece, frame, &shape);
     above = sbi_cut_points_above(cut, &shape, cut->blades + blade);
     for (int l = 0; l < cut->lattice.link_count; l++) {
         const unsigned char *ends = cut->lattice.links[l];
@@ -110,15 +106,6 @@ static int sbi_cut_predict_tet(sb_cut *cut, const sbi_crossing_frame *frame, int
     return done;
 }
 
-/* Corners that a lattice point depends on, as bits. */
-static int sbi_cut_corners_of(const sbi_lattice *lattice, int point)
-{
-    int corners = 0;
-    for (int a = 0; a < 4; a++)
-        corners |= (lattice->points[point][a] != 0) << a;
-    return corners;
-}
-
 /* 1 when the corners of a tet do not hang together by its edges, those with a cut link counting for nothing. */
 static int sbi_cut_corners_part(const sb_cut *cut, const sbi_parted *parted)
 {
@@ -127,8 +114,7 @@ static int sbi_cut_corners_part(const sb_cut *cut, const sbi_parted *parted)
         holds[k] = 1;
     for (int l = 0; l < cut->lattice.link_count; l++)
         if (parted->cut[l])
-            holds[sbi_cut_corners_of(&cut->lattice, cut->lattice.links[l][0]) |
-                  sbi_cut_corners_of(&cut->lattice, cut->lattice.links[l][1])] = 0;
+            holds[sbi_lattice_link_corners(&cut->lattice, l)] = 0;
     while (reached != before) {
         before = reached;
         for (int a = 0; a < 4; a++)
@@ -144,8 +130,9 @@ static int sbi_cut_predict_corners(sb_cut *cut, const sbi_crossing_frame *frame,
 {
     sbi_parted parted;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    if (parted.piece_of[0] != parted.piece_of[1] || parted.piece_of[0] != parted.piece_of[2] ||
-        parted.piece_of[0] != parted.piece_of[3] || !sbi_cut_corners_part(cut, &parted))
+    if (parted.piece_of[0] == SBI_PARTED_LOST || parted.piece_of[0] != parted.piece_of[1] ||
+        parted.piece_of[0] != parted.piece_of[2] || parted.piece_of[0] != parted.piece_of[3] ||
+        !sbi_cut_corners_part(cut, &parted))
         return 1;
     return sbi_cut_predict_points(cut, frame, part, tet, parted.pieces[parted.piece_of[0]], &parted);
 }

@@ -1,14 +1,22 @@
 /* cut_state: a cut as a part of its body's saved state, and in its recordings.
  *
  * Saved are the cut links, the cells of the pieces of each tet that has parted, and the strokes under way; what the
- * pieces are follows from the links, and what nodes are copies of from the cells. A recording has the calls. */
+ * pieces are follows from the links, and what nodes are copies of from the cells. With toughness also what strokes owe,
+ * and forces that wait for the next step. A recording has the calls. */
 #include "cut_private.h"
 
 #include <string.h>
 
 #include "../base/bytes.h"
 
-enum { SBI_CUT_STATE_VERSION = 2, SBI_CUT_LINK_BYTES = 5 * 4 + 8, SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8 };
+enum {
+    SBI_CUT_STATE_VERSION = 3,
+    SBI_CUT_LINK_BYTES = 5 * 4 + 8,
+    SBI_CUT_LOST_BYTES = 3 * 4,
+    SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8,
+    SBI_CUT_DEBT_BYTES = 3 * 4 + 6 * 8,
+    SBI_CUT_PUSH_BYTES = 4 + 3 * 8
+};
 
 /* ---- numbers ---- */
 
@@ -84,30 +92,90 @@ static void sbi_cut_list_make(const sb_cut *cut, int make[SBI_CUT_MAKE])
     make[4] = sbi_int_of(hash & 0xFFFFFFFFu);
     make[5] = sbi_int_of(hash >> 32);
     make[6] = cut->glues;
-    make[7] = sbi_int_of(sbi_hash_word(0, sbi_real_bits(cut->beta)) & 0xFFFFFFFFu);
+    hash = sbi_hash_word(sbi_hash_word(0, sbi_real_bits(cut->beta)), sbi_real_bits(cut->least_piece));
+    if (cut->toughness > 0)
+        hash = sbi_hash_word(hash, sbi_real_bits(cut->toughness));
+    make[7] = sbi_int_of(hash & 0xFFFFFFFFu);
 }
 
 static int sbi_cut_count_pieces(const sb_cut *cut, int tet)
 {
     int count = 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
         count++;
     return count;
+}
+
+/* Which points of which tets were taken out. */
+static void sbi_cut_save_lost(const sb_cut *cut, sbi_state_out *out)
+{
+    int count = 0;
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        count += cut->links.lost[tet] != 0;
+    sbi_cut_put_int(out, count);
+    for (int tet = 0; tet < cut->tet_count; tet++) {
+        if (!cut->links.lost[tet])
+            continue;
+        sbi_cut_put_int(out, tet);
+        sbi_cut_put_int(out, sbi_int_of(cut->links.lost[tet] & 0xFFFFFFFFu));
+        sbi_cut_put_int(out, sbi_int_of(cut->links.lost[tet] >> 32));
+    }
+}
+
+/* 1 when a tet is one whole piece, with the cell that it had at first. */
+static int sbi_cut_is_whole(const sb_cut *cut, int tet)
+{
+    return cut->pieces[tet].next < 0 && cut->links.lost[tet] == 0;
 }
 
 static void sbi_cut_save_pieces(const sb_cut *cut, sbi_state_out *out)
 {
     int parted = 0;
     for (int tet = 0; tet < cut->tet_count; tet++)
-        parted += cut->pieces[tet].next >= 0;
+        parted += !sbi_cut_is_whole(cut, tet);
     sbi_cut_put_int(out, parted);
     for (int tet = 0; tet < cut->tet_count; tet++) {
-        if (cut->pieces[tet].next < 0)
+        if (sbi_cut_is_whole(cut, tet))
             continue;
         sbi_cut_put_int(out, tet);
         sbi_cut_put_int(out, sbi_cut_count_pieces(cut, tet));
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
             sbi_cut_put_int(out, cut->pieces[piece].cell);
+    }
+}
+
+static void sbi_cut_put_vector(sbi_state_out *out, sb_vec3 v)
+{
+    sbi_cut_put_real(out, v.x);
+    sbi_cut_put_real(out, v.y);
+    sbi_cut_put_real(out, v.z);
+}
+
+static void sbi_cut_save_debts(const sbi_cut_debts *debts, sbi_state_out *out)
+{
+    sbi_cut_put_int(out, debts->count);
+    for (int i = 0; i < debts->count; i++) {
+        const sbi_cut_debt *debt = debts->items + i;
+        sbi_cut_put_int(out, debt->tet);
+        sbi_cut_put_int(out, debt->sides[0]);
+        sbi_cut_put_int(out, debt->sides[1]);
+        for (int a = 0; a < 4; a++)
+            sbi_cut_put_real(out, debt->at[a]);
+        sbi_cut_put_real(out, debt->area);
+        sbi_cut_put_real(out, debt->way);
+    }
+}
+
+/* What a cut with toughness has besides. */
+static void sbi_cut_save_force(const sb_cut *cut, sbi_state_out *out)
+{
+    const sbi_live *live = cut->body->live;
+    for (int i = 0; i < cut->max_strokes; i++)
+        sbi_cut_save_debts(&cut->strokes[i].debts, out);
+    sbi_cut_put_int(out, live->push_count);
+    for (int i = 0; i < live->push_count; i++) {
+        sbi_cut_put_int(out, live->pushes[i].node);
+        sbi_cut_put_vector(out, live->pushes[i].force);
     }
 }
 
@@ -122,9 +190,7 @@ static void sbi_cut_save_stroke(const sbi_cut_stroke *stroke, sbi_state_out *out
         sbi_cut_put_int(out, sample->tet);
         for (int a = 0; a < 4; a++)
             sbi_cut_put_real(out, sample->at[a]);
-        sbi_cut_put_real(out, sample->place.x);
-        sbi_cut_put_real(out, sample->place.y);
-        sbi_cut_put_real(out, sample->place.z);
+        sbi_cut_put_vector(out, sample->place);
     }
 }
 
@@ -143,9 +209,10 @@ static void sbi_cut_save(const void *user, sbi_state_out *out)
         const sbi_cut_link *link = cut->links.items + i;
         for (int k = 0; k < 4; k++)
             sbi_cut_put_int(out, link->key.at[k]);
-        sbi_cut_put_int(out, link->state);
+        sbi_cut_put_int(out, link->state | link->charred << 8);
         sbi_cut_put_real(out, link->t);
     }
+    sbi_cut_save_lost(cut, out);
     sbi_cut_save_pieces(cut, out);
     sbi_cut_put_int(out, cut->glue_count);
     for (int i = 0; i < cut->glue_count; i++) {
@@ -154,6 +221,8 @@ static void sbi_cut_save(const void *user, sbi_state_out *out)
     }
     for (int i = 0; i < cut->max_strokes; i++)
         sbi_cut_save_stroke(cut->strokes + i, out);
+    if (cut->toughness > 0)
+        sbi_cut_save_force(cut, out);
 }
 
 /* ---- checking: links and cells are read into cut->loaded ---- */
@@ -206,11 +275,13 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d links of a saved cut", count);
     for (int i = 0; i < count; i++) {
         sbi_link_key key;
-        int state, ends;
+        int state, charred, ends;
         sb_real t;
         for (int k = 0; k < 4; k++)
             key.at[k] = sbi_cut_get_int(in);
         state = sbi_cut_get_int(in);
+        charred = state == (SBI_LINK_CUT | 1 << 8);
+        state = charred ? SBI_LINK_CUT : state;
         t = sbi_cut_get_real(in);
         ends = key.at[1] < 0 ? cut->tet_count : cut->node_end;
         if (in->bad || (state != SBI_LINK_CUT && state != SBI_LINK_PREDICTED) || !(t >= 0) || !(t <= 1) ||
@@ -218,39 +289,71 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
             key.at[2] >= cut->node_end || sbi_cut_links_find(&cut->loaded_links, &key) >= 0)
             return sbi_cut_damaged("links", error);
         sbi_cut_links_add(&cut->loaded_links, &key, t, state);
+        cut->loaded_links.items[i].charred = charred;
     }
     return in->bad ? sbi_cut_damaged("links", error) : SB_OK;
+}
+
+/* loaded_links.lost: what was taken out. */
+static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+{
+    int count = sbi_cut_get_count(in, SBI_CUT_LOST_BYTES), last = -1;
+    uint64_t all = sbi_lattice_all(&cut->lattice);
+    memset(cut->loaded_links.lost, 0, (size_t)cut->tet_count * sizeof(uint64_t));
+    for (int i = 0; i < count; i++) {
+        int tet = sbi_cut_get_int(in);
+        uint64_t lost = (uint64_t)sbi_cut_get(in, 4);
+        lost |= sbi_cut_get(in, 4) << 32;
+        if (in->bad || tet <= last || tet >= cut->tet_count || !lost || (lost & ~all))
+            return sbi_cut_damaged("holes", error);
+        cut->loaded_links.lost[tet] = lost;
+        last = tet;
+    }
+    return in->bad ? sbi_cut_damaged("holes", error) : SB_OK;
+}
+
+/* 1 when no whole link goes from what was taken out to something else. */
+static int sbi_cut_holes_end(const sbi_parted *parted)
+{
+    int end = 1;
+    for (int l = 0; l < parted->lattice->link_count && end && parted->lost; l++) {
+        const unsigned char *ends = parted->lattice->links[l];
+        end = parted->cut[l] != SBI_LINK_WHOLE || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
+    }
+    return end;
 }
 
 /* Whether a cell of the body can be a piece of a tet with these points: it has the tet's own nodes where it has the
  * material at them, and no other nodes of the uncut mesh. */
 static int sbi_cut_cell_fits(const sb_cut *cut, const sb_body *body, int tet, int cell, uint64_t points)
 {
-    const int *nodes, *own = cut->tets + 4 * (size_t)tet;
+    const int *nodes, *own = sbi_cut_tet_nodes(cut, tet);
     if (!sb_body_cell_in_use(body, cell) || cut->loaded_elements.items[cell] >= 0)
         return 0;
     nodes = sb_body_cell_nodes(body, cell);
-    for (int a = 0; a < 4; a++)
+    for (int a = 0; a < cut->nodes_per_tet; a++)
         if (nodes[a] != own[a] && ((points >> a & 1) || nodes[a] < cut->node_end))
             return 0;
     cut->loaded_elements.items[cell] = tet;
     return 1;
 }
 
-/* The cells of a tet's pieces; those of one that has not parted are not in the image. */
-static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, sbi_cut_in *in,
-                                   sb_error *error)
+/* The cells of a tet's pieces; those of one that is whole are not in the image. is_last: it may have the empty cell
+ * that a body without material has. */
+static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, int is_last,
+                                   sbi_cut_in *in, sb_error *error)
 {
     sbi_parted parted;
     int count = is_parted ? sbi_cut_get_int(in) : 1;
     sbi_parted_make(&cut->lattice, &cut->loaded_links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    if (count != parted.piece_count || (is_parted && count < 2))
+    if ((count != parted.piece_count && !(is_last && count == 1 && parted.piece_count == 0)) ||
+        is_parted != (parted.piece_count > 1 || parted.lost) || !sbi_cut_holes_end(&parted))
         return sbi_cut_damaged("pieces", error);
     if (!sbi_cut_list_grow(cut, &cut->loaded_cells, count + 2))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
     for (int k = 0; k < count; k++) {
-        int cell = is_parted ? sbi_cut_get_int(in) : cut->pieces[tet].cell;
-        if ((k == 0 && cell != cut->pieces[tet].cell) || !sbi_cut_cell_fits(cut, body, tet, cell, parted.pieces[k]))
+        int cell = is_parted ? sbi_cut_get_int(in) : cut->cells_at_first[tet];
+        if (!sbi_cut_cell_fits(cut, body, tet, cell, parted.piece_count ? parted.pieces[k] : 0))
             return sbi_cut_damaged("pieces", error);
         cut->loaded_cells.items[cut->loaded_cells.count++] = cell;
     }
@@ -260,8 +363,8 @@ static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, in
 /* loaded_cells: the cells of all tets, in their order. */
 static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
 {
-    int parted = sbi_cut_get_count(in, 4 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
-    int end = sb_body_element_count(body);
+    int parted = sbi_cut_get_count(in, 2 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
+    int end = sb_body_element_count(body), slots = cut->tet_count;
     sb_result result = SB_OK;
     cut->loaded_cells.count = cut->loaded_elements.count = 0;
     if (!sbi_cut_list_grow(cut, &cut->loaded_elements, end) ||
@@ -273,7 +376,9 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
     }
     cut->loaded_elements.count = end;
     for (int tet = 0; tet < cut->tet_count && result == SB_OK; tet++) {
-        result = sbi_cut_check_tet(cut, body, tet, tet == next, in, error);
+        int before = cut->loaded_cells.count;
+        result = sbi_cut_check_tet(cut, body, tet, tet == next, cells == 1, in, error);
+        slots += sbi_max_int(cut->loaded_cells.count - before - 1, 0);
         if (tet == next)
             next = --parted > 0 ? sbi_cut_get_int(in) : -1;
     }
@@ -282,7 +387,7 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
     if (result == SB_OK) {
         void *pieces = cut->pieces;
         int grown = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, cut->piece_count,
-                                 cells - cut->piece_count, sizeof *cut->pieces);
+                                 slots - cut->piece_count, sizeof *cut->pieces);
         cut->pieces = (sbi_cut_piece *)pieces;
         if (!grown)
             result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
@@ -308,6 +413,12 @@ static sb_result sbi_cut_check_glue(sb_cut *cut, sbi_cut_in *in, sb_error *error
     return in->bad ? sbi_cut_damaged("glue", error) : SB_OK;
 }
 
+static sb_vec3 sbi_cut_get_vector(sbi_cut_in *in)
+{
+    sb_real x = sbi_cut_get_real(in), y = sbi_cut_get_real(in);
+    return sb_v3(x, y, sbi_cut_get_real(in));
+}
+
 static sbi_cut_sample sbi_cut_get_sample(sbi_cut_in *in)
 {
     sbi_cut_sample sample;
@@ -316,9 +427,7 @@ static sbi_cut_sample sbi_cut_get_sample(sbi_cut_in *in)
     sample.tet = sbi_cut_get_int(in);
     for (int a = 0; a < 4; a++)
         sample.at[a] = sbi_cut_get_real(in);
-    sample.place.x = sbi_cut_get_real(in);
-    sample.place.y = sbi_cut_get_real(in);
-    sample.place.z = sbi_cut_get_real(in);
+    sample.place = sbi_cut_get_vector(in);
     return sample;
 }
 
@@ -339,6 +448,52 @@ static sb_result sbi_cut_check_stroke(sb_cut *cut, sbi_cut_stroke *stroke, sbi_c
     return in->bad ? sbi_cut_damaged("strokes", error) : SB_OK;
 }
 
+static sbi_cut_debt sbi_cut_get_debt(sbi_cut_in *in)
+{
+    sbi_cut_debt debt;
+    debt.tet = sbi_cut_get_int(in);
+    debt.sides[0] = sbi_cut_get_int(in);
+    debt.sides[1] = sbi_cut_get_int(in);
+    for (int a = 0; a < 4; a++)
+        debt.at[a] = sbi_cut_get_real(in);
+    debt.area = sbi_cut_get_real(in);
+    debt.way = sbi_cut_get_real(in);
+    return debt;
+}
+
+/* Room for what a stroke of the image owes; what there is stays. */
+static sb_result sbi_cut_check_debts(const sb_cut *cut, sbi_cut_stroke *stroke, sbi_cut_in *in, sb_error *error)
+{
+    int count = sbi_cut_get_count(in, SBI_CUT_DEBT_BYTES), points = cut->lattice.point_count;
+    if (!sbi_cut_reserve_debts(cut, stroke, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the forces of a saved cut");
+    for (int i = 0; i < count; i++) {
+        sbi_cut_debt debt = sbi_cut_get_debt(in);
+        in->bad |= debt.tet < 0 || debt.tet >= cut->tet_count || debt.sides[0] < 0 || debt.sides[0] >= points ||
+                   debt.sides[1] < 0 || debt.sides[1] >= points || !(debt.area >= 0) || !(debt.way > 0);
+    }
+    return in->bad ? sbi_cut_damaged("forces", error) : SB_OK;
+}
+
+static sb_result sbi_cut_check_force(const sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int count;
+    for (int i = 0; i < cut->max_strokes && result == SB_OK; i++)
+        result = sbi_cut_check_debts(cut, cut->strokes + i, in, error);
+    if (result != SB_OK)
+        return result;
+    count = sbi_cut_get_count(in, SBI_CUT_PUSH_BYTES);
+    if (!sbi_live_reserve_pushes(cut->body, count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the forces of a saved cut");
+    for (int i = 0; i < count; i++) {
+        int node = sbi_cut_get_int(in);
+        (void)sbi_cut_get_vector(in);
+        in->bad |= node < 0 || node >= sb_body_node_count(body);
+    }
+    return in->bad ? sbi_cut_damaged("forces", error) : SB_OK;
+}
+
 static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
                                      sb_error *error)
 {
@@ -354,11 +509,15 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
     if (result == SB_OK && !stale) {
         result = sbi_cut_check_links(cut, &in, error);
         if (result == SB_OK)
+            result = sbi_cut_check_lost(cut, &in, error);
+        if (result == SB_OK)
             result = sbi_cut_check_pieces(cut, body, &in, error);
         if (result == SB_OK)
             result = sbi_cut_check_glue(cut, &in, error);
         for (int i = 0; i < cut->max_strokes && result == SB_OK; i++)
             result = sbi_cut_check_stroke(cut, cut->strokes + i, &in, error);
+        if (result == SB_OK && cut->toughness > 0)
+            result = sbi_cut_check_force(cut, body, &in, error);
     }
     if (result == SB_OK && (in.bad || in.left > 0))
         result = sbi_cut_damaged("length", error);
@@ -370,17 +529,27 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
 static void sbi_cut_load_pieces(sb_cut *cut)
 {
     const int *cell = cut->loaded_cells.items;
+    const int *end = cell + cut->loaded_cells.count;
     cut->piece_count = cut->tet_count;
+    cut->free_piece = -1;
     for (int tet = 0; tet < cut->tet_count; tet++) {
         sbi_parted parted;
         int piece = tet;
         sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
+        cut->pieces[tet].cell = cut->pieces[tet].next = -1;
         for (int k = 0; k < parted.piece_count; k++) {
             cut->pieces[piece].points = parted.pieces[k];
             cut->pieces[piece].cell = *cell++;
+            cut->pieces[piece].crumb = 0;
             cut->pieces[piece].next = k + 1 < parted.piece_count ? cut->piece_count++ : -1;
             piece = cut->pieces[piece].next;
         }
+    }
+    if (cell < end) { /* the empty one */
+        int tet = cut->elements.items[*cell];
+        cut->pieces[tet].points = 0;
+        cut->pieces[tet].cell = *cell;
+        cut->pieces[tet].crumb = 0;
     }
 }
 
@@ -389,11 +558,13 @@ static void sbi_cut_load_origins(sb_cut *cut)
 {
     cut->origins.count = 0;
     sbi_cut_list_set(&cut->origins, sb_body_node_count(cut->body) - 1, -1);
+    for (int i = 0; i < cut->node_end; i++)
+        cut->origins.items[i] = i;
     for (int tet = 0; tet < cut->tet_count; tet++)
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-            const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-            for (int a = 0; a < 4; a++)
-                cut->origins.items[nodes[a]] = cut->tets[4 * (size_t)tet + (size_t)a];
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
+            const int *nodes = sbi_cut_piece_nodes(cut, piece), *own = sbi_cut_tet_nodes(cut, tet);
+            for (int a = 0; a < cut->nodes_per_tet; a++)
+                cut->origins.items[nodes[a]] = own[a];
         }
 }
 
@@ -405,12 +576,29 @@ static void sbi_cut_load_stroke(sbi_cut_stroke *stroke, sbi_cut_in *in)
         stroke->samples[i] = sbi_cut_get_sample(in);
 }
 
-/* Steps over links, pieces and glue, which are in cut->loaded and next_glue. */
+static void sbi_cut_load_force(const sb_cut *cut, sbi_cut_in *in)
+{
+    for (int i = 0; i < cut->max_strokes; i++) {
+        sbi_cut_debts *debts = &cut->strokes[i].debts;
+        debts->count = sbi_cut_get_int(in);
+        for (int k = 0; k < debts->count; k++)
+            debts->items[k] = sbi_cut_get_debt(in);
+    }
+    for (int count = sbi_cut_get_int(in); count > 0; count--) {
+        int node = sbi_cut_get_int(in);
+        sbi_live_push(cut->body, node, sbi_cut_get_vector(in));
+    }
+}
+
+/* Steps over links, holes, pieces and glue, which are in cut->loaded and next_glue. */
 static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
 {
     int count = sbi_cut_get_int(in);
     in->bytes += (size_t)count * SBI_CUT_LINK_BYTES;
     in->left -= (size_t)count * SBI_CUT_LINK_BYTES;
+    count = sbi_cut_get_int(in);
+    in->bytes += (size_t)count * SBI_CUT_LOST_BYTES;
+    in->left -= (size_t)count * SBI_CUT_LOST_BYTES;
     for (count = sbi_cut_get_int(in); count > 0; count--) {
         (void)sbi_cut_get_int(in);
         for (int k = sbi_cut_get_int(in); k > 0; k--)
@@ -443,9 +631,19 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
     sbi_cut_skip_to_strokes(&in);
     for (int i = 0; i < cut->max_strokes; i++)
         sbi_cut_load_stroke(cut->strokes + i, &in);
+    if (cut->toughness > 0)
+        sbi_cut_load_force(cut, &in);
 }
 
 /* ---- recording ---- */
+
+static sb_result sbi_cut_replay_tear(sb_cut *cut, const int *ints, sb_error *error)
+{
+    sb_tear_options options = sb_default_tear_options();
+    options.nucleate = ints[1];
+    options.max_tears = ints[2];
+    return sb_cut_tear(cut, &options, NULL, error);
+}
 
 static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
                                 sb_error *error)
@@ -454,6 +652,8 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
     const sb_vec3 *points = (const sb_vec3 *)(const void *)reals;
     int stroke, is_known = int_count == 2 && real_count % 3 == 0 && real_count < INT32_MAX;
     int count = is_known ? (int)(real_count / 3) : 0, command = is_known ? ints[0] : 0;
+    if (int_count == 3 && ints[0] == SBI_CUT_TEAR)
+        return sbi_cut_replay_tear(cut, ints, error);
     if (command == SBI_CUT_TRIANGLES && count % 3 == 0)
         return sb_cut_triangles(cut, points, count / 3, NULL, error);
     if (command == SBI_CUT_BEGIN) {
@@ -466,6 +666,14 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
     if (command == SBI_CUT_MOVE && ints[1] >= 0 && ints[1] < cut->max_strokes && count > 0 &&
         cut->strokes[ints[1]].edge_count == count)
         return sb_cut_move(cut, ints[1], points, NULL, error);
+    if (command == SBI_CUT_ABLATE && count == 2)
+        return sb_cut_ablate(cut, points[0], points[1].x, NULL, error);
+    if (command == SBI_CUT_SCISSORS && count == 3) {
+        sb_vec3 tips[2];
+        tips[0] = points[0];
+        tips[1] = points[2];
+        return sb_cut_scissors(cut, ints[1], points[1], tips, NULL, error);
+    }
     if (command == SBI_CUT_END && count == 0) {
         sb_cut_end(cut, ints[1]);
         return SB_OK;

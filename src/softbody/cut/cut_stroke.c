@@ -2,7 +2,8 @@
  *
  * The front is where the blade's edge was: samples at its corners, and wherever it goes through a face of a cell.
  * Between calls they move with the material that they are in, and what is between two of them, in one cell, as straight
- * as it was; outside of the tissue they stay where they are. So the next strip begins exactly where the last one ended,
+ * as it was (in elements with curved edges, in one micro-tet of the lattice, as which links see it); outside of the
+ * tissue they stay where they are. So the next strip begins exactly where the last one ended,
  * however the tissue has moved, but for the rounding of places: cut_ring.c closes what that may leave. Tissue that
  * moves against a blade at rest is cut as well. */
 #include "cut_private.h"
@@ -97,34 +98,109 @@ static int sbi_cut_piece_at(const sb_cut *cut, int tet, const sb_real at[4])
     if (cut->pieces[tet].next < 0)
         return tet;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &parted);
-    points = parted.pieces[sbi_parted_piece_at(&parted, at)];
+    points = parted.pieces[sbi_parted_piece_at(&parted, at)]; /* there are several pieces */
     while (cut->pieces[piece].next >= 0 && !(cut->pieces[piece].points & points))
         piece = cut->pieces[piece].next;
     return piece;
 }
 
-static void sbi_cut_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
+/* Parts of an element that stay straight: a tet4, or the micro-tets of one with curved edges. */
+static int sbi_cut_brick_count(const sb_cut *cut) { return cut->nodes_per_tet == 4 ? 1 : cut->lattice.micro_count; }
+
+/* The same as a number of them along an edge. */
+static int sbi_cut_bricks_along(const sb_cut *cut) { return cut->nodes_per_tet == 4 ? 1 : cut->lattice.intervals; }
+
+/* Where the corners of a brick of a piece are now. */
+static void sbi_cut_corners(const sb_cut *cut, int tet, int piece, int brick, sb_vec3 corners[4])
 {
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-    for (int a = 0; a < 4; a++)
-        x[a] = sb_body_positions(cut->body)[nodes[a]];
+    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    sb_vec3 x[SBI_CUT_NODES];
+    sbi_cut_get_nodes(cut, piece, x);
+    for (int a = 0; a < 4; a++) {
+        sb_real at[4];
+        sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], at);
+        corners[a] = cut->nodes_per_tet == 4 ? x[a] : sbi_cut_place(cut, &order, at, x);
+    }
+}
+
+/* Barycentrics in the tet of a point of a brick. */
+static void sbi_cut_from_brick(const sb_cut *cut, int brick, const sb_real of_brick[4], sb_real at[4])
+{
+    if (cut->nodes_per_tet == 4) {
+        memcpy(at, of_brick, 4 * sizeof *at);
+        return;
+    }
+    at[0] = at[1] = at[2] = at[3] = 0;
+    for (int a = 0; a < 4; a++) {
+        sb_real corner[4];
+        sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], corner);
+        for (int k = 0; k < 4; k++)
+            at[k] += of_brick[a] * corner[k];
+    }
+}
+
+/* The brick that has a point of the tet deepest inside, and its barycentrics there. */
+static int sbi_cut_to_brick(const sb_cut *cut, const sb_real at[4], sb_real of_brick[4])
+{
+    sb_real deepest = -SB_REAL_MAX;
+    int found = 0;
+    memcpy(of_brick, at, 4 * sizeof *at);
+    for (int brick = 0; brick < cut->lattice.micro_count && cut->nodes_per_tet > 4; brick++) {
+        sb_vec3 corners[4];
+        sb_real own[4], depth;
+        for (int a = 0; a < 4; a++) {
+            sb_real corner[4];
+            sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], corner);
+            corners[a] = sb_v3(corner[1], corner[2], corner[3]);
+        }
+        depth = sbi_lattice_barycentrics(corners, sb_v3(at[1], at[2], at[3]), own);
+        if (!(depth > deepest))
+            continue;
+        deepest = depth;
+        found = brick;
+        memcpy(of_brick, own, sizeof own);
+    }
+    return found;
 }
 
 /* Where a sample is now. */
 static sb_vec3 sbi_cut_carry(const sb_cut *cut, const sbi_cut_sample *sample)
 {
     sb_vec3 x[4], place = {0, 0, 0};
-    if (sample->tet < 0)
+    sb_real of_brick[4];
+    int brick;
+    if (sample->tet < 0 || sbi_cut_first_piece(cut, sample->tet) < 0)
         return sample->place;
-    sbi_cut_corners(cut, sbi_cut_piece_at(cut, sample->tet, sample->at), x);
+    brick = sbi_cut_to_brick(cut, sample->at, of_brick);
+    sbi_cut_corners(cut, sample->tet, sbi_cut_piece_at(cut, sample->tet, sample->at), brick, x);
     for (int a = 0; a < 4; a++)
-        place = sb_v3_madd(place, sample->at[a], x[a]);
+        place = sb_v3_madd(place, of_brick[a], x[a]);
     return place;
 }
 
 /* Outside of the tissue a blade moves with the skin where it is no farther than that, in barycentrics of the cell:
  * tissue that comes upon it is cut from its skin on. */
 static const sb_real sbi_cut_skin = 1;
+
+/* Puts a sample at p into a piece where that has it deeper inside, or nearer, than by `deepest`, in barycentrics of the
+ * cell. */
+static void sbi_cut_settle(const sb_cut *cut, int tet, int piece, sb_vec3 p, sb_real *deepest, sbi_cut_sample *sample)
+{
+    for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++) {
+        sb_vec3 x[4];
+        sb_real own[4], at[4], depth;
+        sbi_cut_corners(cut, tet, piece, brick, x);
+        depth = sbi_lattice_barycentrics(x, p, own) / (sb_real)sbi_cut_bricks_along(cut);
+        if (!(depth > *deepest))
+            continue;
+        sbi_cut_from_brick(cut, brick, own, at);
+        if (sbi_cut_piece_at(cut, tet, at) != piece)
+            continue;
+        *deepest = depth;
+        sample->tet = tet;
+        memcpy(sample->at, at, sizeof at);
+    }
+}
 
 /* A sample at a corner: in the piece of a near tet that has it deepest inside or nearest, or in space. */
 static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, int *count)
@@ -138,20 +214,13 @@ static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, 
     sample->along = corner == corners - 1;
     sample->tet = -1;
     sample->place = p;
-    for (int i = 0; i < cut->near.count; i++)
-        for (int tet = cut->near.items[i], piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-            sb_vec3 x[4];
-            sb_real at[4], depth;
-            if (!sbi_cut_meets_tet(cut, tet, &box))
-                continue;
-            sbi_cut_corners(cut, piece, x);
-            depth = sbi_lattice_barycentrics(x, p, at);
-            if (!(depth > deepest) || sbi_cut_piece_at(cut, tet, at) != piece)
-                continue;
-            deepest = depth;
-            sample->tet = tet;
-            memcpy(sample->at, at, sizeof at);
-        }
+    for (int i = 0; i < cut->near.count; i++) {
+        int tet = cut->near.items[i];
+        if (!sbi_cut_meets_tet(cut, tet, &box))
+            continue;
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_settle(cut, tet, piece, p, &deepest, sample);
+    }
 }
 
 /* ---- the front along an edge ---- */
@@ -195,27 +264,29 @@ static int sbi_cut_is_outside(const sb_cut *cut, sb_real along)
     return 1;
 }
 
-/* Adds where a side goes into and out of a piece that has the material there; beyond > 0: of what is near its skin,
- * outside of the tissue. The ends of the side are not of these. 0: no memory. */
-static int sbi_cut_add_passes(sb_cut *cut, int piece, sb_real beyond, const sbi_cut_sample *side, const sb_vec3 ends[2],
-                              int *count)
+/* Adds where a side goes into and out of a brick of a piece that has the material there; beyond > 0: of what is near
+ * its skin, outside of the tissue. The ends of the side are not of these. 0: no memory. */
+static int sbi_cut_add_passes(sb_cut *cut, int piece, int brick, sb_real beyond, const sbi_cut_sample *side,
+                              const sb_vec3 ends[2], int *count)
 {
     sb_vec3 x[4];
     sb_real stretch[2], at[2][4];
-    sbi_cut_corners(cut, piece, x);
-    if (!sbi_cut_clip(x, ends[0], ends[1], beyond, stretch, at))
+    sbi_cut_corners(cut, side->tet, piece, brick, x);
+    if (!sbi_cut_clip(x, ends[0], ends[1], beyond * (sb_real)sbi_cut_bricks_along(cut), stretch, at))
         return 1;
     if (!sbi_cut_reserve_front(cut, *count, 2) || (beyond == 0 && !sbi_cut_add_span(cut, stretch)))
         return 0;
     for (int end = 0; end < 2; end++) {
         sbi_cut_sample *sample = cut->front + *count;
-        if (!(stretch[end] > 0) || !(stretch[end] < 1) || sbi_cut_piece_at(cut, side->tet, at[end]) != piece ||
+        sb_real of_tet[4];
+        sbi_cut_from_brick(cut, brick, at[end], of_tet);
+        if (!(stretch[end] > 0) || !(stretch[end] < 1) || sbi_cut_piece_at(cut, side->tet, of_tet) != piece ||
             (beyond > 0 && !sbi_cut_is_outside(cut, stretch[end])))
             continue;
         *sample = *side;
         sample->along = stretch[end];
         sample->place = sb_v3_madd(sb_v3_scale(1 - stretch[end], ends[0]), stretch[end], ends[1]);
-        memcpy(sample->at, at[end], sizeof sample->at);
+        memcpy(sample->at, of_tet, sizeof of_tet);
         (*count)++;
     }
     return 1;
@@ -235,9 +306,10 @@ static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *c
             int tet = passing.tet = cut->near.items[i];
             if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
                 continue;
-            for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
-                if (!sbi_cut_add_passes(cut, piece, skin ? sbi_cut_skin : 0, &passing, ends, count))
-                    return 0;
+            for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
+                for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++)
+                    if (!sbi_cut_add_passes(cut, piece, brick, skin ? sbi_cut_skin : 0, &passing, ends, count))
+                        return 0;
         }
     return 1;
 }
@@ -341,39 +413,123 @@ SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *
     return SB_OK;
 }
 
+/* A stroke that goes on, with the edge that its blade has now. */
+static sb_result sbi_cut_check_move(const sb_cut *cut, int stroke, const sb_vec3 *edge, sb_error *error)
+{
+    if (stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
+        return sbi_fail(error, SB_ERROR_INDEX, "there is no stroke %d under way", stroke);
+    return sbi_cut_check_edge(cut, edge, cut->strokes[stroke].edge_count, error);
+}
+
+/* Takes the edge of a stroke to where it is now, and cuts what lies between, or, cuts 0, nothing. */
+static sb_result sbi_cut_go_on(sb_cut *cut, sbi_cut_stroke *stroke, const sb_vec3 *edge, int cuts, sb_cut_info *info,
+                               sb_error *error)
+{
+    int samples, triangles = cuts ? 2 * (stroke->sample_count - 1) : 0;
+    sb_result result;
+    if (!sbi_cut_reserve_strip(cut, stroke->sample_count))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    sbi_cut_make_strip(cut, stroke, edge, cut->strip);
+    if (cuts)
+        sbi_cut_list_reached(cut, cut->strip, 3 * triangles, cut->element_size);
+    else
+        sbi_cut_list_reached(cut, edge, stroke->edge_count, cut->element_size);
+    samples = sbi_cut_find_front(cut, edge, stroke->edge_count);
+    if (!samples || !sbi_cut_stroke_reserve(cut, stroke, samples))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
+    result = sbi_cut_along(cut, cut->strip, triangles, cuts ? stroke : NULL, info, error);
+    if (result == SB_OK)
+        sbi_cut_take_front(cut, stroke, stroke->edge_count, samples);
+    return result;
+}
+
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error)
 {
     sbi_cut_stroke *of;
-    int samples, triangles;
     sb_result result;
     if (!cut || !edge)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_move needs a cut and an edge");
-    if (stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
-        return sbi_fail(error, SB_ERROR_INDEX, "there is no stroke %d under way", stroke);
+    result = sbi_cut_check_move(cut, stroke, edge, error);
+    if (result != SB_OK)
+        return result;
     of = cut->strokes + stroke;
-    result = sbi_cut_check_edge(cut, edge, of->edge_count, error);
+    of->about = edge[0];
+    result = sbi_cut_go_on(cut, of, edge, 1, info, error);
+    if (result == SB_OK)
+        sbi_cut_tell(cut, SBI_CUT_MOVE, stroke, edge, of->edge_count);
+    return result;
+}
+
+/* ---- scissors: the edge goes from one tip to the hinge and on to the other tip ---- */
+
+enum { SBI_CUT_HINGE = 1, SBI_CUT_SCISSORS_CORNERS = 3 };
+
+/* How far scissors are open: the distance of their blades at length 1, and how one has to turn to the other. Of blades
+ * without length: not at all. */
+static sb_real sbi_cut_opening(const sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS], sb_vec3 *turn)
+{
+    sb_vec3 a = sb_v3_sub(edge[0], edge[SBI_CUT_HINGE]), b = sb_v3_sub(edge[2], edge[SBI_CUT_HINGE]);
+    sb_real of_a = sb_v3_norm(a), of_b = sb_v3_norm(b);
+    *turn = sb_v3(0, 0, 0);
+    if (!(of_a > 0) || !(of_b > 0))
+        return 0;
+    a = sb_v3_scale(1 / of_a, a);
+    b = sb_v3_scale(1 / of_b, b);
+    *turn = sb_v3_cross(a, b);
+    return sb_v3_norm(sb_v3_sub(a, b));
+}
+
+/* Where the corners of a stroke of scissors were at the last call. */
+static void sbi_cut_last_edge(const sbi_cut_stroke *stroke, sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS])
+{
+    for (int i = 0; i < stroke->sample_count; i++) {
+        const sbi_cut_sample *sample = stroke->samples + i;
+        if (sample->along == 0 || sample->along == 1)
+            edge[sample->side + (sample->along == 1)] = sample->place;
+    }
+}
+
+/* 1 when scissors close: their blades are nearer to each other than at the last call, or have passed each other. */
+static int sbi_cut_closes(const sbi_cut_stroke *stroke, const sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS])
+{
+    const sb_real rounding = 64 * SB_EPSILON;
+    sb_vec3 last[SBI_CUT_SCISSORS_CORNERS], turn, last_turn;
+    sb_real opening, last_opening;
+    memcpy(last, edge, sizeof last);
+    sbi_cut_last_edge(stroke, last);
+    opening = sbi_cut_opening(edge, &turn);
+    last_opening = sbi_cut_opening(last, &last_turn);
+    return opening < last_opening - rounding || (last_opening > rounding && sb_v3_dot(turn, last_turn) < 0);
+}
+
+SB_API sb_result sb_cut_scissors(sb_cut *cut, int stroke, sb_vec3 hinge, const sb_vec3 tips[2], sb_cut_info *info,
+                                 sb_error *error)
+{
+    sb_vec3 edge[SBI_CUT_SCISSORS_CORNERS];
+    sbi_cut_stroke *of;
+    sb_result result;
+    if (!cut || !tips)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_scissors needs a cut and two tips");
+    edge[0] = tips[0], edge[SBI_CUT_HINGE] = hinge, edge[2] = tips[1];
+    if (stroke >= 0 && stroke < cut->max_strokes && cut->strokes[stroke].edge_count &&
+        cut->strokes[stroke].edge_count != SBI_CUT_SCISSORS_CORNERS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stroke %d has %d corners: scissors have 3, tip, hinge and tip",
+                        stroke, cut->strokes[stroke].edge_count);
+    result = sbi_cut_check_move(cut, stroke, edge, error);
     if (result != SB_OK)
         return result;
-    triangles = 2 * (of->sample_count - 1);
-    if (!sbi_cut_reserve_strip(cut, of->sample_count))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
-    sbi_cut_make_strip(cut, of, edge, cut->strip);
-    sbi_cut_list_reached(cut, cut->strip, 3 * triangles, cut->element_size);
-    samples = sbi_cut_find_front(cut, edge, of->edge_count);
-    if (!samples || !sbi_cut_stroke_reserve(cut, of, samples))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the samples of a stroke");
-    result = sbi_cut_along(cut, cut->strip, triangles, info, error);
-    if (result != SB_OK)
-        return result;
-    sbi_cut_take_front(cut, of, of->edge_count, samples);
-    sbi_cut_tell(cut, SBI_CUT_MOVE, stroke, edge, of->edge_count);
-    return SB_OK;
+    of = cut->strokes + stroke;
+    of->about = hinge;
+    result = sbi_cut_go_on(cut, of, edge, sbi_cut_closes(of, edge), info, error);
+    if (result == SB_OK)
+        sbi_cut_tell(cut, SBI_CUT_SCISSORS, stroke, edge, SBI_CUT_SCISSORS_CORNERS);
+    return result;
 }
 
 SB_API void sb_cut_end(sb_cut *cut, int stroke)
 {
     if (!cut || stroke < 0 || stroke >= cut->max_strokes || !cut->strokes[stroke].edge_count)
         return;
-    cut->strokes[stroke].edge_count = cut->strokes[stroke].sample_count = 0;
+    cut->strokes[stroke].edge_count = cut->strokes[stroke].sample_count = cut->strokes[stroke].debts.count = 0;
     sbi_cut_tell(cut, SBI_CUT_END, stroke, NULL, 0);
 }

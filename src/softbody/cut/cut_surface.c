@@ -1,5 +1,7 @@
 /* cut_surface: skin and lips of a body that is cut.
  *
+ * What was taken out is drawn as a side that nobody sees: its skin and lips are left out, and those across are walls.
+ *
  * Vertices stand for points of the lattices: lattice points on the skin, points of cut links, of faces of micro-tets,
  * and centres of micro-tets. Each has one vertex for each side of the cut that it is on. A link has two sides, unless
  * its ends are of one piece in some element around it: there the cut ends. A face has a side for each set of its
@@ -35,8 +37,8 @@ typedef struct sbi_draw_table {
 
 typedef struct sbi_draw_vertex {
     sb_cut_origin origin;
-    int cell, cell_nodes[4]; /* of the body, that it moves with */
-    int stamp;               /* of the last rebuild that used it */
+    int cell, cell_nodes[SBI_CUT_NODES]; /* of the body, that it moves with */
+    int stamp;                           /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
 typedef struct sbi_draw_axes {
@@ -321,7 +323,8 @@ static int sbi_draw_vertex_of(sb_cut_surface *s, const sbi_draw_tet *t, int piec
         memcpy(made->origin.nodes, tet, sizeof made->origin.nodes);
         memcpy(made->origin.weights, at, sizeof made->origin.weights);
         made->cell = t->cells[piece];
-        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]), sizeof made->cell_nodes);
+        memcpy(made->cell_nodes, sb_body_cell_nodes(s->cut->body, t->cells[piece]),
+               (size_t)s->cut->nodes_per_tet * sizeof(int));
         s->origins[vertex] = made->origin;
     }
     return vertex;
@@ -369,15 +372,18 @@ static int sbi_draw_place(const sbi_draw_tet *t, const sb_real at[4])
     return (int)(mixed & 0x3fffffff);
 }
 
-/* Node of a piece's cell at the first corner, in ascending order, that a place depends on. */
+/* Node of a piece's cell that tells apart the sides of a cut at a place: the first corner, in ascending order, that it
+ * depends on, or the middle of its edge where that has a node. */
 static int sbi_draw_node(const sb_cut_surface *s, const sbi_draw_tet *t, int piece, const sb_real at[4])
 {
-    for (int k = 0; k < 4; k++) {
-        int corner = t->parted.order.corners[k];
-        if (at[corner] != 0)
-            return sb_body_cell_nodes(s->cut->body, t->cells[piece])[corner];
-    }
-    return -1;
+    const int *nodes = sb_body_cell_nodes(s->cut->body, t->cells[piece]);
+    int corners[4], count = 0;
+    for (int k = 0; k < 4; k++)
+        if (at[t->parted.order.corners[k]] != 0)
+            corners[count++] = t->parted.order.corners[k];
+    if (count == 2 && s->cut->nodes_per_tet > 4)
+        return nodes[4 + s->edge_of[corners[0]][corners[1]]];
+    return count ? nodes[corners[0]] : -1;
 }
 
 /* A lattice point on the skin: its element's nodes with their weights, ascending. */
@@ -419,7 +425,7 @@ static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int
         first[a] += last[a];
     key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name.at[0], name.at[1], name.at[2], name.at[3],
                             sbi_draw_node(s, t, piece, first));
-    key.at[6] = tag;
+    key.at[6] = tag | sbi_draw_place(t, at) << 1; /* ablation moves crossings */
     return sbi_draw_vertex_of(s, t, piece, key, at, normal);
 }
 
@@ -518,7 +524,7 @@ static void sbi_draw_load_tet(const sb_cut_surface *s, int tet, sbi_draw_tet *t)
     int count = 0;
     t->tet = tet;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &t->parted);
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
         t->cells[count++] = cut->pieces[piece].cell;
 }
 
@@ -651,6 +657,25 @@ static void sbi_draw_find_fans(sb_cut_surface *s)
 
 /* ---- drawing an element ---- */
 
+static int sbi_draw_is_lost(const sbi_draw_tet *t, int point) { return t->parted.piece_of[point] == SBI_PARTED_LOST; }
+
+/* What one end of a cut link on the skin has of the edge from corner `edge` to the next one: end is the corner. */
+static void sbi_draw_skin_half(sb_cut_surface *s, const sbi_draw_tet *t, int micro, const int local[3], int edge,
+                               int end, int link, const sb_real middle[4])
+{
+    const sb_vec3 none = {0, 0, 0};
+    int point = t->parted.lattice->micros[micro][local[end]], at, crossing, hub;
+    if (sbi_draw_is_lost(t, point))
+        return;
+    at = sbi_draw_point(s, t, point);
+    crossing = sbi_draw_link(s, t, link, point, SB_CUT_SKIN, none);
+    hub = sbi_draw_face(s, t, micro, local, end, middle, SB_CUT_SKIN, none);
+    if (end == edge)
+        sbi_draw_add_triangle(s, at, crossing, hub, SB_CUT_SKIN, t->cells[t->parted.piece_of[point]]);
+    else
+        sbi_draw_add_triangle(s, crossing, at, hub, SB_CUT_SKIN, t->cells[t->parted.piece_of[point]]);
+}
+
 /* A triangle of the lattice on the skin: whole where no link of it is cut, else as its flags about the face's point. */
 static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int micro, int x)
 {
@@ -664,6 +689,8 @@ static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int mi
     for (int k = 0; k < 3; k++)
         cut |= t->parted.cut[lattice->micro_links[micro][s->edge_of[local[k]][local[(k + 1) % 3]]]];
     if (!cut) {
+        if (sbi_draw_is_lost(t, corners[local[0]]))
+            return;
         sbi_draw_add_triangle(s, sbi_draw_point(s, t, corners[local[0]]), sbi_draw_point(s, t, corners[local[1]]),
                               sbi_draw_point(s, t, corners[local[2]]), SB_CUT_SKIN,
                               t->cells[t->parted.piece_of[corners[local[0]]]]);
@@ -679,18 +706,14 @@ static void sbi_draw_skin_micro(sb_cut_surface *s, const sbi_draw_tet *t, int mi
     }
     for (int k = 0; k < 3; k++) {
         int v = local[k], w = local[(k + 1) % 3], link = lattice->micro_links[micro][s->edge_of[v][w]];
-        int from = sbi_draw_point(s, t, corners[v]), to = sbi_draw_point(s, t, corners[w]);
-        int hub = sbi_draw_face(s, t, micro, local, k, middle, SB_CUT_SKIN, none);
-        int cell = t->cells[t->parted.piece_of[corners[v]]];
-        if (!t->parted.cut[link]) {
-            sbi_draw_add_triangle(s, from, to, hub, SB_CUT_SKIN, cell);
-            continue;
+        if (t->parted.cut[link]) {
+            sbi_draw_skin_half(s, t, micro, local, k, k, link, middle);
+            sbi_draw_skin_half(s, t, micro, local, k, (k + 1) % 3, link, middle);
+        } else if (!sbi_draw_is_lost(t, corners[v])) {
+            int hub = sbi_draw_face(s, t, micro, local, k, middle, SB_CUT_SKIN, none);
+            sbi_draw_add_triangle(s, sbi_draw_point(s, t, corners[v]), sbi_draw_point(s, t, corners[w]), hub,
+                                  SB_CUT_SKIN, t->cells[t->parted.piece_of[corners[v]]]);
         }
-        sbi_draw_add_triangle(s, from, sbi_draw_link(s, t, link, corners[v], SB_CUT_SKIN, none), hub, SB_CUT_SKIN,
-                              cell);
-        hub = sbi_draw_face(s, t, micro, local, (k + 1) % 3, middle, SB_CUT_SKIN, none);
-        sbi_draw_add_triangle(s, sbi_draw_link(s, t, link, corners[w], SB_CUT_SKIN, none), to, hub, SB_CUT_SKIN,
-                              t->cells[t->parted.piece_of[corners[w]]]);
     }
 }
 
@@ -705,6 +728,8 @@ static void sbi_draw_skin_fan(sb_cut_surface *s, const sbi_draw_tet *t, int face
     sb_element_face(SB_TET4, face, local, NULL);
     for (int k = 0; k < 3; k++)
         middle[local[k]] = (sb_real)1 / 3;
+    if (sbi_draw_is_lost(t, local[0]))
+        return;
     piece = t->parted.piece_of[local[0]];
     cell = t->cells[piece];
     key = sbi_draw_key_make(SBI_DRAW_MIDDLE, t->tet, face, 0, 0, sbi_draw_node(s, t, piece, middle));
@@ -751,7 +776,7 @@ static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, int micro, co
 {
     const sbi_lattice *lattice = t->parted.lattice;
     const unsigned char *corners = lattice->micros[micro];
-    int link = lattice->micro_links[micro][s->edge_of[v][w]], local[3];
+    int link = lattice->micro_links[micro][s->edge_of[v][w]], local[3], tag;
     const sb_real *of_face = points->tet[SBI_MICRO_FACES + sbi_draw_opposite[x]];
     const sb_real *of_link = points->tet[s->edge_of[v][w]], *of_centre = points->tet[SBI_MICRO_CENTRE];
     sb_vec3 rest[3], nodes[4], normal;
@@ -761,25 +786,29 @@ static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, int micro, co
     rest[1] = sbi_lattice_place(&t->parted.order, of_face, nodes);
     rest[2] = sbi_lattice_place(&t->parted.order, of_centre, nodes);
     normal = sb_v3_cross(sb_v3_sub(rest[1], rest[0]), sb_v3_sub(rest[2], rest[0]));
+    tag = s->cut->links.items[t->parted.rank[link]].charred ? SB_CUT_CHAR : SB_CUT_LIP;
     sbi_draw_micro_face(s, x, local);
     for (int side = 0; side < 2; side++) {
         int corner = side ? w : v, piece = t->parted.piece_of[corners[corner]], k = 0, a, b, c;
+        if (sbi_draw_is_lost(t, corners[corner]))
+            continue;
         while (local[k] != corner)
             k++;
         a = sbi_draw_link(s, t, link, corners[corner], SB_CUT_LIP, normal);
         b = sbi_draw_face(s, t, micro, local, k, of_face, SB_CUT_LIP, normal);
         c = sbi_draw_centre(s, t, micro, piece, of_centre, normal);
         if (side == turned)
-            sbi_draw_add_triangle(s, a, b, c, SB_CUT_LIP, t->cells[piece]);
+            sbi_draw_add_triangle(s, a, b, c, tag, t->cells[piece]);
         else
-            sbi_draw_add_triangle(s, a, c, b, SB_CUT_LIP, t->cells[piece]);
+            sbi_draw_add_triangle(s, a, c, b, tag, t->cells[piece]);
     }
 }
 
 static void sbi_draw_lips(sb_cut_surface *s, const sbi_draw_tet *t)
 {
     const sbi_lattice *lattice = t->parted.lattice;
-    for (int micro = 0; micro < lattice->micro_count && t->parted.piece_count > 1; micro++) {
+    int has_lips = t->parted.piece_count > 1 || t->parted.lost;
+    for (int micro = 0; micro < lattice->micro_count && has_lips; micro++) {
         const unsigned char *corners = lattice->micros[micro];
         sbi_micro_points points;
         if (!sbi_parted_is_split(&t->parted, micro))
@@ -812,7 +841,7 @@ static int sbi_draw_reserve_merged(sb_cut_surface *s)
 /* 1 when a whole face of an element without cuts is drawn as it is now. */
 static int sbi_draw_is_same(const sb_cut_surface *s, int f, int tet, const int *local)
 {
-    int cell = s->cut->pieces[tet].cell, same = s->cells[f] == cell;
+    int cell = s->cut->pieces[tet].cell, same = s->cut->pieces[tet].points != 0 && cell >= 0 && s->cells[f] == cell;
     for (int k = 0; k < 3 && same; k++)
         same = sb_body_cell_nodes(s->cut->body, cell)[local[k]] == s->names.keys[s->triangles[f][k]].at[5];
     return same;
@@ -832,6 +861,10 @@ static void sbi_draw_whole_faces(sb_cut_surface *s)
         if (s->triangles_before > f && !s->tet_marks[tet] && sbi_draw_is_same(s, f, tet, local))
             continue;
         sbi_draw_load_tet(s, tet, &t);
+        if (sbi_draw_is_lost(&t, local[0])) {
+            sbi_draw_set_triangle(s, f, 0, 0, 0, SB_CUT_SKIN, -1);
+            continue;
+        }
         sbi_draw_set_triangle(s, f, sbi_draw_point(s, &t, local[0]), sbi_draw_point(s, &t, local[1]),
                               sbi_draw_point(s, &t, local[2]), SB_CUT_SKIN, t.cells[t.parted.piece_of[local[0]]]);
     }
@@ -876,7 +909,7 @@ static int sbi_draw_rebuild(sb_cut_surface *s)
 static void sbi_draw_find_unused(sb_cut_surface *s)
 {
     for (int f = 0; f < s->face_count; f++)
-        for (int k = 0; k < 3 && s->face_states[f] == SBI_DRAW_WHOLE; k++)
+        for (int k = 0; k < 3 && s->face_states[f] == SBI_DRAW_WHOLE && s->cells[f] >= 0; k++)
             s->vertices[s->triangles[f][k]].stamp = s->stamp;
     for (int i = 0; i < s->names.count; i++)
         s->origins[i].element = s->vertices[i].stamp == s->stamp ? s->vertices[i].origin.element : -1;
@@ -885,23 +918,28 @@ static void sbi_draw_find_unused(sb_cut_surface *s)
 static void sbi_draw_move(sb_cut_surface *s)
 {
     const sb_vec3 *x = sb_body_positions(s->cut->body);
+    int n = s->cut->nodes_per_tet;
     for (int i = 0; i < s->names.count; i++) {
         const sbi_draw_vertex *vertex = s->vertices + i;
+        sb_real shape[SBI_CUT_NODES];
+        const sb_real *weights = n == 4 ? vertex->origin.weights : shape;
         sb_vec3 sum = sb_v3(0, 0, 0);
         s->normals[i] = sum;
         if (s->origins[i].element < 0)
             continue;
-        for (int a = 0; a < 4; a++)
-            if (vertex->origin.weights[a] != 0)
-                sum = sb_v3_madd(sum, vertex->origin.weights[a], x[vertex->cell_nodes[a]]);
+        if (n > 4)
+            sb_element_shape(SB_TET10, vertex->origin.weights + 1, shape, NULL);
+        for (int a = 0; a < n; a++)
+            if (weights[a] != 0)
+                sum = sb_v3_madd(sum, weights[a], x[vertex->cell_nodes[a]]);
         s->positions[i] = sum;
     }
     for (int f = 0; f < s->triangle_count; f++) {
         const int *v = s->triangles[f];
-        sb_vec3 n = sb_v3_cross(sb_v3_sub(s->positions[v[1]], s->positions[v[0]]),
-                                sb_v3_sub(s->positions[v[2]], s->positions[v[0]]));
+        sb_vec3 normal = sb_v3_cross(sb_v3_sub(s->positions[v[1]], s->positions[v[0]]),
+                                     sb_v3_sub(s->positions[v[2]], s->positions[v[0]]));
         for (int k = 0; k < 3; k++)
-            s->normals[v[k]] = sb_v3_add(s->normals[v[k]], n);
+            s->normals[v[k]] = sb_v3_add(s->normals[v[k]], normal);
     }
     for (int i = 0; i < s->names.count; i++) {
         sb_real size = sb_v3_norm(s->normals[i]);

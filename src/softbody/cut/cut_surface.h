@@ -1,4 +1,4 @@
-/* cut_surface: what is drawn of a body that is cut: its skin, and the lips of the cuts. Floor 4.
+/* cut_surface: what is drawn of a body that is cut: its skin, the lips of the cuts, and the walls of holes. Floor 4.
  *
  *     sb_cut_surface_create(cut, NULL, &surface, &error);
  *     ... cuts, steps ...
@@ -23,7 +23,8 @@ typedef struct sb_cut_surface sb_cut_surface;
 
 typedef enum sb_cut_tag {
     SB_CUT_SKIN = 0, /* the boundary of the uncut mesh */
-    SB_CUT_LIP = 1   /* what a cut laid open */
+    SB_CUT_LIP = 1,  /* what a cut laid open */
+    SB_CUT_CHAR = 2  /* what ablation did */
 } sb_cut_tag;
 
 /* What a vertex is made from: whatever nodes of the uncut mesh have (colours, texture coordinates) goes over by these
@@ -46,7 +47,7 @@ typedef struct sb_cut_drawing {
     const int *points;            /* [vertex_count] vertices of skin and of lips at one point have the same number */
     const int (*triangles)[3];    /* [triangle_count] counter-clockwise seen from outside; three times the same vertex:
                                    * none */
-    const unsigned char *tags;    /* [triangle_count] SB_CUT_SKIN, SB_CUT_LIP */
+    const unsigned char *tags;    /* [triangle_count] SB_CUT_SKIN, SB_CUT_LIP, SB_CUT_CHAR */
     const int *cells;             /* [triangle_count] of the body, that the triangle moves with; -1: none */
     /* What the last update made other than moving vertices: triangles from first to end, and vertices from first on. */
     int first_triangle, triangle_end, first_vertex;

@@ -29,6 +29,13 @@ SBI_API void sbi_cut_list_around(sb_cut *cut, const sbi_link_key *key)
     }
 }
 
+SBI_API void sbi_cut_touch(sb_cut *cut, int tet)
+{
+    if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
+        cut->touched.items[cut->touched.count++] = tet;
+    cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
+}
+
 /* A blade has struck a link; 0: no memory. */
 static int sbi_cut_strike(sb_cut *cut, int item, int blade)
 {
@@ -37,12 +44,8 @@ static int sbi_cut_strike(sb_cut *cut, int item, int blade)
     cut->links.items[item].struck = blade;
     cut->struck.items[cut->struck.count++] = item;
     sbi_cut_list_around(cut, &cut->links.items[item].key);
-    for (int i = 0; i < cut->around.count; i++) {
-        int tet = cut->around.items[i];
-        if (!(cut->tet_marks[tet] & SBI_CUT_TOUCHED))
-            cut->touched.items[cut->touched.count++] = tet;
-        cut->tet_marks[tet] |= SBI_CUT_TOUCHED;
-    }
+    for (int i = 0; i < cut->around.count; i++)
+        sbi_cut_touch(cut, cut->around.items[i]);
     return 1;
 }
 
@@ -76,6 +79,11 @@ SBI_API void sbi_cut_take_back(sb_cut *cut, int count)
     for (int i = 0; i < cut->crossed.count; i++)
         cut->links.items[cut->crossed.items[i]].state = SBI_LINK_PREDICTED;
     cut->crossed.count = 0;
+    while (cut->receded_count > 0) {
+        const sbi_cut_receded *was = cut->receded + --cut->receded_count;
+        cut->links.items[was->item].t = was->t;
+        cut->links.items[was->item].charred = was->charred;
+    }
     sbi_cut_links_truncate(&cut->links, count);
 }
 
@@ -116,16 +124,53 @@ SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count)
     return box;
 }
 
-SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box)
+SBI_API void sbi_cut_get_nodes(const sb_cut *cut, int piece, sb_vec3 x[SBI_CUT_NODES])
+{
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
+    for (int a = 0; a < cut->nodes_per_tet; a++)
+        x[a] = cut->body->position[nodes[a]];
+}
+
+SBI_API sb_vec3 sbi_cut_place(const sb_cut *cut, const sbi_corner_order *order, const sb_real barycentrics[4],
+                              const sb_vec3 x[SBI_CUT_NODES])
+{
+    return cut->nodes_per_tet == 4 ? sbi_lattice_place(order, barycentrics, x)
+                                   : sbi_lattice_place_quadratic(order, barycentrics, x);
+}
+
+SBI_API void sbi_cut_get_shape(const sb_cut *cut, const sb_real barycentrics[4], sb_real shape[SBI_CUT_NODES])
+{
+    if (cut->nodes_per_tet == 4)
+        memcpy(shape, barycentrics, 4 * sizeof *shape);
+    else
+        sb_element_shape(SB_TET10, barycentrics + 1, shape, NULL);
+}
+
+/* An element with curved edges lies in the box of its Bezier points: corners, and of each edge twice the middle less
+ * the mean of the ends. */
+SBI_API sbi_cut_box sbi_cut_box_of_piece(const sb_cut *cut, int piece)
 {
     const sb_vec3 *x = cut->body->position;
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
+    sbi_cut_box box;
+    box.low = box.high = x[nodes[0]];
+    for (int a = 1; a < 4; a++)
+        sbi_cut_box_add(&box, x[nodes[a]]);
+    for (int e = 0; e < 6 && cut->nodes_per_tet > 4; e++) {
+        int edge[3];
+        sb_vec3 ends;
+        sb_element_edge(SB_TET10, e, edge);
+        ends = sb_v3_add(x[nodes[edge[0]]], x[nodes[edge[1]]]);
+        sbi_cut_box_add(&box, sb_v3_madd(sb_v3_scale(2, x[nodes[edge[2]]]), (sb_real)-0.5, ends));
+    }
+    return box;
+}
+
+SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box)
+{
     int meets = 0;
-    for (int piece = tet; piece >= 0 && !meets; piece = cut->pieces[piece].next) {
-        const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
-        sbi_cut_box of;
-        of.low = of.high = x[nodes[0]];
-        for (int a = 1; a < 4; a++)
-            sbi_cut_box_add(&of, x[nodes[a]]);
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0 && !meets; piece = cut->pieces[piece].next) {
+        sbi_cut_box of = sbi_cut_box_of_piece(cut, piece);
         meets = sbi_cut_boxes_meet(&of, box);
     }
     return meets;
@@ -161,32 +206,30 @@ typedef struct sbi_cut_crossings {
     sb_real t[SBI_LATTICE_LINKS];
 } sbi_cut_crossings;
 
-/* Box of the corners, rounded; lattice points lie in it but for their own rounding. */
-static sbi_blade_box sbi_cut_shape_box(const sbi_crossing_frame *frame, const sb_vec3 corners[4])
+/* Box of a piece, rounded; lattice points lie in it but for their own rounding. */
+static sbi_blade_box sbi_cut_shape_box(const sb_cut *cut, const sbi_crossing_frame *frame, int piece)
 {
     const int rounding = 1;
+    sbi_cut_box of = sbi_cut_box_of_piece(cut, piece);
     sbi_blade_box box;
-    for (int a = 0; a < 4; a++) {
-        sbi_int3 at = sbi_crossing_round(frame, corners[a]);
-        if (a == 0)
-            box.low = box.high = at;
-        box.low.x = sbi_min_int(box.low.x, at.x), box.high.x = sbi_max_int(box.high.x, at.x);
-        box.low.y = sbi_min_int(box.low.y, at.y), box.high.y = sbi_max_int(box.high.y, at.y);
-        box.low.z = sbi_min_int(box.low.z, at.z), box.high.z = sbi_max_int(box.high.z, at.z);
-    }
+    box.low = sbi_crossing_round(frame, of.low);
+    box.high = sbi_crossing_round(frame, of.high);
     box.low.x -= rounding, box.low.y -= rounding, box.low.z -= rounding;
     box.high.x += rounding, box.high.y += rounding, box.high.z += rounding;
     return box;
 }
 
-SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, const sbi_crossing_frame *frame, sbi_cut_shape *shape)
+SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, int piece, const sbi_crossing_frame *frame,
+                                sbi_cut_shape *shape)
 {
     const sbi_lattice *lattice = &cut->lattice;
+    sb_vec3 x[SBI_CUT_NODES];
+    sbi_cut_get_nodes(cut, piece, x);
     shape->order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     for (int p = 0; p < lattice->point_count; p++) {
         sb_real barycentrics[4];
         sbi_lattice_point(lattice, p, barycentrics);
-        shape->places[p] = sbi_crossing_round(frame, sbi_lattice_place(&shape->order, barycentrics, shape->corners));
+        shape->places[p] = sbi_crossing_round(frame, sbi_cut_place(cut, &shape->order, barycentrics, x));
     }
 }
 
@@ -221,19 +264,15 @@ static void sbi_cut_cross(const sb_cut *cut, uint64_t points, const sbi_cut_shap
 static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *frame, int tet, int piece,
                                   sbi_cut_crossings *found)
 {
-    const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
     sbi_cut_shape shape;
-    sbi_blade_box box;
+    sbi_blade_box box = sbi_cut_shape_box(cut, frame, piece);
     sbi_blade_walk walk;
     int blade;
-    for (int a = 0; a < 4; a++)
-        shape.corners[a] = cut->body->position[nodes[a]];
-    box = sbi_cut_shape_box(frame, shape.corners);
     sbi_blade_walk_begin(&cut->tree, &box, &walk);
     blade = sbi_blade_walk_next(&cut->tree, &walk);
     if (blade < 0)
         return 0;
-    sbi_cut_shape_make(cut, tet, frame, &shape);
+    sbi_cut_shape_make(cut, tet, piece, frame, &shape);
     memset(found->blades, -1, sizeof found->blades);
     for (; blade >= 0; blade = sbi_blade_walk_next(&cut->tree, &walk))
         sbi_cut_cross(cut, cut->pieces[piece].points, &shape, blade, found);
@@ -245,14 +284,12 @@ static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *f
 /* A lattice point as the piece that has it says. */
 static sbi_int3 sbi_cut_point(const sb_cut *cut, const sbi_crossing_frame *frame, int tet, int point)
 {
-    const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[sbi_cut_piece_with(cut, tet, point)].cell;
     sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
-    sb_vec3 corners[4];
+    sb_vec3 x[SBI_CUT_NODES];
     sb_real at[4];
-    for (int a = 0; a < 4; a++)
-        corners[a] = cut->body->position[nodes[a]];
+    sbi_cut_get_nodes(cut, sbi_cut_piece_with(cut, tet, point), x);
     sbi_lattice_point(&cut->lattice, point, at);
-    return sbi_crossing_round(frame, sbi_lattice_place(&order, at, corners));
+    return sbi_crossing_round(frame, sbi_cut_place(cut, &order, at, x));
 }
 
 SBI_API int sbi_cut_first_crossing(const sb_cut *cut, sbi_int3 from, sbi_int3 to)
@@ -280,8 +317,8 @@ static int sbi_cut_cross_predicted(const sb_cut *cut, const sbi_crossing_frame *
     int piece = sbi_cut_piece_with(cut, tet, ends[0]), item;
     sbi_corner_order order;
     sbi_link_key key;
-    if ((cut->pieces[piece].points >> ends[1] & 1) ||
-        !sbi_cut_is_of(cut, cut->body->domain.cells[4 * (size_t)cut->pieces[piece].cell], part))
+    if (((cut->links.lost[tet] >> ends[0] | cut->links.lost[tet] >> ends[1]) & 1) ||
+        (cut->pieces[piece].points >> ends[1] & 1) || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
         return -1;
     order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     key = sbi_lattice_key(&cut->lattice, &order, tet, link);
@@ -320,10 +357,10 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
     int count = 0;
     if (!sbi_cut_meets_tet(cut, tet, &cut->reach))
         return 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next) {
-        const int *nodes = cut->body->domain.cells + 4 * (size_t)cut->pieces[piece].cell;
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
         sbi_cut_crossings found;
-        if (!sbi_cut_is_of(cut, nodes[0], work->part) || !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
+        if (!sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], work->part) ||
+            !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
             continue;
         for (int l = 0; l < cut->lattice.link_count; l++) {
             if (found.blades[l] >= 0)

@@ -224,6 +224,22 @@ SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real b
     return place;
 }
 
+SBI_API sb_vec3 sbi_lattice_place_quadratic(const sbi_corner_order *order, const sb_real barycentrics[4],
+                                            const sb_vec3 x[10])
+{
+    static const signed char middle[4][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}};
+    sb_vec3 place = {0, 0, 0};
+    for (int i = 0; i < 4; i++)
+        for (int k = i; k < 4; k++) {
+            int p = order->corners[i], q = order->corners[k];
+            sb_real weight =
+                p == q ? barycentrics[p] * (2 * barycentrics[p] - 1) : 4 * barycentrics[p] * barycentrics[q];
+            if (weight != 0)
+                place = sb_v3_madd(place, weight, x[(int)middle[p][q]]);
+        }
+    return place;
+}
+
 SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4])
 {
     sb_vec3 e = sb_v3_sub(x[1], x[0]), f = sb_v3_sub(x[2], x[0]), g = sb_v3_sub(x[3], x[0]), q = sb_v3_sub(p, x[0]);
@@ -244,6 +260,16 @@ SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real ba
 }
 
 /* ---- pieces ---- */
+
+SBI_API int sbi_lattice_link_corners(const sbi_lattice *lattice, int link)
+{
+    const signed char *first = lattice->points[lattice->links[link][0]];
+    const signed char *last = lattice->points[lattice->links[link][1]];
+    int corners = 0;
+    for (int a = 0; a < 4; a++)
+        corners |= (first[a] != 0 || last[a] != 0) << a;
+    return corners;
+}
 
 SBI_API int sbi_lattice_pieces(const sbi_lattice *lattice, const unsigned char *cut, uint64_t points,
                                uint64_t pieces[SBI_LATTICE_POINTS])

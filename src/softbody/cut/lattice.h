@@ -52,9 +52,15 @@ SBI_API sbi_link_key sbi_lattice_key(const sbi_lattice *lattice, const sbi_corne
 SBI_API void sbi_lattice_ends(const sbi_lattice *lattice, const sbi_corner_order *order, int link, int ends[2]);
 /* Where a point with these barycentrics is, of a tet with corners at x: the same bits from all tets around. */
 SBI_API sb_vec3 sbi_lattice_place(const sbi_corner_order *order, const sb_real barycentrics[4], const sb_vec3 x[4]);
+/* The same of a tet10 with nodes at x. */
+SBI_API sb_vec3 sbi_lattice_place_quadratic(const sbi_corner_order *order, const sb_real barycentrics[4],
+                                            const sb_vec3 x[10]);
 /* Barycentrics of p in a tet with corners at x; returns the least of them, -SB_REAL_MAX where it is flat. */
 SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4]);
 SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4]);
+
+/* Corners that a link's ends depend on, as bits: two of a link in an edge, three in a face. */
+SBI_API int sbi_lattice_link_corners(const sbi_lattice *lattice, int link);
 
 /* Pieces of a tet, in the order of their lowest points; returns how many (0: no point).
  * cut     [link_count] not 0: cut

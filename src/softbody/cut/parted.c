@@ -16,7 +16,9 @@ static const signed char sbi_parted_missing[4] = {3, 2, 0, 1};
 SBI_API void sbi_parted_find(sbi_parted *parted)
 {
     const sbi_lattice *lattice = parted->lattice;
-    parted->piece_count = sbi_lattice_pieces(lattice, parted->cut, sbi_lattice_all(lattice), parted->pieces);
+    parted->piece_count =
+        sbi_lattice_pieces(lattice, parted->cut, sbi_lattice_all(lattice) & ~parted->lost, parted->pieces);
+    memset(parted->piece_of, SBI_PARTED_LOST, sizeof parted->piece_of);
     for (int k = 0; k < parted->piece_count; k++)
         for (int p = 0; p < lattice->point_count; p++)
             if (parted->pieces[k] >> p & 1)
@@ -28,6 +30,7 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
 {
     parted->lattice = lattice;
     parted->order = sbi_corner_order_make(nodes);
+    parted->lost = links->lost ? links->lost[tet] : 0;
     for (int l = 0; l < lattice->link_count; l++) {
         sbi_link_key key = sbi_lattice_key(lattice, &parted->order, tet, l);
         int item = sbi_cut_links_find(links, &key);
@@ -40,10 +43,12 @@ SBI_API void sbi_parted_make(const sbi_lattice *lattice, const sbi_cut_links *li
 
 /* ---- points ---- */
 
+/* 1 when a link's ends are of two pieces. */
 static int sbi_parted_is_parting(const sbi_parted *parted, int link)
 {
     const unsigned char *ends = parted->lattice->links[link];
-    return parted->piece_of[ends[0]] != parted->piece_of[ends[1]];
+    int below = parted->piece_of[ends[0]], above = parted->piece_of[ends[1]];
+    return below != above && below != SBI_PARTED_LOST && above != SBI_PARTED_LOST;
 }
 
 SBI_API int sbi_parted_is_split(const sbi_parted *parted, int micro)
@@ -212,13 +217,27 @@ SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least,
     return count;
 }
 
+/* The piece, of those with flags in a micro-tet, that has the point deepest inside, if deeper than `deepest`. */
+static int sbi_parted_deepest(const sbi_parted *parted, int micro, sb_vec3 xi, int piece, sb_real *deepest)
+{
+    sbi_flag flags[SBI_FLAGS];
+    int count = sbi_parted_flags(parted, micro, 0, flags);
+    for (int k = 0; k < count; k++) {
+        sb_real of_flag[4], depth = sbi_lattice_barycentrics(flags[k].corners, xi, of_flag);
+        if (depth > *deepest && flags[k].piece != SBI_PARTED_LOST) {
+            piece = flags[k].piece;
+            *deepest = depth;
+        }
+    }
+    return piece;
+}
+
 SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
 {
     const sbi_lattice *lattice = parted->lattice;
     sb_vec3 xi = sbi_parted_xi(at);
     sb_real deepest = -SB_REAL_MAX;
-    sbi_flag flags[SBI_FLAGS];
-    int within = 0, count, piece;
+    int within = 0, piece;
     for (int micro = 0; micro < lattice->micro_count; micro++) {
         sb_vec3 corners[4];
         sb_real of_micro[4], depth;
@@ -228,14 +247,13 @@ SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
         within = depth > deepest ? micro : within;
         deepest = sb_max(depth, deepest);
     }
-    count = sbi_parted_flags(parted, within, 0, flags);
-    piece = flags[0].piece;
     deepest = -SB_REAL_MAX;
-    for (int k = 0; k < count; k++) {
-        sb_real of_flag[4], depth = sbi_lattice_barycentrics(flags[k].corners, xi, of_flag);
-        piece = depth > deepest ? flags[k].piece : piece;
-        deepest = sb_max(depth, deepest);
-    }
+    piece = sbi_parted_deepest(parted, within, xi, parted->piece_of[lattice->micros[within][0]], &deepest);
+    if (piece != SBI_PARTED_LOST)
+        return piece;
+    piece = parted->piece_count > 0 ? 0 : -1;
+    for (int micro = 0; micro < lattice->micro_count && parted->piece_count > 1; micro++)
+        piece = sbi_parted_deepest(parted, micro, xi, piece, &deepest);
     return piece;
 }
 
@@ -278,6 +296,8 @@ static void sbi_parted_first_moments(const sbi_parted *parted, sb_real least, sb
         int count = sbi_parted_flags(parted, micro, least, flags);
         for (int k = 0; k < count; k++) {
             sbi_part_moments *sum = moments + flags[k].piece;
+            if (flags[k].piece == SBI_PARTED_LOST)
+                continue;
             sum->share += flags[k].volume;
             for (int a = 0; a < 4; a++)
                 sum->centre = sb_v3_madd(sum->centre, flags[k].volume / 4, flags[k].corners[a]);
@@ -296,6 +316,8 @@ static void sbi_parted_second_moments(const sbi_parted *parted, sb_real least, s
             sbi_part_moments *sum = moments + flags[k].piece;
             sb_mat3 about = sb_m3_zero();
             sb_vec3 all = sb_v3(0, 0, 0);
+            if (flags[k].piece == SBI_PARTED_LOST)
+                continue;
             for (int a = 0; a < 4; a++) {
                 sb_vec3 y = sb_v3_sub(flags[k].corners[a], sum->centre);
                 all = sb_v3_add(all, y);
@@ -304,6 +326,18 @@ static void sbi_parted_second_moments(const sbi_parted *parted, sb_real least, s
             about = sb_m3_add(about, sb_m3_outer(all, all));
             sum->spread = sb_m3_add(sum->spread, sb_m3_scale(flags[k].volume / 20, about));
         }
+    }
+}
+
+SBI_API void sbi_parted_shares(const sbi_parted *parted, sb_real least, sb_real *shares)
+{
+    sbi_flag flags[SBI_FLAGS];
+    memset(shares, 0, (size_t)parted->piece_count * sizeof *shares);
+    for (int micro = 0; micro < parted->lattice->micro_count; micro++) {
+        int count = sbi_parted_flags(parted, micro, least, flags);
+        for (int k = 0; k < count; k++)
+            if (flags[k].piece != SBI_PARTED_LOST)
+                shares[flags[k].piece] += flags[k].volume;
     }
 }
 
@@ -324,13 +358,15 @@ SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_par
             moments[k].spread = sb_m3_scale(1 / moments[k].share, moments[k].spread);
 }
 
-/* Adds a triangle of the face, `area` of the face's, with barycentrics of its corners. */
-static void sbi_parted_add_face(sbi_face_moments *moments, sb_real area, const sb_real *a, const sb_real *b,
+/* Adds a triangle of the face that is of a piece, `area` of the face's, with barycentrics of its corners. */
+static void sbi_parted_add_face(sbi_face_moments *moments, int piece, sb_real area, const sb_real *a, const sb_real *b,
                                 const sb_real *c)
 {
-    moments->share += area;
+    if (piece == SBI_PARTED_LOST)
+        return;
+    moments[piece].share += area;
     for (int i = 0; i < 4; i++)
-        moments->loads[i] += area * (a[i] + b[i] + c[i]) / 3;
+        moments[piece].loads[i] += area * (a[i] + b[i] + c[i]) / 3;
 }
 
 /* Adds the face of a micro-tet opposite to corner x. */
@@ -347,7 +383,7 @@ static void sbi_parted_add_micro_face(const sbi_parted *parted, int micro, int x
     }
     if (whole) {
         int b = x == 0 || x == 1 ? 2 : 1, c = x == 3 ? 2 : 3;
-        sbi_parted_add_face(moments + parted->piece_of[corners[a]], area, at[a], at[b], at[c]);
+        sbi_parted_add_face(moments, parted->piece_of[corners[a]], area, at[a], at[b], at[c]);
         return;
     }
     sbi_parted_points(parted, micro, 0, &points);
@@ -355,7 +391,7 @@ static void sbi_parted_add_micro_face(const sbi_parted *parted, int micro, int x
         for (int w = 0; w < 4; w++)
             if (v != w && v != x && w != x) {
                 int edge = sbi_parted_edge[v][w], u = 6 - v - w - x;
-                sbi_parted_add_face(moments + parted->piece_of[corners[v]],
+                sbi_parted_add_face(moments, parted->piece_of[corners[v]],
                                     area * points.micro[edge][w] * points.micro[face][u], at[v], points.tet[edge],
                                     points.tet[face]);
             }

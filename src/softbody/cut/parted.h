@@ -24,10 +24,13 @@ typedef struct sbi_parted {
     unsigned char cut[SBI_LATTICE_LINKS]; /* state of each link */
     sb_real t[SBI_LATTICE_LINKS];         /* crossings of cut ones, 0 at the first end (sbi_lattice_ends) */
     int rank[SBI_LATTICE_LINKS];          /* of cut ones: rises in the order in which they were cut */
+    uint64_t lost;                        /* points that were taken out: they are of no piece */
     int piece_count;
     uint64_t pieces[SBI_LATTICE_POINTS];
-    unsigned char piece_of[SBI_LATTICE_POINTS];
+    unsigned char piece_of[SBI_LATTICE_POINTS]; /* or SBI_PARTED_LOST */
 } sbi_parted;
+
+enum { SBI_PARTED_LOST = 255 };
 
 /* Points of a micro-tet that has parted corners. */
 enum { SBI_MICRO_LINKS = 0, SBI_MICRO_FACES = 6, SBI_MICRO_CENTRE = 10, SBI_MICRO_POINTS = 11 };
@@ -39,7 +42,7 @@ typedef struct sbi_micro_points {
 
 /* A part of a micro-tet. Places are barycentrics 1, 2, 3 of the tet. */
 typedef struct sbi_flag {
-    int piece;
+    int piece;      /* or SBI_PARTED_LOST */
     sb_real volume; /* of the tet's */
     sb_vec3 corners[4];
 } sbi_flag;
@@ -54,14 +57,14 @@ typedef struct sbi_lip {
 
 /* A piece's moments, in barycentrics 1, 2, 3 of its tet. */
 typedef struct sbi_part_moments {
-    sb_real share;  /* of the tet's volume, >= 0; those of a tet's pieces sum to 1 */
+    sb_real share;  /* of the tet's volume, >= 0; those of a tet's pieces sum to 1 where nothing was taken out */
     sb_vec3 centre; /* centroid */
     sb_mat3 spread; /* covariance: mean of (xi - centre)(xi - centre)^T */
 } sbi_part_moments;
 
 /* What a piece has of a face. */
 typedef struct sbi_face_moments {
-    sb_real share;    /* of the face's area; those of a tet's pieces sum to 1 */
+    sb_real share;    /* of the face's area; those of a tet's pieces sum to 1 where nothing was taken out */
     sb_real loads[4]; /* means over the whole face of the barycentrics where the piece is, else 0: they sum to share */
 } sbi_face_moments;
 
@@ -78,10 +81,13 @@ SBI_API int sbi_parted_is_split(const sbi_parted *parted, int micro);
 SBI_API void sbi_parted_points(const sbi_parted *parted, int micro, sb_real least, sbi_micro_points *points);
 /* Parts of a micro-tet: itself, or its flags; returns how many. */
 SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least, sbi_flag flags[SBI_FLAGS]);
-/* Triangles of a micro-tet between pieces; returns how many. */
+/* Triangles of a micro-tet between pieces, without those beside what was taken out; returns how many. */
 SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SBI_LIPS]);
-/* The piece that has the material at these barycentrics of the tet. */
+/* The piece that has the material at these barycentrics of the tet, or the nearest one where it was taken out; -1:
+ * there is none. */
 SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4]);
+/* What share of the tet's volume each piece is: shares [piece_count]. */
+SBI_API void sbi_parted_shares(const sbi_parted *parted, sb_real least, sb_real *shares);
 /* Moments of all pieces: moments [piece_count]. A piece without volume has its lowest point for a centre. */
 SBI_API void sbi_parted_moments(const sbi_parted *parted, sb_real least, sbi_part_moments *moments);
 /* What each piece has of a face (sb_element_face): moments [piece_count]. */

@@ -1,193 +1,18 @@
 /* topology: which cells and copies of nodes a cut makes.
  *
- * Every piece of a tet is a cell with all four corners. Corners of pieces that touch over a face with that node are one
- * node: classes of a union-find over the pieces around the node. The class with the material at the node's place keeps
- * its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does not hold.
+ * Every piece of a tet is a cell with all of its nodes. Those of pieces that touch over a face with that node are one:
+ * classes of a union-find over the pieces around the node. Nodes in the middle of edges have classes of their own: they
+ * may have copies where the ends of the edge hang together around a front. The class with the material at the node's
+ * place keeps its number, of a copy's classes the first; the others get copies. Contact over an edge or in a point does
+ * not hold.
  * All loops are in ascending order of nodes, tets and lattice points: so are new numbers. */
 #include "cut_private.h"
 
 #include <string.h>
 
-/* ---- tets that have parted ---- */
-
-static void sbi_cut_parted(const sb_cut *cut, int tet, sbi_parted *parted)
-{
-    sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, parted);
-}
-
-static int sbi_cut_chain_length(const sb_cut *cut, int tet)
-{
-    int count = 0;
-    for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
-        count++;
-    return count;
-}
-
-SBI_API void sbi_cut_find_parted(sb_cut *cut)
-{
-    sbi_parted parted;
-    for (int i = 0; i < cut->touched.count; i++) {
-        int tet = cut->touched.items[i];
-        sbi_cut_parted(cut, tet, &parted);
-        if (parted.piece_count == sbi_cut_chain_length(cut, tet))
-            continue;
-        cut->tet_marks[tet] |= SBI_CUT_PARTED;
-        cut->parted.items[cut->parted.count++] = tet;
-        for (int a = 0; a < 4; a++)
-            cut->node_marks[cut->tets[4 * (size_t)tet + (size_t)a]] = 1;
-    }
-    for (int i = 0; i < cut->parted.count; i++)
-        for (int a = 0; a < 4; a++) {
-            int node = cut->tets[4 * (size_t)cut->parted.items[i] + (size_t)a];
-            for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++)
-                cut->tet_marks[cut->node_tets.items[k]] |= SBI_CUT_NEAR;
-        }
-}
-
-/* ---- records of the pieces around ---- */
-
-static void sbi_cut_add_cell(sb_cut *cut, int tet, uint64_t points, int piece, const sbi_corner_order *order)
-{
-    sbi_cut_cell *cell = cut->cells + cut->cell_count;
-    const int *nodes = sb_body_cell_nodes(cut->body, cut->pieces[piece].cell);
-    cell->points = points;
-    cell->tet = tet;
-    cell->piece = piece;
-    cell->is_cut = (cut->tet_marks[tet] & SBI_CUT_PARTED) != 0;
-    cell->cell = cut->pieces[piece].cell;
-    cell->is_new = 0;
-    for (int k = cut->cell_of[tet] - 1; k < cut->cell_count; k++)
-        cell->is_new |= cut->cells[k].piece == piece;
-    for (int a = 0; a < 4; a++) {
-        cell->old_nodes[a] = cell->nodes[a] = nodes[a];
-        cell->marks[a] = (unsigned short)sbi_lattice_face_marks(&cut->lattice, order, a, points);
-    }
-    cut->cell_count++;
-}
-
-/* Records of the pieces of a tet as they are to be; 0: no memory. */
-static int sbi_cut_add_tet(sb_cut *cut, int tet)
-{
-    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
-    void *cells = cut->cells;
-    sbi_parted parted;
-    int grown = sbi_cut_grow(&cut->allocator, &cells, &cut->cell_capacity, cut->cell_count, SBI_LATTICE_POINTS,
-                             sizeof *cut->cells);
-    cut->cells = (sbi_cut_cell *)cells;
-    if (!grown)
-        return 0;
-    cut->cell_of[tet] = cut->cell_count + 1;
-    if (!(cut->tet_marks[tet] & SBI_CUT_PARTED)) {
-        for (int piece = tet; piece >= 0; piece = cut->pieces[piece].next)
-            sbi_cut_add_cell(cut, tet, cut->pieces[piece].points, piece, &order);
-        return 1;
-    }
-    sbi_cut_parted(cut, tet, &parted);
-    for (int k = 0; k < parted.piece_count; k++) {
-        int piece = tet;
-        while (!(cut->pieces[piece].points & parted.pieces[k]))
-            piece = cut->pieces[piece].next;
-        sbi_cut_add_cell(cut, tet, parted.pieces[k], piece, &order);
-    }
-    return 1;
-}
-
-static int sbi_cut_add_tets(sb_cut *cut)
-{
-    for (int tet = 0; tet < cut->tet_count; tet++)
-        if ((cut->tet_marks[tet] & SBI_CUT_NEAR) && !sbi_cut_add_tet(cut, tet))
-            return 0;
-    return sbi_cut_list_grow(cut, &cut->roots, 4 * cut->cell_count - cut->roots.count);
-}
-
-/* Records of a tet end here. */
-static int sbi_cut_end_of(const sb_cut *cut, int first)
-{
-    int end = first;
-    while (end < cut->cell_count && cut->cells[end].tet == cut->cells[first].tet)
-        end++;
-    return end;
-}
-
-/* ---- classes ---- */
-
-static int sbi_cut_root(const sb_cut *cut, int i)
-{
-    int *parent = cut->roots.items;
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-static void sbi_cut_join(const sb_cut *cut, int i, int j)
-{
-    int a = sbi_cut_root(cut, i), b = sbi_cut_root(cut, j);
-    cut->roots.items[sbi_max_int(a, b)] = sbi_min_int(a, b);
-}
-
-/* Joins the corners of two records that touch over a face of the first. */
-static void sbi_cut_join_over(const sb_cut *cut, int mine, int its, int face)
-{
-    const int *nodes = cut->tets + 4 * (size_t)cut->cells[mine].tet,
-              *others = cut->tets + 4 * (size_t)cut->cells[its].tet;
-    int corners[SB_MAX_FACE_NODES];
-    sb_element_face(SB_TET4, face, corners, NULL);
-    for (int k = 0; k < 3; k++)
-        for (int a = 0; a < 4; a++)
-            if (others[a] == nodes[corners[k]] && cut->node_marks[others[a]])
-                sbi_cut_join(cut, 4 * mine + corners[k], 4 * its + a);
-}
-
-/* Joins corners over all faces between tets with records. */
-static void sbi_cut_join_all(sb_cut *cut)
-{
-    for (int i = 0; i < 4 * cut->cell_count; i++)
-        cut->roots.items[i] = i;
-    for (int mine = 0; mine < cut->cell_count; mine++) {
-        int tet = cut->cells[mine].tet;
-        for (int face = 0; face < 4; face++) {
-            int other = cut->neighbours.items[4 * (size_t)tet + (size_t)face], there = 0, end;
-            if (other < tet || !cut->cell_of[other])
-                continue;
-            while (cut->neighbours.items[4 * (size_t)other + (size_t)there] != tet)
-                there++;
-            end = sbi_cut_end_of(cut, cut->cell_of[other] - 1);
-            for (int its = cut->cell_of[other] - 1; its < end; its++)
-                if (cut->cells[mine].marks[face] & cut->cells[its].marks[there])
-                    sbi_cut_join_over(cut, mine, its, face);
-        }
-    }
-}
-
 /* ---- copies ---- */
 
-/* Axes along which all nodes of a boundary face of a record are held: those that a copy at it is held along. */
-static int sbi_cut_held_axes(const sb_cut *cut, const sbi_cut_cell *cell, int corner)
-{
-    int held = 0;
-    for (int face = 0; face < 4; face++) {
-        int corners[SB_MAX_FACE_NODES], all = SB_XYZ, on = 0;
-        sb_element_face(SB_TET4, face, corners, NULL);
-        for (int k = 0; k < 3; k++) {
-            on |= corners[k] == corner;
-            all &= cut->body->fixed[cell->old_nodes[corners[k]]];
-        }
-        if (on && cell->marks[face] && cut->neighbours.items[4 * (size_t)cell->tet + (size_t)face] < 0)
-            held |= all;
-    }
-    return held;
-}
-
-/* Corner of a record that is this node; -1: none. */
-static int sbi_cut_corner_of(const sb_cut *cut, const sbi_cut_cell *cell, int node)
-{
-    for (int a = 0; a < 4; a++)
-        if (cut->tets[4 * (size_t)cell->tet + (size_t)a] == node)
-            return a;
-    return -1;
-}
-
-/* The class of a corner among those listed, or the next one. */
+/* The class of a node among those listed, or the next one. */
 static int sbi_cut_class_of(const sb_cut *cut, int root)
 {
     int at = 0;
@@ -196,30 +21,32 @@ static int sbi_cut_class_of(const sb_cut *cut, int root)
     return at;
 }
 
-/* Lists the classes around a node, in the order of their first corners; 0: no memory. */
+/* Lists the classes around a node, in the order of their first records; 0: no memory. */
 static int sbi_cut_list_classes(sb_cut *cut, int node)
 {
     cut->class_count = 0;
     for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
-        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
+        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = first < 0 ? -1 : sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
             const sbi_cut_cell *cell = cut->cells + i;
-            int corner = sbi_cut_corner_of(cut, cell, node), root = sbi_cut_root(cut, 4 * i + corner);
-            int at = sbi_cut_class_of(cut, root);
+            int local = sbi_cut_local_of(cut, cell, node), root = sbi_cut_root(cut, cut->nodes_per_tet * i + local);
+            int at = sbi_cut_class_of(cut, root), grown;
             void *classes = cut->classes;
-            int grown = sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, cut->class_count, 1,
-                                     sizeof *cut->classes);
+            if (cell->is_gone)
+                continue;
+            grown = sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, cut->class_count, 1,
+                                 sizeof *cut->classes);
             cut->classes = (sbi_cut_class *)classes;
             if (!grown)
                 return 0;
             if (at == cut->class_count) {
                 cut->classes[at].root = root;
-                cut->classes[at].old = cell->old_nodes[corner];
+                cut->classes[at].old = cell->old_nodes[local];
                 cut->classes[at].has = cut->classes[at].held = 0;
                 cut->class_count++;
             }
-            cut->classes[at].has |= (int)(cell->points >> corner & 1);
-            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, corner);
+            cut->classes[at].has |= sbi_cut_has_material(cut, cell, local);
+            cut->classes[at].held |= sbi_cut_held_axes(cut, cell, local);
         }
     }
     return 1;
@@ -257,7 +84,7 @@ static sb_result sbi_cut_add_copy(sb_cut *cut, sb_body_change *change, int node,
     return SB_OK;
 }
 
-/* Numbers of the corners around a node. */
+/* Numbers of a node in the records around it. */
 static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int node, sb_error *error)
 {
     if (!sbi_cut_list_classes(cut, node))
@@ -272,10 +99,12 @@ static sb_result sbi_cut_number_node(sb_cut *cut, sb_body_change *change, int no
             return result;
     }
     for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
-        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = sbi_cut_end_of(cut, first);
+        int first = cut->cell_of[cut->node_tets.items[k]] - 1, end = first < 0 ? -1 : sbi_cut_end_of(cut, first);
         for (int i = first; i < end; i++) {
-            int corner = sbi_cut_corner_of(cut, cut->cells + i, node);
-            cut->cells[i].nodes[corner] = cut->classes[sbi_cut_class_of(cut, sbi_cut_root(cut, 4 * i + corner))].number;
+            int local = sbi_cut_local_of(cut, cut->cells + i, node);
+            int root = sbi_cut_root(cut, cut->nodes_per_tet * i + local);
+            if (!cut->cells[i].is_gone)
+                cut->cells[i].nodes[local] = cut->classes[sbi_cut_class_of(cut, root)].number;
         }
     }
     return SB_OK;
@@ -292,13 +121,6 @@ static sb_result sbi_cut_number_nodes(sb_cut *cut, sb_body_change *change, sb_er
 
 /* ---- cells ---- */
 
-/* How near an end of its link a crossing may be, of the link, for masses and stiffness. Explicit steps are as long as
- * the lightest corner of a piece allows: a sixteenth of the element's edge leaves them a third of the uncut ones. */
-static sb_real sbi_cut_least(const sb_cut *cut)
-{
-    return sbi_body_is_implicit(cut->body) ? 0 : (sb_real)cut->lattice.intervals / 16;
-}
-
 /* What the pieces of a tet are. */
 typedef struct sbi_cut_measures {
     sbi_part_moments moments[SBI_LATTICE_POINTS];
@@ -311,7 +133,7 @@ static void sbi_cut_measure(const sb_cut *cut, int tet, sbi_cut_measures *measur
     sbi_face_moments of_face[SBI_LATTICE_POINTS];
     sbi_cut_parted(cut, tet, &parted);
     sbi_parted_moments(&parted, sbi_cut_least(cut), measures->moments);
-    for (int face = 0; face < 4; face++) {
+    for (int face = 0; face < 4 && cut->nodes_per_tet == 4; face++) {
         int corners[SB_MAX_FACE_NODES];
         sb_element_face(SB_TET4, face, corners, NULL);
         sbi_parted_face(&parted, face, of_face);
@@ -335,11 +157,29 @@ static sb_result sbi_cut_put_cell(sb_cut *cut, sb_body_change *change, int recor
         of_piece.covariance = measures->moments[piece].spread;
         made.share = sb_min(measures->moments[piece].share, 1);
         made.moments = &of_piece;
-        made.face_loads = measures->faces[piece];
+        made.face_loads = cut->nodes_per_tet == 4 ? measures->faces[piece] : NULL;
     }
     cut->made_cells += cell->is_new;
     return cell->is_new ? sb_body_change_add_cell(change, &made, &cell->cell, error)
                         : sb_body_change_replace_cell(change, cell->cell, &made, error);
+}
+
+/* 1 when a record is to have another cell than there is. */
+static int sbi_cut_differs(const sb_cut *cut, const sbi_cut_cell *cell)
+{
+    size_t nodes = (size_t)cut->nodes_per_tet * sizeof(int);
+    return !cell->is_gone && (cell->is_cut || memcmp(cell->nodes, cell->old_nodes, nodes) != 0);
+}
+
+/* Of the records of one piece the first that stays keeps its cell. */
+static void sbi_cut_claim_cells(sb_cut *cut, int first, int end)
+{
+    for (int i = first; i < end; i++) {
+        sbi_cut_cell *cell = cut->cells + i;
+        cell->is_new = 0;
+        for (int k = first; k < i; k++)
+            cell->is_new |= cut->cells[k].piece == cell->piece && !cut->cells[k].is_gone;
+    }
 }
 
 /* The cells of one tet's records that are others now. */
@@ -347,18 +187,17 @@ static sb_result sbi_cut_put_tet(sb_cut *cut, sb_body_change *change, int first,
 {
     sbi_cut_measures measures;
     sb_result result = SB_OK;
-    int differs = 0;
+    int differs = 0, is_whole = cut->cells[first].points == sbi_lattice_all(&cut->lattice);
+    sbi_cut_claim_cells(cut, first, end);
     for (int i = first; i < end; i++)
-        differs |= cut->cells[i].is_cut ||
-                   memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0;
+        differs |= sbi_cut_differs(cut, cut->cells + i);
     if (!differs)
         return SB_OK;
-    if (end - first > 1)
+    if (!is_whole)
         sbi_cut_measure(cut, cut->cells[first].tet, &measures);
     for (int i = first; i < end && result == SB_OK; i++)
-        if (cut->cells[i].is_cut ||
-            memcmp(cut->cells[i].nodes, cut->cells[i].old_nodes, sizeof cut->cells[i].nodes) != 0)
-            result = sbi_cut_put_cell(cut, change, i, end - first > 1 ? &measures : NULL, i - first, error);
+        if (sbi_cut_differs(cut, cut->cells + i))
+            result = sbi_cut_put_cell(cut, change, i, is_whole ? NULL : &measures, i - first, error);
     return result;
 }
 
@@ -372,6 +211,77 @@ static sb_result sbi_cut_put_cells(sb_cut *cut, sb_body_change *change, sb_error
     return result;
 }
 
+/* 1 when a record is the first of a piece none of which stays. */
+static int sbi_cut_ends_piece(const sb_cut *cut, int record)
+{
+    int piece = cut->cells[record].piece, end = sbi_cut_end_of(cut, record), ends = cut->cells[record].is_gone;
+    for (int i = cut->cell_of[cut->cells[record].tet] - 1; i < end && ends; i++)
+        ends = cut->cells[i].piece != piece || (cut->cells[i].is_gone && i >= record);
+    return ends;
+}
+
+/* Makes the cell of a record an empty piece: the last one of a body without material. */
+static sb_result sbi_cut_empty_cell(const sb_cut *cut, sb_body_change *change, int record, sb_error *error)
+{
+    static const sb_real nothing[4][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    const sb_real middle = (sb_real)0.25;
+    sb_change_cell made = sb_default_change_cell();
+    sb_cell_moments moments;
+    moments.centroid = sb_v3(middle, middle, middle);
+    moments.covariance = sb_m3_zero();
+    made.nodes = cut->cells[record].old_nodes;
+    made.parent = cut->cells[record].cell;
+    made.share = 0;
+    made.moments = &moments;
+    made.face_loads = cut->nodes_per_tet == 4 ? nothing : NULL;
+    return sb_body_change_replace_cell(change, made.parent, &made, error);
+}
+
+/* Removes the cells of pieces that are gone, but for the last cell of all. */
+static sb_result sbi_cut_remove_cells(sb_cut *cut, sb_body_change *change, sb_error *error)
+{
+    const sbi_slots *cells = &cut->body->live->cells;
+    int left = cells->fresh - cells->count + cut->made_cells;
+    sb_result result = SB_OK;
+    for (int i = 0; i < cut->cell_count && result == SB_OK; i++) {
+        sbi_cut_cell *cell = cut->cells + i;
+        int ends = sbi_cut_ends_piece(cut, i);
+        if (ends && left == 1) {
+            result = sbi_cut_empty_cell(cut, change, i, error);
+            continue;
+        }
+        if (ends)
+            result = sb_body_change_remove_cell(change, cell->cell, error);
+        left -= ends;
+        if (cell->is_gone)
+            cell->cell = -1;
+    }
+    return result;
+}
+
+/* What is taken out, before the change with a factor 1, and with -1 after it. */
+static void sbi_cut_weigh(sb_cut *cut, double factor)
+{
+    sbi_live_moment sum;
+    double volume = 0;
+    memset(&sum, 0, sizeof sum);
+    for (int first = 0, end; first < cut->cell_count; first = end) {
+        int tet = cut->cells[first].tet, loses = (cut->tet_marks[tet] & SBI_CUT_LOSES) != 0, piece;
+        end = sbi_cut_end_of(cut, first);
+        for (int i = first; i < end; i++)
+            loses |= cut->cells[i].is_gone;
+        for (piece = sbi_cut_first_piece(cut, tet); piece >= 0 && loses; piece = cut->pieces[piece].next) {
+            int cell = cut->pieces[piece].cell;
+            volume += (double)sb_body_cell_share(cut->body, cell) * (double)sbi_cut_tet_volume(cut, tet);
+            sbi_live_add_cell(cut->body, cell, sb_v3(0, 0, 0), 1, &sum, NULL);
+        }
+    }
+    cut->removed.volume += factor * volume;
+    cut->removed.mass += factor * sum.mass;
+    for (int k = 0; k < 3; k++)
+        cut->removed.momentum[k] += factor * sum.linear[k];
+}
+
 /* ---- pieces ---- */
 
 /* Room for the pieces that the records have more than there are; 0: no memory. */
@@ -380,7 +290,7 @@ static int sbi_cut_reserve_pieces(sb_cut *cut)
     int more = 0, cells = 0, grown;
     void *pieces = cut->pieces;
     for (int i = 0; i < cut->cell_count; i++) {
-        more += cut->cells[i].is_new;
+        more += cut->cells[i].is_new && !cut->cells[i].is_gone;
         cells = sbi_max_int(cells, cut->cells[i].cell + 1);
     }
     grown = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, cut->piece_count, more, sizeof *cut->pieces);
@@ -388,31 +298,75 @@ static int sbi_cut_reserve_pieces(sb_cut *cut)
     return grown && sbi_cut_list_grow(cut, &cut->elements, sbi_max_int(cells - cut->elements.count, 0));
 }
 
+/* A piece behind the last one of a tet, in a slot that there is room for. */
+static int sbi_cut_append_piece(sb_cut *cut, int last)
+{
+    int piece = cut->free_piece >= 0 ? cut->free_piece : cut->piece_count++;
+    if (piece == cut->free_piece)
+        cut->free_piece = cut->pieces[piece].next;
+    cut->pieces[last].next = piece;
+    return piece;
+}
+
 /* Takes the pieces of a tet from its records. */
 static void sbi_cut_keep_tet(sb_cut *cut, int first, int end)
 {
-    int tet = cut->cells[first].tet, piece = tet, last = tet;
-    for (int more = end - first - sbi_cut_chain_length(cut, tet); more > 0; more--) {
-        while (cut->pieces[last].next >= 0)
-            last = cut->pieces[last].next;
-        cut->pieces[last].next = cut->piece_count;
-        cut->pieces[cut->piece_count++].next = -1;
+    int tet = cut->cells[first].tet, last = -1;
+    for (int piece = cut->pieces[tet].next, next; piece >= 0; piece = next) {
+        next = cut->pieces[piece].next;
+        cut->pieces[piece].next = cut->free_piece;
+        cut->free_piece = piece;
     }
-    for (int i = first; i < end; i++, piece = cut->pieces[piece].next) {
-        cut->pieces[piece].points = cut->cells[i].points;
-        cut->pieces[piece].cell = cut->cells[i].cell;
+    cut->pieces[tet].cell = cut->pieces[tet].next = -1;
+    for (int i = first; i < end; i++) {
+        const sbi_cut_cell *cell = cut->cells + i;
+        if (cell->is_gone)
+            cut->links.lost[tet] |= cell->points;
+        if (cell->cell < 0)
+            continue;
+        last = last < 0 ? tet : sbi_cut_append_piece(cut, last);
+        cut->pieces[last].points = cell->is_gone ? 0 : cell->points;
+        cut->pieces[last].cell = cell->cell;
+        cut->pieces[last].next = -1;
+        cut->pieces[last].crumb = 0;
+    }
+}
+
+/* Cells and copies that are gone are of no element and no node. */
+static void sbi_cut_forget_gone(sb_cut *cut)
+{
+    for (int i = 0; i < cut->cell_count; i++) {
+        int cell = cut->pieces[cut->cells[i].piece].cell;
+        if (cut->cells[i].cell < 0 && !sb_body_cell_in_use(cut->body, cell))
+            cut->elements.items[cell] = -1;
+        for (int a = 0; a < cut->nodes_per_tet && cut->cells[i].is_gone; a++) {
+            int node = cut->cells[i].old_nodes[a];
+            if (node >= cut->node_end && sbi_live_first_cell(cut->body, node) < 0)
+                cut->origins.items[node] = -1;
+        }
     }
 }
 
 static void sbi_cut_keep(sb_cut *cut)
 {
+    sbi_cut_forget_gone(cut);
     for (int first = 0, end; first < cut->cell_count; first = end) {
         end = sbi_cut_end_of(cut, first);
         sbi_cut_keep_tet(cut, first, end);
     }
+    sbi_cut_weigh(cut, -1);
 }
 
 /* ---- all of it ---- */
+
+/* 1 when something is taken out. */
+static int sbi_cut_is_eaten(const sb_cut *cut)
+{
+    int eaten = 0;
+    for (int i = 0; i < cut->cell_count && !eaten; i++)
+        eaten = cut->cells[i].is_gone || (cut->tet_marks[cut->cells[i].tet] & SBI_CUT_LOSES);
+    return eaten;
+}
 
 /* Makes the change, with records and classes found. */
 static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
@@ -423,12 +377,17 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
         result = sbi_cut_number_nodes(cut, change, error);
     if (result == SB_OK)
         result = sbi_cut_put_cells(cut, change, error);
+    if (result == SB_OK)
+        result = sbi_cut_remove_cells(cut, change, error);
     if (result == SB_OK && (!sbi_cut_reserve_pieces(cut) || !sbi_cut_make_ties(cut)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
     for (int i = 0; i < cut->cell_count && result == SB_OK; i++)
-        sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
+        if (cut->cells[i].cell >= 0)
+            sbi_cut_list_set(&cut->elements, cut->cells[i].cell, cut->cells[i].tet);
     if (result == SB_OK) {
         sbi_change_set_glue(change, cut->ties, cut->tie_count);
+        if (sbi_cut_is_eaten(cut))
+            sbi_change_erode(change);
         cut->changing = cut->body->live->find_knows = 1;
         sbi_body_mute(cut->body); /* a recording has the call itself */
         result = sb_body_change_commit(change, error);
@@ -442,12 +401,12 @@ static sb_result sbi_cut_change(sb_cut *cut, sb_error *error)
 
 SBI_API void sbi_cut_clear(sb_cut *cut)
 {
-    if (!cut->touched.count)
+    if (!cut->touched.count && !cut->cell_count)
         return;
     memset(cut->tet_marks, 0, (size_t)cut->tet_count);
     memset(cut->node_marks, 0, (size_t)cut->node_end);
     memset(cut->cell_of, 0, (size_t)cut->tet_count * sizeof(int));
-    cut->touched.count = cut->parted.count = 0;
+    cut->touched.count = cut->parted.count = cut->cell_count = 0;
 }
 
 /* Where glue has been released between pieces that stay. */
@@ -463,23 +422,38 @@ static sb_result sbi_cut_release(sb_cut *cut, sb_error *error)
     return SB_OK;
 }
 
+/* Records of all pieces about what has parted or been released; 0: no memory. */
+static int sbi_cut_make_records(sb_cut *cut)
+{
+    if (cut->parted.count == 0 && cut->next_glue_count == cut->glue_count)
+        return 1;
+    if (cut->parted.count > 0) {
+        if (!sbi_cut_add_tets(cut))
+            return 0;
+        sbi_cut_join_all(cut);
+    }
+    return !(cut->least_volume > 0) || sbi_cut_find_crumbs(cut);
+}
+
 SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error)
 {
     sb_result result = SB_OK;
     cut->cell_count = cut->made_nodes = cut->made_cells = 0;
-    if (cut->parted.count == 0) {
+    memset(&cut->removed, 0, sizeof cut->removed);
+    if (!sbi_cut_make_records(cut))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    else if (cut->cell_count == 0)
         result = sbi_cut_release(cut, error);
-    } else {
-        if (sbi_cut_add_tets(cut)) {
-            sbi_cut_join_all(cut);
-            result = sbi_cut_change(cut, error);
-        } else
-            result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a cut");
+    else {
+        sbi_cut_weigh(cut, 1);
+        result = sbi_cut_change(cut, error);
         if (result == SB_OK)
             sbi_cut_keep(cut);
     }
     if (result == SB_OK)
         sbi_cut_take_next_glue(cut);
+    else
+        sbi_cut_take_back_lost(cut);
     sbi_cut_clear(cut);
     return result;
 }

@@ -21,22 +21,27 @@ typedef struct sbi_inner_rows {
 } sbi_inner_rows;
 
 /* A tie between two cells of one element that stand on copies of its nodes: energy k/2 sum_ab G_ab d_a.d_b with the
- * jumps d_a of their displacements at corner a. G = sum_q w_q N(q) N(q)^T over points q of the face between them, so
- * that it is k/2 sum_q w_q |jump at q|^2: nothing in any rigid motion of both together. Corners that both have as one
- * node have no jump; the others of both cells are coupled in the matrix. */
-enum { SBI_GLUE_NODES = 4, SBI_GLUE_GRAM = 10 };
+ * jumps d_a of their displacements at node a. G = sum_q w_q N(q) N(q)^T over points q of the face between them, so
+ * that it is k/2 sum_q w_q |jump at q|^2: nothing in any rigid motion of both together. Nodes that both have
+ * have no jump; the others of both cells are coupled in the matrix. */
+enum { SBI_GLUE_NODES = 10, SBI_GLUE_GRAM = 55 }; /* at most */
 typedef struct sbi_glue_tie {
     int cells[2];
     int nodes[2][SBI_GLUE_NODES]; /* of the cells */
-    sb_real gram[SBI_GLUE_GRAM];  /* G (m), see sbi_glue_at */
+    sb_real gram[SBI_GLUE_GRAM];  /* G (m), see sbi_glue_at; 0 behind what the cells' nodes need */
     sb_real stiffness;            /* k (Pa) */
 } sbi_glue_tie;
 typedef struct sbi_glue {
     int count, capacity;
+    int nodes;          /* of a cell: 4 or 10 */
     sbi_glue_tie *ties; /* [capacity] */
 } sbi_glue;
-/* Place of G_ab. */
-SB_INLINE int sbi_glue_at(int a, int b) { return a <= b ? a * (7 - a) / 2 + b : b * (7 - b) / 2 + a; }
+/* Place of G_ab between cells with so many nodes, and how many places there are. */
+SB_INLINE int sbi_glue_at(int nodes, int a, int b)
+{
+    return a <= b ? a * (2 * nodes - 1 - a) / 2 + b : b * (2 * nodes - 1 - b) / 2 + a;
+}
+SB_INLINE int sbi_glue_gram(int nodes) { return nodes * (nodes + 1) / 2; }
 
 typedef struct sbi_assembly {
     const sb_domain *domain;

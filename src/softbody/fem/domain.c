@@ -114,6 +114,25 @@ static int sbi_domain_has_curved_side(const sb_mesh *mesh)
     return 0;
 }
 
+static sb_result sbi_domain_refuse_curved(int cell, sb_error *error)
+{
+    return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, cell,
+                            "cell %d has curved sides: it cannot be a piece of an element", cell);
+}
+
+SBI_API sb_result sbi_domain_check_straight(const sb_domain *domain, const sb_vec3 *positions, sb_error *error)
+{
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    for (int e = 0; e < domain->cell_count && domain->element_type == SB_TET10; e++) {
+        if (sbi_domain_is_free(domain, e))
+            continue;
+        sbi_domain_gather(domain->cells, positions, e, 10, x);
+        if (sbi_domain_tet10_is_curved(x))
+            return sbi_domain_refuse_curved(e, error);
+    }
+    return SB_OK;
+}
+
 /* The mean point of a cell after its `ordinary` others: g_a = sum_p w_p g_a,p / V with the weight V = sum_p w_p. */
 static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
 {
@@ -198,8 +217,7 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
         }
         sbi_domain_gather(domain->cells, positions, e, n, x);
         if (is_piece && domain->element_type == SB_TET10 && sbi_domain_tet10_is_curved(x))
-            return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, e,
-                                    "cell %d has curved sides: it cannot be a piece of an element", e);
+            return sbi_domain_refuse_curved(e, error);
         if (is_piece && q > 1)
             sbi_domain_piece_slopes(element, pieces + e, q, own);
         result = sbi_domain_fill_cell(domain, e, q, x,

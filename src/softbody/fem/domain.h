@@ -94,6 +94,8 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+/* SB_ERROR_UNSUPPORTED names a tet10 with curved sides, which cannot be a piece of an element. */
+SBI_API sb_result sbi_domain_check_straight(const sb_domain *domain, const sb_vec3 *positions, sb_error *error);
 /* What shapes and masses of tet4 take from their quadrature rules, worked out once for many cells. */
 typedef struct sbi_tet_rule {
     int count; /* points of the mass */

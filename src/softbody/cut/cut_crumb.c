@@ -1,0 +1,206 @@
+/* cut_crumb: parts that a cut leaves and that are too small to keep.
+ *
+ * From each piece that a call has made, or that it has released from its glue, its part is searched, over nodes that
+ * cells will share and over glue, until it is larger than a crumb or has a support: a few pieces as a rule. What an
+ * earlier search of the call has met is no crumb's: those are searched to their ends. */
+#include "cut_private.h"
+
+#include <string.h>
+
+/* A piece as it is to be: a record, or ~ a piece of a tet that has no records. */
+typedef int sbi_cut_handle;
+
+enum { SBI_CUT_CRUMBLES = -1 }; /* in place of the search that has found a piece */
+
+static int *sbi_cut_crumb_mark(sb_cut *cut, sbi_cut_handle at)
+{
+    return at >= 0 ? &cut->cells[at].crumb : &cut->pieces[~at].crumb;
+}
+
+/* Element of a handle. */
+static int sbi_cut_handle_tet(const sb_cut *cut, sbi_cut_handle at)
+{
+    return at >= 0 ? cut->cells[at].tet : cut->elements.items[cut->pieces[~at].cell];
+}
+
+/* The node of a corner before the call. */
+static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int corner)
+{
+    return at >= 0 ? cut->cells[at].old_nodes[corner] : sb_body_cell_nodes(cut->body, cut->pieces[~at].cell)[corner];
+}
+
+/* ---- one search ---- */
+
+typedef struct sbi_cut_flood {
+    int number; /* of the search */
+    int first;  /* of its pieces in cut->flooded */
+    int ends;   /* 1: it is no crumb */
+    int failed; /* 1: no memory */
+    double volume;
+} sbi_cut_flood;
+
+static void sbi_cut_visit(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at)
+{
+    int *mark = sbi_cut_crumb_mark(cut, at);
+    flood->ends |= *mark != 0 && *mark != flood->number;
+    if (*mark != 0)
+        return;
+    if (!sbi_cut_list_grow(cut, &cut->flooded, 1)) {
+        flood->failed = 1;
+        return;
+    }
+    *mark = flood->number;
+    cut->flooded.items[cut->flooded.count++] = at;
+}
+
+/* Visits the pieces around a node of the uncut mesh that will share corner a of a piece. */
+static void sbi_cut_visit_around(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle at, int a)
+{
+    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)a], is_new = cut->node_marks[node];
+    int mine = is_new ? sbi_cut_root(cut, cut->nodes_per_tet * at + a) : sbi_cut_handle_node(cut, at, a);
+    for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
+        int tet = cut->node_tets.items[k], first = cut->cell_of[tet] - 1, corner = 0;
+        while (cut->tets[4 * (size_t)tet + (size_t)corner] != node)
+            corner++;
+        for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            if (!cut->cells[i].is_gone &&
+                (is_new ? sbi_cut_root(cut, cut->nodes_per_tet * i + corner) : cut->cells[i].old_nodes[corner]) == mine)
+                sbi_cut_visit(cut, flood, i);
+        for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+            if (sbi_cut_handle_node(cut, ~piece, corner) == mine)
+                sbi_cut_visit(cut, flood, ~piece);
+    }
+}
+
+static void sbi_cut_visit_tet(sb_cut *cut, sbi_cut_flood *flood, int tet)
+{
+    int first = cut->cell_of[tet] - 1;
+    for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+        if (!cut->cells[i].is_gone)
+            sbi_cut_visit(cut, flood, i);
+    for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+        sbi_cut_visit(cut, flood, ~piece);
+}
+
+/* First triangle of a tet, or of one behind it, that is to be glued. */
+static int sbi_cut_first_glued(const sb_cut *cut, int tet)
+{
+    int low = 0, high = cut->next_glue_count;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (cut->next_glue[middle].tet < tet)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
+{
+    int at = sbi_cut_first_glued(cut, tet);
+    return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
+}
+
+/* 1 when a corner of a piece is to be supported. */
+static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int corner)
+{
+    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)corner];
+    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, corner)])
+        return 0;
+    return !cut->node_marks[node] || (cut->cells[at].points >> corner & 1) ||
+           sbi_cut_held_axes(cut, cut->cells + at, corner);
+}
+
+/* Searches the part of a piece; 1: it is a crumb. */
+static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
+{
+    flood->number++;
+    flood->first = cut->flooded.count;
+    flood->ends = 0;
+    flood->volume = 0;
+    sbi_cut_visit(cut, flood, seed);
+    for (int k = flood->first; k < cut->flooded.count && !flood->ends && !flood->failed; k++) {
+        sbi_cut_handle at = cut->flooded.items[k];
+        int tet = sbi_cut_handle_tet(cut, at);
+        sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
+        flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
+        flood->ends |= flood->volume >= (double)cut->least_volume;
+        for (int a = 0; a < 4 && !flood->ends; a++) {
+            flood->ends |= sbi_cut_is_held(cut, at, a);
+            sbi_cut_visit_around(cut, flood, at, a);
+        }
+        if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
+            sbi_cut_visit_tet(cut, flood, tet);
+    }
+    return !flood->ends && !flood->failed;
+}
+
+/* ---- all of them ---- */
+
+/* Searches from one piece, and marks those of a crumb. */
+static void sbi_cut_try_crumb(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle seed)
+{
+    if (*sbi_cut_crumb_mark(cut, seed) != 0 || flood->failed || !sbi_cut_flood_from(cut, flood, seed))
+        return;
+    cut->removed.crumbs += flood->volume > 0;
+    for (int k = flood->first; k < cut->flooded.count; k++)
+        *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = SBI_CUT_CRUMBLES;
+}
+
+/* From records of what has parted, and from what was glued before the call. */
+static void sbi_cut_try_all(sb_cut *cut, sbi_cut_flood *flood)
+{
+    for (int i = 0; i < cut->cell_count; i++)
+        if (cut->cells[i].is_cut && !cut->cells[i].is_gone)
+            sbi_cut_try_crumb(cut, flood, i);
+    for (int k = 0; k < cut->glue_count && cut->next_glue_count != cut->glue_count; k++) {
+        int tet = cut->glue[k].tet, first = cut->cell_of[tet] - 1;
+        if (k > 0 && cut->glue[k - 1].tet == tet)
+            continue;
+        for (int i = first, end = first < 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            if (!cut->cells[i].is_gone)
+                sbi_cut_try_crumb(cut, flood, i);
+        for (int piece = first < 0 ? sbi_cut_first_piece(cut, tet) : -1; piece >= 0; piece = cut->pieces[piece].next)
+            sbi_cut_try_crumb(cut, flood, ~piece);
+    }
+}
+
+/* Records of the pieces of crumbs are gone, and so is the glue within; 0: no memory. */
+static int sbi_cut_lose_crumbs(sb_cut *cut)
+{
+    int kept = 0;
+    for (int k = 0; k < cut->flooded.count; k++) {
+        sbi_cut_handle at = cut->flooded.items[k];
+        int tet = sbi_cut_handle_tet(cut, at), first = cut->cell_of[tet] - 1;
+        if (*sbi_cut_crumb_mark(cut, at) != SBI_CUT_CRUMBLES)
+            continue;
+        if (at < 0 && first < 0 && !sbi_cut_add_tet(cut, tet))
+            return 0;
+        if (at >= 0)
+            cut->cells[at].is_gone = 1;
+        first = cut->cell_of[tet] - 1;
+        for (int i = first, end = at >= 0 ? first : sbi_cut_end_of(cut, first); i < end; i++)
+            cut->cells[i].is_gone |= cut->cells[i].piece == ~at;
+    }
+    for (int k = 0; k < cut->next_glue_count; k++) { /* all pieces of a glued tet are of one part */
+        int first = cut->cell_of[cut->next_glue[k].tet] - 1;
+        if (first < 0 || !cut->cells[first].is_gone)
+            cut->next_glue[kept++] = cut->next_glue[k];
+    }
+    cut->next_glue_count = kept;
+    return 1;
+}
+
+SBI_API int sbi_cut_find_crumbs(sb_cut *cut)
+{
+    sbi_cut_flood flood;
+    int done;
+    memset(&flood, 0, sizeof flood);
+    cut->flooded.count = 0;
+    sbi_cut_try_all(cut, &flood);
+    done = !flood.failed && (!cut->removed.crumbs || sbi_cut_lose_crumbs(cut));
+    for (int k = 0; k < cut->flooded.count; k++)
+        *sbi_cut_crumb_mark(cut, cut->flooded.items[k]) = 0;
+    return done;
+}

@@ -1,0 +1,465 @@
+/* Cuts of quadratic tetrahedra: what holds of tet4 holds of them, and what they are for: sharper values. */
+#include "cut_beam.h"
+#include "cut_blade.h"
+
+static block_options quad_default(int lattice, sb_cut_front front)
+{
+    block_options options = block_default(lattice);
+    options.element = SB_TET10;
+    options.nx = 4;
+    options.ny = 3;
+    options.nz = 3;
+    options.front = front;
+    return options;
+}
+
+/* ---- planes ------------------------------------------------------------------------------------------------------ */
+
+/* Where the material is linear the pieces' energy is that of the whole ones, but for what holds the middles of small
+ * pieces. */
+static void test_plane(void)
+{
+    for (int i = 0; i < 3; i++) {
+        block_options options = quad_default(intervals_of[i], SB_CUT_LAG);
+        block b = block_make(&options);
+        sb_material material = sb_material_linear(REAL(5000), REAL(0.4), 1000);
+        sb_cut_info info;
+        totals before, after;
+        double held;
+        CHECK_OK(sb_body_set_material(b.body, &material, NULL));
+        block_shake(&b);
+        block_step(&b, 4);
+        before = totals_of(&b);
+        info = block_cut_plane(&b, sb_v3(REAL(0.031), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.2), REAL(-0.1)));
+        after = totals_of(&b);
+        CHECK_INT(info.parts, 2);
+        CHECK(info.links > 0 && info.cells > 0 && info.nodes > 0);
+        held = (double)sbi_rows_energy(&b.body->live->slivers, b.body->displacement);
+        CHECK(held > 0 && held < 0.02 * before.elastic);
+        after.elastic -= held;
+        check_totals(&before, &after);
+        check_pieces(&b);
+        info = block_cut_plane(&b, sb_v3(REAL(0.031), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.2), REAL(-0.1)));
+        CHECK_INT(info.parts, 2);
+        block_step(&b, 20);
+        check_pieces(&b);
+        block_free(&b);
+    }
+}
+
+/* Planes through nodes, along faces and through middles of edges: 2, 4 and 8 parts, with the volumes of the block's. */
+static void test_counts(void)
+{
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 2; k++) {
+            block_options options = quad_default(intervals_of[i], SB_CUT_LAG);
+            double x = k ? 0.03 : 0.0225, y = k ? 0.04 / 3 : 0.02, z = k ? 0.05 / 3 : 0.025, volumes[8], whole = 0;
+            sb_vec3 middle = sb_v3(REAL(x), REAL(y), REAL(z));
+            block b;
+            options.shake = 0;
+            b = block_make(&options);
+            CHECK_INT(block_cut_plane(&b, middle, sb_v3(1, 0, 0)).parts, 2);
+            CHECK_INT(part_volumes(&b, volumes, 8), 2);
+            CHECK_NEAR(volumes[0] / (0.04 * 0.05), volumes[0] < volumes[1] || k ? x : 0.06 - x,
+                       scene_tolerance(1e-6, 1e3) * 0.06);
+            CHECK_INT(block_cut_plane(&b, middle, sb_v3(0, 1, 0)).parts, 4);
+            CHECK_INT(block_cut_plane(&b, middle, sb_v3(0, 0, 1)).parts, 8);
+            CHECK_INT(part_volumes(&b, volumes, 8), 8);
+            for (int part = 0; part < 8; part++)
+                whole += volumes[part];
+            CHECK_NEAR(whole, 0.06 * 0.04 * 0.05, scene_tolerance(1e-12, 500) * whole);
+            check_pieces(&b);
+            block_step(&b, 2);
+            block_free(&b);
+        }
+}
+
+/* What is left of a block that is cut where its elements meet is the body of its own mesh. */
+static void test_half_block(void)
+{
+    block_options options = quad_default(2, SB_CUT_LAG);
+    sb_static_options solve = sb_default_static_options();
+    sb_body_def def = sb_default_body_def();
+    sb_vec3 half = sb_v3(block_size.x / 2, block_size.y, block_size.z);
+    double sag[2] = {0, 0};
+    options.shake = 0;
+    solve.tolerance = REAL(scene_tolerance(1e-11, 1000));
+    for (int k = 0; k < 2; k++) {
+        block b;
+        sb_mesh mesh = scene_box(SB_TET10, 2, 3, 3, half, 0);
+        def.mesh = &mesh;
+        def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
+        memset(&b, 0, sizeof b);
+        if (k) {
+            b = block_make(&options);
+            CHECK_INT(block_cut_plane(&b, sb_v3(block_size.x / 2, 0, 0), sb_v3(1, 0, 0)).parts, 2);
+            scene_fix_plane(b.body, &b.mesh, 0, (double)block_size.x, SB_XYZ);
+        } else {
+            b.body = scene_body(&def);
+        }
+        scene_fix_plane(b.body, k ? &b.mesh : &mesh, 0, 0, SB_XYZ);
+        CHECK_OK(sb_body_set_gravity(b.body, sb_v3(0, 0, REAL(-9.81))));
+        CHECK_OK(sb_body_solve_static(b.body, &solve, NULL));
+        for (int n = 0; n < sb_body_node_count(b.body); n++) /* the other half is as far from its end */
+            sag[k] = fmin(sag[k], (double)sb_body_displacements(b.body)[n].z);
+        block_free(&b);
+        sb_mesh_free(&mesh);
+    }
+    CHECK(sag[0] < -1e-3);
+    CHECK_NEAR(sag[1], sag[0], scene_tolerance(1e-8, 1e5) * -sag[0]);
+}
+
+/* Copies, those in the middle of edges as well, are held where their pieces keep some of a held face. */
+static void test_supports(void)
+{
+    block_options options = quad_default(2, SB_CUT_LAG);
+    block b = block_make(&options);
+    int held = 0, middles = 0;
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_cut_plane(&b, sb_v3(REAL(0.03), REAL(0.0213), REAL(0.025)), sb_v3(0, 1, 0)); /* through the held face */
+    for (int n = b.mesh.node_count; n < sb_body_node_count(b.body); n++)
+        if (sb_body_supports(b.body)[n] == SB_XYZ && b.body->node_component[n] >= 0) {
+            int origin = sb_cut_node_origin(b.cut, n), is_middle = 1;
+            CHECK(b.mesh.nodes[origin].x < REAL(1e-6));
+            for (int tet = 0; tet < b.cut->tet_count; tet++)
+                for (int a = 0; a < 4; a++)
+                    is_middle &= b.cut->tets[4 * tet + a] != origin;
+            held++;
+            middles += is_middle;
+        }
+    CHECK(held > 5 && middles > 2 && middles < held);
+    block_free(&b);
+    b = block_make(&options);
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_cut_plane(&b, sb_v3(REAL(0.004), REAL(0.02), REAL(0.025)), sb_v3(1, 0, 0)); /* along it */
+    for (int n = b.mesh.node_count; n < sb_body_node_count(b.body); n++)
+        CHECK(b.body->node_component[n] < 0 || sb_body_supports(b.body)[n] == 0);
+    block_free(&b);
+}
+
+/* ---- cuts at random ---------------------------------------------------------------------------------------------- */
+
+static void test_random_cuts(void)
+{
+    unsigned long long seed = 3;
+    int strokes = check_quick() ? 5 : 12;
+    for (int i = 0; i < 3; i++)
+        for (int front = 0; front < 2; front++) {
+            block_options options = quad_default(intervals_of[i], (sb_cut_front)front);
+            block b = block_make(&options);
+            size_t size;
+            void *state;
+            uint64_t hash;
+            block_shake(&b);
+            block_step(&b, 3);
+            state = state_of(&b, &size);
+            hash = sb_body_state_hash(b.body);
+            for (int stroke = 0; stroke < strokes; stroke++) {
+                sb_vec3 triangles[18];
+                int count = strip_random(triangles, &seed);
+                totals before = totals_of(&b), after;
+                sb_cut_info info = block_cut(&b, triangles, count);
+                after = totals_of(&b);
+                after.elastic += (double)info.released_energy;
+                CHECK_INT(info.parts, b.body->component_count);
+                check_pieces(&b);
+                check_totals_but(&before, &after, 0.02);
+                block_step(&b, 1);
+            }
+            load(&b, state, size);
+            CHECK(sb_body_state_hash(b.body) == hash);
+            CHECK_OK(sb_body_live_check(b.body, NULL));
+            free(state);
+            block_free(&b);
+        }
+}
+
+/* ---- strokes ----------------------------------------------------------------------------------------------------- */
+
+/* A blade goes through a block that shakes by some percent between frames. */
+static void test_shaking(void)
+{
+    static const double speeds[3] = {0.02, 0.04, 0.2};
+    double element = (double)(block_size.x * block_size.y * block_size.z) / 216;
+    int rounds = check_quick() ? 3 : 12;
+    for (int round = 0; round < rounds; round++) {
+        unsigned long long seed = 100 + (unsigned long long)round;
+        block_options options = quad_default(1 + round % 2, (sb_cut_front)(round / 2 % 2));
+        block b = block_make(&options);
+        blade of = blade_random(&seed);
+        double volumes[64];
+        int stroke, parts, large = 0;
+        block_shake_at(&b, speeds[round % 3]);
+        block_step(&b, 2);
+        stroke = begin(&b, &of);
+        sweep(&b, &of, stroke, -1, 1, 16);
+        sb_cut_end(b.cut, stroke);
+        check_pieces(&b);
+        parts = part_volumes(&b, volumes, 64);
+        for (int k = 0; k < parts; k++)
+            large += volumes[k] > element;
+        if (!CHECK_INT(large, 2))
+            printf("round %d\n", round);
+        CHECK_INT(b.cut->glue_count, 0);
+        block_free(&b);
+    }
+}
+
+/* A stroke goes on from a state, here and in another body; recordings play; threads change no bit. */
+static void test_same_bits(void)
+{
+    for (int front = 0; front < 2; front++) {
+        block_options options = quad_default(2, (sb_cut_front)front);
+        unsigned long long seed = 5;
+        block b = block_make(&options), other = block_make(&options), again = block_make(&options), parallel;
+        blade of = blade_random(&seed);
+        sb_recording *recording = NULL;
+        sb_recording_report report;
+        int workers = 3;
+        size_t size;
+        void *middle;
+        uint64_t at_middle, end;
+        int stroke;
+        CHECK_OK(sb_recording_start(b.body, 0, NULL, &recording, NULL));
+        block_shake_at(&b, 0.3);
+        block_step(&b, 2);
+        stroke = begin(&b, &of);
+        at_middle = run_frames(&b, &of, stroke, 0, 8);
+        CHECK(!front || b.body->live->glue.count > 0);
+        middle = state_of(&b, &size);
+        end = run_frames(&b, &of, stroke, 8, 16);
+        sb_recording_stop(recording);
+        if (!CHECK_OK(sb_recording_replay(recording, again.body, &report)))
+            printf("%s, step %d\n", report.error.message, report.step);
+        CHECK(sb_body_state_hash(again.body) == end);
+        check_pieces(&again);
+        load(&b, middle, size);
+        CHECK(sb_body_state_hash(b.body) == at_middle);
+        check_pieces(&b);
+        CHECK(run_frames(&b, &of, stroke, 8, 16) == end);
+        load(&other, middle, size);
+        check_pieces(&other);
+        CHECK(run_frames(&other, &of, stroke, 8, 16) == end);
+        parallel = block_make(&options);
+        parallel.body->jobs = scene_jobs(&workers);
+        block_shake_at(&parallel, 0.3);
+        block_step(&parallel, 2);
+        CHECK_INT(begin(&parallel, &of), stroke);
+        CHECK(run_frames(&parallel, &of, stroke, 0, 16) == end);
+        sb_recording_destroy(recording);
+        free(middle);
+        block_free(&b);
+        block_free(&other);
+        block_free(&again);
+        block_free(&parallel);
+    }
+}
+
+/* ---- the half-cut beam and the cracked plate --------------------------------------------------------------------- */
+
+/* Force on the clamped end of a beam whose other end is drawn out by 2 mm. */
+static double beam_pull(block *b)
+{
+    sb_static_options options = sb_default_static_options();
+    sb_vec3 by = sb_v3(REAL(0.002), 0, 0);
+    double sum = 0;
+    options.tolerance = REAL(scene_tolerance(1e-9, 1e4));
+    CHECK_OK(sb_body_set_gravity(b->body, sb_v3(0, 0, 0)));
+    for (int i = 0; i < b->mesh.node_count; i++)
+        if (b->mesh.nodes[i].x > beam_size.x - REAL(1e-6))
+            CHECK_OK(sb_body_prescribe(b->body, &i, 1, SB_XYZ, &by, 1));
+    CHECK_OK(sb_body_solve_static(b->body, &options, NULL));
+    for (int i = 0; i < b->mesh.node_count; i++)
+        if (b->mesh.nodes[i].x < REAL(1e-6))
+            sum += (double)sb_body_reactions(b->body)[i].x;
+    return fabs(sum);
+}
+
+/* Rows "tet10" of the design's table: lag, and sag and force with glue against -3.47e-2 m and 3.79 N, to which
+ * conforming meshes converge. */
+static void test_half(void)
+{
+    static const int cells[3][3] = {{11, 2, 3}, {21, 4, 7}, {31, 5, 9}};
+    static const double lag[3] = {-2.830e-2, -3.158e-2, -3.221e-2};
+    static const double sag_error[3] = {0.05, 0.016, 0.011}, pull_error[3] = {0.021, 0.009, 0.007};
+    for (int k = 0; k < (check_quick() ? 2 : 3); k++) {
+        block whole = beam_of(SB_TET10, cells[k], 2, SB_CUT_LAG), one = beam_of(SB_TET10, cells[k], 2, SB_CUT_LAG);
+        block two = beam_of(SB_TET10, cells[k], 1, SB_CUT_GLUE), many = beam_of(SB_TET10, cells[k], 2, SB_CUT_GLUE);
+        int uncut, of_lag, of_glue, of_many;
+        double released, all, sag, other, pull;
+        beam_sag(&whole, &uncut);
+        beam_cut(&one, 0, 0.02998, 1, &released);
+        CHECK_NEAR(beam_sag(&one, &of_lag), lag[k], 5e-3 * fabs(lag[k]));
+        CHECK_INT(beam_cut(&two, 0, 0.02998, 1, &released).parts, 1);
+        beam_cut(&many, 0, 0.02998, 36, &all);
+        CHECK_NEAR(all, released, 1e-3 * released);
+        sag = beam_sag(&two, &of_glue);
+        other = beam_sag(&many, &of_many);
+        pull = beam_pull(&two);
+        printf("   half-cut beam, %d cells: sag %.4e, %.4e, force %.3f, iterations uncut %d, lag %d, glue %d\n",
+               cells[k][0], sag, other, pull, uncut, of_lag, of_glue);
+        CHECK_NEAR(sag, -3.47e-2, sag_error[k] * 3.47e-2);
+        CHECK_NEAR(other, sag, 2e-3 * fabs(sag));
+        CHECK_NEAR(pull, 3.79, pull_error[k] * 3.79);
+        CHECK(of_glue < 1.3 * of_lag);
+        check_pieces(&two);
+        block_free(&whole);
+        block_free(&one);
+        block_free(&two);
+        block_free(&many);
+    }
+}
+
+static void test_crack(void)
+{
+    double coarse, fine, lag;
+    if (sizeof(sb_real) < 8)
+        return; /* differences of energies */
+    coarse = plate_error(SB_TET10, 11, SB_CUT_GLUE);
+    fine = check_quick() ? 0 : plate_error(SB_TET10, 21, SB_CUT_GLUE);
+    lag = plate_error(SB_TET10, 11, SB_CUT_LAG);
+    printf("   stress intensity off by %.2f and %.2f %% with glue, by %.1f %% without\n", 100 * coarse, 100 * fine,
+           100 * lag);
+    CHECK(fabs(coarse) < 0.02);
+    CHECK(fabs(fine) < 0.01);
+    CHECK(fabs(lag) > 0.05);
+}
+
+/* Steps take at most 1.3 times the uncut beam's iterations, however thin the slices beside a plane of nodes are. */
+static void test_slivers(void)
+{
+    static const int cells[3] = {20, 4, 6};
+    static const double shares[5] = {0, 0.1, 1e-3, 0.5, 0.01};
+    int uncut = 0, most = 0;
+    for (int k = 0; k < (check_quick() ? 3 : 5); k++) {
+        block b = beam_of(SB_TET10, cells, 2, SB_CUT_LAG);
+        sb_vec3 triangles[6];
+        double x = 0.2 * (10 + shares[k]) / 20;
+        int iterations = 0;
+        CHECK_OK(sb_body_set_solver(b.body, REAL(1e-5), 2000));
+        square_make(sb_v3(REAL(x), REAL(0.015), REAL(0.0599)), sb_v3(1, 0, 0), 0.03, triangles);
+        if (k)
+            CHECK_INT(block_cut(&b, triangles, 2).parts, 1);
+        for (int step = 0; step < 5; step++) {
+            sb_step_info info;
+            CHECK_OK(sb_body_step(b.body, REAL(0.01), &info));
+            iterations += info.pcg_iterations;
+        }
+        uncut = k ? uncut : iterations;
+        most = sbi_max_int(most, iterations);
+        block_free(&b);
+    }
+    printf("   iterations of 5 steps uncut %d, cut %d at most\n", uncut, most);
+    CHECK(most <= 1.3 * uncut);
+}
+
+/* ---- what fails, and what is refused ----------------------------------------------------------------------------- */
+
+/* Every allocation of a call fails in turn: nothing has happened then, and the same call does it later. */
+static void test_no_memory(void)
+{
+    for (int front = 0; front < 2; front++) {
+        uint64_t expected = 0;
+        for (int fail = 0, done = 0; !done && fail < 600; fail += fail < 20 || !check_quick() ? 1 : 5) {
+            scene_memory memory = {0, 0, 0, 0};
+            block b = counted_block_of(&memory, SB_TET10, 2, 0.01, (sb_cut_front)front, 0);
+            sb_vec3 triangles[6];
+            uint64_t before = sb_body_state_hash(b.body);
+            sb_result result;
+            square_make(sb_v3(REAL(0.031), REAL(0.02), REAL(0.045)), sb_v3(1, REAL(0.2), REAL(0.1)), 0.027, triangles);
+            memory.fail_at = fail ? memory.calls + fail : 0;
+            result = sb_cut_triangles(b.cut, triangles, 2, NULL, NULL);
+            memory.fail_at = 0;
+            done = fail && result == SB_OK;
+            if (result != SB_OK) {
+                CHECK_RESULT(result, SB_ERROR_MEMORY);
+                CHECK(sb_body_state_hash(b.body) == before);
+                CHECK_INT(b.cut->links.count, 0);
+                check_pieces(&b);
+                CHECK_OK(sb_cut_triangles(b.cut, triangles, 2, NULL, NULL));
+            }
+            expected = fail ? expected : sb_body_state_hash(b.body);
+            CHECK(sb_body_state_hash(b.body) == expected);
+            CHECK(!front || b.body->live->glue.count > 0);
+            check_pieces(&b);
+            block_free(&b);
+            CHECK_INT(memory.live, 0);
+            CHECK(done || fail < 595);
+        }
+    }
+}
+
+static sb_result try_create(sb_body_def *def, const sb_mesh *mesh, sb_error *error)
+{
+    sb_cut_def cut = sb_default_cut_def();
+    sb_cut *made = NULL;
+    sb_result result;
+    def->mesh = mesh;
+    cut.body = scene_body(def);
+    result = sb_cut_create(&cut, &made, error);
+    sb_cut_destroy(made);
+    sb_body_destroy(cut.body);
+    return result;
+}
+
+/* Curved sides, consistent masses and other elements are refused by name. */
+static void test_mistakes(void)
+{
+    sb_mesh mesh = scene_box(SB_TET10, 2, 2, 2, block_size, 0), hexes = scene_box(SB_HEX8, 2, 2, 2, block_size, 0);
+    sb_body_def def = sb_default_body_def();
+    const int bent = 5, *middle = mesh.elements + 10 * bent + 7;
+    sb_error error;
+    def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
+    def.slack = 1;
+    CHECK_OK(try_create(&def, &mesh, &error));
+    def.mass = SB_MASS_CONSISTENT;
+    CHECK_RESULT(try_create(&def, &mesh, &error), SB_ERROR_UNSUPPORTED);
+    def.mass = SB_MASS_LUMPED;
+    CHECK_RESULT(try_create(&def, &hexes, &error), SB_ERROR_UNSUPPORTED);
+    mesh.nodes[*middle].y += REAL(0.0005);
+    CHECK_RESULT(try_create(&def, &mesh, &error), SB_ERROR_UNSUPPORTED);
+    CHECK(error.element >= 0 && error.element <= bent);
+    sb_mesh_free(&mesh);
+    sb_mesh_free(&hexes);
+}
+
+/* A pressure on a face that would be cut is refused, and nothing has happened then; so is one on a piece. */
+static void test_pressure(void)
+{
+    block_options options = quad_default(2, SB_CUT_LAG);
+    block b = block_make(&options);
+    int local[SB_MAX_FACE_NODES], face[3] = {-1, -1, -1}, id, tet = 0, side = 0;
+    sb_vec3 triangles[6], middle = {0, 0, 0};
+    sb_error error;
+    uint64_t hash;
+    while (b.cut->neighbours.items[side] >= 0)
+        side++;
+    tet = side / 4;
+    sb_element_face(SB_TET4, side % 4, local, NULL);
+    for (int k = 0; k < 3; k++) {
+        face[k] = b.cut->tets[4 * tet + local[k]];
+        middle = sb_v3_madd(middle, REAL(1) / 3, b.mesh.nodes[face[k]]);
+    }
+    CHECK_OK(sb_body_add_pressure(b.body, face, 1, 3, 10, &id, &error));
+    hash = sb_body_state_hash(b.body);
+    square_make(middle, sb_v3(1, REAL(0.3), REAL(0.2)), 0.2, triangles);
+    CHECK_RESULT(sb_cut_triangles(b.cut, triangles, 2, NULL, &error), SB_ERROR_UNSUPPORTED);
+    CHECK_INT(error.element, tet);
+    CHECK(sb_body_state_hash(b.body) == hash);
+    check_pieces(&b);
+    CHECK_OK(sb_body_remove_load(b.body, id));
+    CHECK_INT(block_cut(&b, triangles, 2).parts, 2);
+    for (int k = 0; k < 3; k++)
+        face[k] = sb_body_cell_nodes(b.body, b.cut->pieces[tet].cell)[local[k]];
+    CHECK_RESULT(sb_body_add_pressure(b.body, face, 1, 3, 10, &id, &error), SB_ERROR_UNSUPPORTED);
+    CHECK_RESULT(sb_body_add_traction(b.body, face, 1, 3, sb_v3(1, 0, 0), &error), SB_ERROR_UNSUPPORTED);
+    block_free(&b);
+}
+
+CHECK_SUITE(cut_quad, {"a plane parts a shaking block", test_plane}, {"crossing planes", test_counts},
+            {"half a block is a block", test_half_block}, {"supports of copies", test_supports},
+            {"random cuts change no totals", test_random_cuts}, {"shaking blocks part in two", test_shaking},
+            {"states, recordings, threads", test_same_bits}, {"half-cut beam", test_half},
+            {"edge-cracked plate", test_crack}, {"slivers", test_slivers},
+            {"every allocation fails in turn", test_no_memory}, {"mistakes are named", test_mistakes},
+            {"pressures on faces that are cut", test_pressure});
