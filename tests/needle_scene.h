@@ -13,10 +13,10 @@ typedef struct needle_scene_material {
 /* A block from the origin to `size`, held at its four sides; the needle comes from above (z), along -z. */
 typedef struct needle_scene {
     int cells[3];
-    sb_vec3 size; /* m */
-    double shake; /* of the inner nodes, in cells */
-    int layered;  /* 1: region 1 below half of the height */
-    int turned;   /* 1: all of it turned and shifted */
+    sb_vec3 size;         /* m */
+    double shake;         /* of the inner nodes, in cells */
+    int layered;          /* 1: region 1 below half of the height */
+    int turned;           /* 1: all of it turned and shifted */
     sb_element_type type; /* of its elements */
     needle_scene_material materials[2];
     const sb_material *other; /* of all of it in place of `materials`, or NULL */

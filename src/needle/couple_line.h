@@ -34,12 +34,12 @@ typedef struct ndli_line {
     int first, count; /* rod node of path[0], and how many there are; node_count and 0: the rod is not in tissue. A node
                        * may follow: a tip that is hardly in has none of its own in the tissue */
     const int *path;  /* [count] nodes of the body; of a rod that is held by rows nothing */
-    struct ndli_hold *holds; /* [capacity] of such a rod (couple_rows.h), from the node before `first` on: there its edge
-                              * is held where it goes in. Its nodes have unknowns z throughout. NULL of others */
-    unsigned char *state; /* [nodes] ndl_contact; as found after it */
-    double *friction;     /* [nodes] N: limit of static friction, and dynamic friction */
-    double *viscous;      /* [nodes] N s/m: friction per slip speed */
-    double cutting;       /* N: what holds the tip back beside friction while it goes forward */
+    struct ndli_hold *holds; /* [capacity] of such a rod (couple_rows.h), from the node before `first` on: there its
+                              * edge is held where it goes in. Its nodes have unknowns z throughout. NULL of others */
+    unsigned char *state;    /* [nodes] ndl_contact; as found after it */
+    double *friction;        /* [nodes] N: limit of static friction, and dynamic friction */
+    double *viscous;         /* [nodes] N s/m: friction per slip speed */
+    double cutting;          /* N: what holds the tip back beside friction while it goes forward */
 
     /* what a solve finds */
     double *slip;      /* [nodes] m along the tangent, of the rod past the tissue */

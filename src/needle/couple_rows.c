@@ -67,8 +67,8 @@ NDLI_API void ndli_rows_apply(ndli_line *line, int loads, const double *nodes, d
         ndli_v3 way = ndli_rows_way(line, i, nodes), force, on_tissue;
         if (hold->count == 0)
             continue;
-        force = ndli_scale(line->level, loads ? ndli_rows_force(line, i, way)
-                                              : ndli_scale(-1, ndli_rows_spring(line, i, way)));
+        force = ndli_scale(line->level,
+                           loads ? ndli_rows_force(line, i, way) : ndli_scale(-1, ndli_rows_spring(line, i, way)));
         for (int e = 0; e < ends.count; e++)
             if (!line->rod->held[ends.node[e]])
                 ndli_line_add_to(out_unknown, NDLI_LINE_UNKNOWNS, ends.node[e], ends.share[e], force);

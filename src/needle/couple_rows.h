@@ -18,8 +18,8 @@
 
 /* What ties rod node i, by its number. */
 struct ndli_hold {
-    double share; /* of the way from rod node i to the next one where it is; 0: at the node */
-    int count;    /* 0: nothing holds it */
+    double share;                     /* of the way from rod node i to the next one where it is; 0: at the node */
+    int count;                        /* 0: nothing holds it */
     int places[SB_MAX_ELEMENT_NODES]; /* of its nodes in the guest's list */
     double weights[SB_MAX_ELEMENT_NODES];
     double across, along; /* k, k' (N/m) */
@@ -28,8 +28,8 @@ struct ndli_hold {
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* What ndli_line_apply leaves out, which goes before it: added to out_unknown [4 nodes] and out_nodes [guest's nodes][3];
- * nodes likewise. */
+/* What ndli_line_apply leaves out, which goes before it: added to out_unknown [4 nodes] and out_nodes [guest's
+ * nodes][3]; nodes likewise. */
 NDLI_API void ndli_rows_apply(ndli_line *line, int loads, const double *nodes, double *out_unknown, double *out_nodes);
 /* Adds what holds have between the rod's own unknowns to its band. */
 NDLI_API void ndli_rows_add_band(ndli_line *line);

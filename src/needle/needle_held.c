@@ -50,7 +50,8 @@ static double ndli_held_tip(const ndl_needle *needle, const ndli_held_tissue *t)
 NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess)
 {
     double outer = (double)section->radius, inner = (double)section->inner_radius, wave = guess;
-    double bending = (double)section->young * ndli_held_pi / 4 * (outer * outer * outer * outer - inner * inner * inner * inner);
+    double bending =
+        (double)section->young * ndli_held_pi / 4 * (outer * outer * outer * outer - inner * inner * inner * inner);
     for (int round = 0; round < 4; round++) {
         ndli_held_tissue t;
         t.poisson = 0.45; /* of soft tissue; it matters little */
@@ -64,10 +65,7 @@ NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, dou
 /* ---- holds ---- */
 
 /* Where hold i is on the track (m at rest). */
-static double ndli_held_arc(const ndl_needle *needle, int i)
-{
-    return i < needle->line.first ? 0 : needle->arc[i];
-}
+static double ndli_held_arc(const ndl_needle *needle, int i) { return i < needle->line.first ? 0 : needle->arc[i]; }
 
 static double ndli_held_edge(const ndl_rod *rod, int j) { return ndli_norm(ndli_sub(rod->x[j + 1], rod->x[j])); }
 
@@ -280,7 +278,8 @@ static ndli_v3 ndli_held_shaft(const ndl_rod *rod)
     ndli_v3 t = rod->tangent[last];
     if (last < 1)
         return t;
-    return ndli_held_unit(ndli_madd(t, rod->rest_length[last] / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1])));
+    return ndli_held_unit(
+        ndli_madd(t, rod->rest_length[last] / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1])));
 }
 
 /* heading, no farther from the shaft than it may be. */
@@ -320,8 +319,8 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     inverse = sb_m3_inverse(f);
     heading = ndli_held_unit(ndli_from(sb_m3_apply(f, ndli_to(needle->heading))));
     way = ndli_scale(advance, ndli_held_unit(ndli_madd(heading, 0.5 * curvature * advance, side)));
-    heading = ndli_held_limited(ndli_held_unit(ndli_madd(heading, curvature * advance, side)),
-                                ndli_held_shaft(needle->rod));
+    heading =
+        ndli_held_limited(ndli_held_unit(ndli_madd(heading, curvature * advance, side)), ndli_held_shaft(needle->rod));
     X = ndli_add(end.X, ndli_from(sb_m3_apply(inverse, ndli_to(way))));
     if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_bed_row_at(bed, &place, &next)) {
         ndli_held_block(needle);
@@ -367,8 +366,7 @@ static void ndli_held_count(ndl_needle *needle)
         line->state[line->first - 1] = NDL_FREE;
         line->first++;
     }
-    while (line->first > 2 &&
-           (more = ndli_held_reach(needle, &stretch) - ndli_held_edge(rod, line->first - 1)) > 0) {
+    while (line->first > 2 && (more = ndli_held_reach(needle, &stretch) - ndli_held_edge(rod, line->first - 1)) > 0) {
         int next = --line->first;
         needle->arc[next] = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
         line->state[next - 1] = line->state[next];

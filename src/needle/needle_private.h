@@ -44,17 +44,17 @@ struct ndl_needle {
     ndli_v3 heading;     /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
                           * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
-    int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
-                           * there. Tets between such a tip and the skin would be flat */
-    int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
-    double radius;        /* m */
-    ndli_track track;     /* of a needle that is held by rows, as what follows */
-    double *arc;          /* [capacity] m at rest: where on it nodes in the tissue are */
+    int shallow;             /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
+                              * there. Tets between such a tip and the skin would be flat */
+    int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
+    double radius;           /* m */
+    ndli_track track;        /* of a needle that is held by rows, as what follows */
+    double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */
-    double *stretch;      /* [capacity] of the tissue along it there, in the present substep */
-    int pushed;           /* 1: the present substep's command takes the needle forward */
-    int blocked, limited; /* in the present step */
-    int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
+    double *stretch;         /* [capacity] of the tissue along it there, in the present substep */
+    int pushed;              /* 1: the present substep's command takes the needle forward */
+    int blocked, limited;    /* in the present step */
+    int hold_steps;          /* substeps for which the tip is held because the remesher could not follow it */
 
     /* holds nothing between calls */
     ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
@@ -69,7 +69,7 @@ struct ndli_site {
     sb_body *body;
     sb_allocator allocator;
     int listener; /* its number at the body */
-    int embeds;                           /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
+    int embeds;   /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
     ndli_bed bed;
     ndl_remesh *remesh;
     const ndli_topology *mesh;            /* the remesher's */
@@ -81,7 +81,7 @@ struct ndli_site {
     int coupled_count; /* with a bed, as what follows */
     int *node_place;   /* [slots of nodes] their numbers in `coupled`, -1 between solves */
     size_t place_room;
-    double *unknown;  /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
+    double *unknown; /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
     size_t node_room;
     unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
     size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */

@@ -181,9 +181,9 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
         return sbi_fail(error, SB_ERROR_STATE, "saved needle %d has %d nodes, this one room for %d", needle->index,
                         h->node_count, needle->rod->capacity);
     if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
-        h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) ||
-        h->points < 0 || h->points > needle->track.capacity ||
-        (h->points > 0) != (h->count > 0 && needle->site->embeds) || (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
+        h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) || h->points < 0 ||
+        h->points > needle->track.capacity || (h->points > 0) != (h->count > 0 && needle->site->embeds) ||
+        (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
         !(h->reals[0] > 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
     return SB_OK;

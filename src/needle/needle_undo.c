@@ -15,8 +15,7 @@ static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count, in
     return ndli_undo_aligned(sizeof *needle) + ndli_undo_aligned(n * sizeof(ndli_v3)) +
            ndli_undo_aligned(n * sizeof(int)) + ndli_undo_aligned(n) + ndli_undo_aligned(n * sizeof(double)) +
            ndli_undo_aligned(points * sizeof(ndli_v3)) + ndli_undo_aligned(points * sizeof(double)) +
-           ndli_undo_aligned(points * sizeof(int)) +
-           ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
+           ndli_undo_aligned(points * sizeof(int)) + ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
 }
 
 static size_t ndli_undo_remesh_size(const struct ndli_site *site)

@@ -47,7 +47,7 @@ typedef struct sbi_body_slots {
 } sbi_body_slots;
 SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
 SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
-SBI_API int sbi_body_cell_region(const sb_body *body, int cell); /* value in mesh.regions */
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell);                  /* value in mesh.regions */
 SBI_API const sb_material *sbi_body_cell_material(const sb_body *body, int cell); /* of a cell in use */
 
 /* ---- shapes ---- */

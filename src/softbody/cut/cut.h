@@ -85,7 +85,8 @@
  * - Ablation is as fine as the lattice: with 1, elements whose corners are all in the ball go whole, and others are
  *   trimmed between their corners; a ball between the points of the lattice takes nothing. Behind a tip that goes on
  *   walls are rough by part of a link.
- * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
+ * - Needles whose mesh follows (NDL_REMESH) and cuts exclude each other; those that springs hold (NDL_EMBED) stay in
+ *   what is cut, and go into it.
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
  *   goes exactly along the boundary, glue may tie material to nodes that have none, which stand still. With parts so
