@@ -148,6 +148,40 @@ static void test_balance(void)
     needle_scene_free(&s);
 }
 
+/* A membrane between two regions asks for its strength while the tip is in it, and a skin likewise. */
+static void test_membranes(void)
+{
+    static const ndl_membrane membranes[2] = {{{-1, 0}, 1, REAL(0.002)}, {{0, 1}, 2, REAL(0.002)}};
+    for (int k = 0; k < 3; k++) {
+        needle_scene s = held_scene(types[k]);
+        double most[2] = {0, 0}, after = 0; /* within a centimetre of each face (N); between them */
+        s.layered = 1;
+        s.needle_def.membranes = membranes;
+        s.needle_def.membrane_count = 2;
+        if (!needle_scene_make(&s))
+            return;
+        for (int i = 0; i < 400; i++) {
+            sb_vec3 X;
+            double push;
+            if (!needle_scene_run(&s, dt / 2, 1, needle_command(speed, 0)))
+                break;
+            push = needle_push(&s) - 20 * (double)ndl_needle_depth(s.needles[0]);
+            if (!ndl_needle_tip_material(s.needles[0], &X))
+                continue;
+            if (X.z > REAL(0.03))
+                most[0] = fmax(most[0], push);
+            else if (X.z < REAL(0.0235))
+                most[1] = fmax(most[1], push);
+            else if (X.z < REAL(0.027))
+                after = fmax(after, push);
+        }
+        CHECK_NEAR(most[0], 1.5, 0.1);
+        CHECK_NEAR(most[1], 2.5, 0.15);
+        CHECK_NEAR(after, 0.5, 0.1);
+        needle_scene_free(&s);
+    }
+}
+
 /* ---- bodies that are cut ---- */
 
 static sb_cut *make_cut(const needle_scene *s)
@@ -374,7 +408,7 @@ static void test_random_use(void)
 }
 
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"neighbours", test_neighbours},
-            {"balance", test_balance}, {"cut across a needle", test_cut_across_needle},
+            {"balance", test_balance}, {"membranes", test_membranes}, {"cut across a needle", test_cut_across_needle},
             {"into a cut body", test_into_cut_body}, {"states of cut bodies", test_cut_states},
             {"bad definitions", test_bad_definitions}, {"memory", test_memory}, {"far side", test_far_side},
             {"random use", test_random_use});

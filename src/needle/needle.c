@@ -332,7 +332,7 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
     needle->site = site;
     needle->radius = (double)def->section.radius;
     needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : ndli_needle_usual_edge(site, def);
-    needle->track.spacing = needle->edge_length / NDLI_TRACK_POINTS;
+    needle->track.spacing = needle->edge_length / (int)NDLI_TRACK_POINTS;
     result = ndli_needle_check_bevel(def, needle->edge_length, error);
     if (result == SB_OK)
         result = ndli_needle_make_rod(needle, def, error);

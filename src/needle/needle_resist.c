@@ -49,6 +49,19 @@ static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *m
            (b == membrane->regions[0] && a == membrane->regions[1]);
 }
 
+/* Corners of a face, as who numbered the neighbours has them; returns how many. */
+static int ndli_resist_face(const ndli_resist_mesh *mesh, int face, int local[SB_MAX_FACE_NODES])
+{
+    static const int opposite[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* of the topology */
+    sb_element_type type;
+    if (mesh->site->mesh) {
+        memcpy(local, opposite[face], sizeof opposite[face]);
+        return 3;
+    }
+    sb_element_face(mesh->type, face, local, &type);
+    return sb_element_corner_count(type);
+}
+
 /* Faces of the membrane, as triangles between their corners: written to `triangles` when that is not NULL. */
 static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int *triangles)
 {
@@ -57,11 +70,9 @@ static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *
     for (int e = 0; e < mesh->count; e++)
         for (int face = 0; face < sb_element_face_count(mesh->type); face++) {
             int local[SB_MAX_FACE_NODES], parts;
-            sb_element_type type;
             if (!ndli_resist_holds(mesh, membrane, e, face))
                 continue;
-            sb_element_face(mesh->type, face, local, &type);
-            parts = sb_element_corner_count(type) - 2;
+            parts = ndli_resist_face(mesh, face, local) - 2;
             for (int part = 0; part < parts; part++, count++)
                 for (int c = 0; c < 3 && triangles; c++)
                     triangles[3 * (size_t)count + (size_t)c] =
