@@ -732,6 +732,8 @@
 #define sb_cut_scissors sb_cut_scissors_f32
 #define sb_cut_end sb_cut_end_f32
 #define sb_cut_ablate sb_cut_ablate_f32
+#define sb_default_tear_options sb_default_tear_options_f32
+#define sb_cut_tear sb_cut_tear_f32
 #define sb_cut_node_origin sb_cut_node_origin_f32
 #define sb_cut_cell_element sb_cut_cell_element_f32
 #define sb_cut_surface_create sb_cut_surface_create_f32
@@ -6118,7 +6120,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Ablation is as fine as the lattice: with 1, elements whose corners are all in the ball go whole, and others are
- *   trimmed between their corners; a ball between the points of the lattice takes nothing.
+ *   trimmed between their corners; a ball between the points of the lattice takes nothing. Behind a tip that goes on
+ *   walls are rough by part of a link.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
@@ -6164,6 +6167,7 @@ SB_API sb_cut_def sb_default_cut_def(void);
 typedef struct sb_cut_info {
     int links;                         /* cut by it */
     int ringed;                        /* of these, cut because blades had passed all around them */
+    int torn;                          /* elements torn by it */
     int cells, nodes;                  /* made by it */
     int parts;                         /* that the body is in now; what glue ties is in one */
     int glued;                         /* triangles of lips that are glued now */
@@ -6219,6 +6223,25 @@ SB_API void sb_cut_end(sb_cut *cut, int stroke);
  * size lattice 4 takes the volume to 2 %. Errors as sb_cut_triangles, and SB_ERROR_ARGUMENT: a negative radius. Cost as
  * of a cut of the elements on the ball's surface. */
 SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_cut_info *info, sb_error *error);
+/* How sb_cut_tear goes about it. Start from sb_default_tear_options(). */
+typedef struct sb_tear_options {
+    int nucleate;  /* 1: tissue may tear anywhere, where no cut or tear goes on; 0 (default): only there */
+    int max_tears; /* elements in a call, in [1, 4096]; default 8 */
+    unsigned cookie;
+} sb_tear_options;
+SB_API sb_tear_options sb_default_tear_options(void);
+/* Tears what is stretched too far: elements whose largest principal stress (Cauchy) is over sqrt((lambda + 2 mu) J_c /
+ * (4 h)), with def.toughness J_c and h their volume over the area of the section torn, come apart across it, the worst
+ * first. Those that a cut has come to tear first, on from there; else one in a call begins a new tear. Between steps;
+ * stresses are those of the body as it is, so that a tear goes on as steps bring stress to its front. Tears take J_c
+ * for their area within 20 %, for tet4 and Poisson's ratios up to 0.3; nearly incompressible tet4 half to twice that.
+ * options    NULL: defaults
+ * info       may be NULL
+ *
+ * On failure body and cut are as they were: SB_ERROR_ARGUMENT (toughness 0, too), SB_ERROR_STATE, SB_ERROR_MEMORY, and
+ * what sb_body_change_commit says. The first call allocates; each reads the stress of all cells (13,440 tets, one
+ * thread: 4 ms). */
+SB_API sb_result sb_cut_tear(sb_cut *cut, const sb_tear_options *options, sb_cut_info *info, sb_error *error);
 /* Node of the uncut mesh that a node is a copy of, or itself; -1: none. Of elements: the one that a cell is of. */
 SB_API int sb_cut_node_origin(const sb_cut *cut, int node);
 SB_API int sb_cut_cell_element(const sb_cut *cut, int cell);
@@ -69602,6 +69625,9 @@ SBI_API sb_vec3 sbi_lattice_place_quadratic(const sbi_corner_order *order, const
 SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4]);
 SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4]);
 
+/* Corners that a link's ends depend on, as bits: two of a link in an edge, three in a face. */
+SBI_API int sbi_lattice_link_corners(const sbi_lattice *lattice, int link);
+
 /* Pieces of a tet, in the order of their lowest points; returns how many (0: no point).
  * cut     [link_count] not 0: cut
  * points  mask of the points that are there */
@@ -69880,6 +69906,16 @@ SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real ba
 }
 
 /* ---- pieces ---- */
+
+SBI_API int sbi_lattice_link_corners(const sbi_lattice *lattice, int link)
+{
+    const signed char *first = lattice->points[lattice->links[link][0]];
+    const signed char *last = lattice->points[lattice->links[link][1]];
+    int corners = 0;
+    for (int a = 0; a < 4; a++)
+        corners |= (first[a] != 0 || last[a] != 0) << a;
+    return corners;
+}
 
 SBI_API int sbi_lattice_pieces(const sbi_lattice *lattice, const unsigned char *cut, uint64_t points,
                                uint64_t pieces[SBI_LATTICE_POINTS])
@@ -71135,6 +71171,12 @@ typedef struct sbi_cut_debts {
     int count, capacity;
 } sbi_cut_debts;
 
+/* A cut link whose crossing ablation has moved, and where it was. */
+typedef struct sbi_cut_receded {
+    int item, charred;
+    sb_real t;
+} sbi_cut_receded;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
@@ -71244,10 +71286,14 @@ struct sb_cut {
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
+    sbi_cut_receded *receded; /* in the order in which they were moved */
+    int receded_count, receded_capacity;
     uint64_t *was_lost;   /* [tet_count] links.lost before the call, of tets that lose points */
     sbi_cut_list flooded; /* pieces of a part: a record, or ~ a piece of a tet without records */
     int floods;           /* searches for crumbs so far */
     sbi_cut_removed removed;
+    sb_real *tear_loads;                   /* [tet_count] stress over what it bears; NULL: no call yet */
+    sbi_cut_list tearing, tearing_scratch; /* tets that may tear */
 };
 
 /* The first piece of a tet, or -1. */
@@ -71289,7 +71335,7 @@ SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t, in
 SBI_API int sbi_cut_cross_link(sb_cut *cut, int item, int blade);
 /* No link has been struck any more. */
 SBI_API void sbi_cut_forget_struck(sb_cut *cut);
-/* Takes back all links but the first `count`, and crossings of predicted ones. */
+/* Takes back all links but the first `count`, crossings of predicted ones, and what crossings have moved by. */
 SBI_API void sbi_cut_take_back(sb_cut *cut, int count);
 /* The piece of a tet that has a lattice point, as it is before the call. */
 SB_INLINE int sbi_cut_piece_with(const sb_cut *cut, int tet, int point)
@@ -71386,9 +71432,16 @@ enum {
     SBI_CUT_MOVE = 3,
     SBI_CUT_END = 4,
     SBI_CUT_SCISSORS = 5,
-    SBI_CUT_ABLATE = 6
+    SBI_CUT_ABLATE = 6,
+    SBI_CUT_TEAR = 7
 };
 SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
+/* A tear has its options instead. */
+SBI_API void sbi_cut_tell_tear(const sb_cut *cut, const sb_tear_options *options);
+
+/* ---- cut_tear.c ---- */
+
+SBI_API void sbi_cut_free_tears(sb_cut *cut);
 
 /* ---- cut_along.c ---- */
 
@@ -71658,6 +71711,11 @@ SBI_API void sbi_cut_take_back(sb_cut *cut, int count)
     for (int i = 0; i < cut->crossed.count; i++)
         cut->links.items[cut->crossed.items[i]].state = SBI_LINK_PREDICTED;
     cut->crossed.count = 0;
+    while (cut->receded_count > 0) {
+        const sbi_cut_receded *was = cut->receded + --cut->receded_count;
+        cut->links.items[was->item].t = was->t;
+        cut->links.items[was->item].charred = was->charred;
+    }
     sbi_cut_links_truncate(&cut->links, count);
 }
 
@@ -71891,7 +71949,8 @@ static int sbi_cut_cross_predicted(const sb_cut *cut, const sbi_crossing_frame *
     int piece = sbi_cut_piece_with(cut, tet, ends[0]), item;
     sbi_corner_order order;
     sbi_link_key key;
-    if ((cut->pieces[piece].points >> ends[1] & 1) || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
+    if (((cut->links.lost[tet] >> ends[0] | cut->links.lost[tet] >> ends[1]) & 1) ||
+        (cut->pieces[piece].points >> ends[1] & 1) || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
         return -1;
     order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     key = sbi_lattice_key(&cut->lattice, &order, tet, link);
@@ -72240,15 +72299,6 @@ static int sbi_cut_predict_tet(sb_cut *cut, const sbi_crossing_frame *frame, int
     return done;
 }
 
-/* Corners that a lattice point depends on, as bits. */
-static int sbi_cut_corners_of(const sbi_lattice *lattice, int point)
-{
-    int corners = 0;
-    for (int a = 0; a < 4; a++)
-        corners |= (lattice->points[point][a] != 0) << a;
-    return corners;
-}
-
 /* 1 when the corners of a tet do not hang together by its edges, those with a cut link counting for nothing. */
 static int sbi_cut_corners_part(const sb_cut *cut, const sbi_parted *parted)
 {
@@ -72257,8 +72307,7 @@ static int sbi_cut_corners_part(const sb_cut *cut, const sbi_parted *parted)
         holds[k] = 1;
     for (int l = 0; l < cut->lattice.link_count; l++)
         if (parted->cut[l])
-            holds[sbi_cut_corners_of(&cut->lattice, cut->lattice.links[l][0]) |
-                  sbi_cut_corners_of(&cut->lattice, cut->lattice.links[l][1])] = 0;
+            holds[sbi_lattice_link_corners(&cut->lattice, l)] = 0;
     while (reached != before) {
         before = reached;
         for (int a = 0; a < 4; a++)
@@ -73767,6 +73816,15 @@ SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3])
 /* ==== src/softbody/cut/cut_tell.c ==== */
 /* cut_tell: calls of a cut in its body's recording. */
 
+SBI_API void sbi_cut_tell_tear(const sb_cut *cut, const sb_tear_options *options)
+{
+    int ints[3];
+    ints[0] = SBI_CUT_TEAR;
+    ints[1] = options->nucleate;
+    ints[2] = options->max_tears;
+    sbi_body_tell_part(cut->body, SBI_CUT_PART, ints, 3, NULL, 0);
+}
+
 SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count)
 {
     int ints[2];
@@ -73943,7 +74001,7 @@ SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, s
         memset(info, 0, sizeof *info);
         sbi_cut_tell_info(cut, first, ringed, info);
     }
-    cut->crossed.count = 0;
+    cut->crossed.count = cut->receded_count = 0;
     sbi_cut_forget_struck(cut);
     return SB_OK;
 }
@@ -73991,7 +74049,9 @@ SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int cou
 /* cut_ablate: takes out the material in a ball.
  *
  * Where a lattice point is goes by the cell that has its material, the same to the last digit from all elements around
- * it; so all of them lose it or none. Links from lost points to others are cut where they leave the ball. */
+ * it; so all of them lose it or none. Links from lost points to others are cut where they leave the ball, those that
+ * were cut before too where the ball has come over their crossings: so the wall of a hole recedes smoothly before a tip
+ * that goes on. */
 #include <math.h>
 
 
@@ -74003,31 +74063,25 @@ typedef struct sbi_cut_ball {
 
 /* A near tet at work. */
 typedef struct sbi_cut_burn {
+    const sbi_cut_ball *ball;
     int tet;
     sbi_corner_order order;
-    uint64_t lost;                      /* in this call */
-    sb_vec3 places[SBI_LATTICE_POINTS]; /* from the ball's centre, of points of its pieces */
+    uint64_t lost; /* in this call */
 } sbi_cut_burn;
+
+/* Where a point of the lattice is, as a piece has it, from the ball's centre. */
+static sb_vec3 sbi_cut_burn_place(const sb_cut *cut, const sbi_cut_burn *burn, int piece, int point)
+{
+    sb_vec3 x[SBI_CUT_NODES];
+    sb_real at[4];
+    sbi_cut_get_nodes(cut, piece, x);
+    sbi_lattice_point(&cut->lattice, point, at);
+    return sb_v3_sub(sbi_cut_place(cut, &burn->order, at, x), burn->ball->centre);
+}
 
 static int sbi_cut_is_in(const sbi_cut_ball *ball, sb_vec3 from_centre)
 {
     return sb_v3_norm(from_centre) <= ball->radius;
-}
-
-/* Where a piece of a tet has its points, and which of them are in the ball. */
-static void sbi_cut_burn_piece(const sb_cut *cut, const sbi_cut_ball *ball, int piece, sbi_cut_burn *burn)
-{
-    sb_vec3 x[SBI_CUT_NODES];
-    sbi_cut_get_nodes(cut, piece, x);
-    for (int p = 0; p < cut->lattice.point_count; p++) {
-        sb_real at[4];
-        if (!(cut->pieces[piece].points >> p & 1))
-            continue;
-        sbi_lattice_point(&cut->lattice, p, at);
-        burn->places[p] = sb_v3_sub(sbi_cut_place(cut, &burn->order, at, x), ball->centre);
-        if (sbi_cut_is_in(ball, burn->places[p]))
-            burn->lost |= (uint64_t)1 << p;
-    }
 }
 
 /* Where the way from a point in the ball to one outside leaves it: |p + t (q - p)| = r. */
@@ -74047,46 +74101,96 @@ static sb_real sbi_cut_leave_ball(const sbi_cut_ball *ball, sb_vec3 in, sb_vec3 
     return t > 0 ? (sb_real)(t < 1 ? t : 1) : 0;  /* also of what is no number */
 }
 
-/* Cuts a link with one lost end where it was whole or predicted; 0: no memory. */
-static int sbi_cut_burn_link(sb_cut *cut, const sbi_cut_ball *ball, const sbi_cut_burn *burn, int link)
+static void sbi_cut_lose(sb_cut *cut, int tet, uint64_t points)
+{
+    if (!(cut->tet_marks[tet] & SBI_CUT_LOSES))
+        cut->was_lost[tet] = cut->links.lost[tet];
+    cut->links.lost[tet] |= points;
+    sbi_cut_touch(cut, tet);
+    cut->tet_marks[tet] |= SBI_CUT_LOSES;
+}
+
+/* A link from lost to other material that is cut on: the ball has come over its crossing, which recedes before it.
+ * 0: no memory. */
+static int sbi_cut_recede(sb_cut *cut, int item, sb_real t)
+{
+    void *receded = cut->receded;
+    int grown =
+        sbi_cut_grow(&cut->allocator, &receded, &cut->receded_capacity, cut->receded_count, 1, sizeof *cut->receded);
+    sbi_cut_link *link = cut->links.items + item;
+    cut->receded = (sbi_cut_receded *)receded;
+    if (!grown)
+        return 0;
+    cut->receded[cut->receded_count].item = item;
+    cut->receded[cut->receded_count].charred = link->charred;
+    cut->receded[cut->receded_count++].t = link->t;
+    link->t = t;
+    link->charred = 1;
+    sbi_cut_list_around(cut, &link->key);
+    for (int i = 0; i < cut->around.count; i++) /* all of them have less now */
+        sbi_cut_lose(cut, cut->around.items[i], 0);
+    return 1;
+}
+
+/* Cuts a link from a lost point to another where it leaves the ball; 0: no memory. */
+static int sbi_cut_burn_link(sb_cut *cut, const sbi_cut_burn *burn, int link, int lost, int kept)
 {
     sbi_link_key key = sbi_lattice_key(&cut->lattice, &burn->order, burn->tet, link);
-    int item = sbi_cut_links_find(&cut->links, &key), ends[2], from;
-    sb_real t;
-    if (item >= 0)
-        return cut->links.items[item].state == SBI_LINK_CUT || sbi_cut_cross_link(cut, item, -1);
+    int item = sbi_cut_links_find(&cut->links, &key), ends[2], piece = sbi_cut_piece_with(cut, burn->tet, kept);
+    sb_vec3 from = sbi_cut_burn_place(cut, burn, piece, lost), to = sbi_cut_burn_place(cut, burn, piece, kept);
+    sb_real t = 0, share;
+    if (item >= 0 && cut->links.items[item].state != SBI_LINK_CUT && !sbi_cut_cross_link(cut, item, -1))
+        return 0;
     sbi_lattice_ends(&cut->lattice, &burn->order, link, ends);
-    from = (int)(burn->lost >> ends[0] & 1) ? 0 : 1;
-    t = sbi_cut_leave_ball(ball, burn->places[ends[from]], burn->places[ends[1 - from]]);
-    if (!sbi_cut_add_link(cut, &key, from ? 1 - t : t, SBI_LINK_CUT, -1))
+    if (item >= 0) { /* it goes on from where it is cut */
+        t = ends[0] == lost ? cut->links.items[item].t : 1 - cut->links.items[item].t;
+        from = sb_v3_madd(sb_v3_scale(1 - t, from), t, to);
+        if (!sbi_cut_is_in(burn->ball, from))
+            return 1;
+    }
+    share = t + (1 - t) * sbi_cut_leave_ball(burn->ball, from, to);
+    if (item >= 0)
+        return !(share > t) || sbi_cut_recede(cut, item, ends[0] == lost ? share : 1 - share);
+    if (!sbi_cut_add_link(cut, &key, ends[0] == lost ? share : 1 - share, SBI_LINK_CUT, -1))
         return 0;
     cut->links.items[cut->links.count - 1].charred = 1;
     return 1;
 }
 
-/* Takes the points of a near tet that are in the ball; 0: no memory. */
-static int sbi_cut_burn_tet(sb_cut *cut, const sbi_cut_ball *ball, int tet)
+/* Points of a near tet that are in the ball are lost. */
+static void sbi_cut_burn_points(sb_cut *cut, const sbi_cut_ball *ball, int tet)
 {
     sbi_cut_burn burn;
-    uint64_t left;
-    int done = 1;
+    burn.ball = ball;
     burn.tet = tet;
     burn.order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     burn.lost = 0;
     for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
-        sbi_cut_burn_piece(cut, ball, piece, &burn);
-    if (!burn.lost)
+        for (int p = 0; p < cut->lattice.point_count; p++)
+            if ((cut->pieces[piece].points >> p & 1) && sbi_cut_is_in(ball, sbi_cut_burn_place(cut, &burn, piece, p)))
+                burn.lost |= (uint64_t)1 << p;
+    if (burn.lost)
+        sbi_cut_lose(cut, tet, burn.lost);
+}
+
+/* Links of a near tet between what is lost and what is not end at the ball; 0: no memory. */
+static int sbi_cut_burn_links(sb_cut *cut, const sbi_cut_ball *ball, int tet)
+{
+    uint64_t lost = cut->links.lost[tet], left = sbi_lattice_all(&cut->lattice) & ~lost;
+    sbi_cut_burn burn;
+    int done = 1;
+    if (!lost || !left)
         return 1;
-    cut->was_lost[tet] = cut->links.lost[tet];
-    cut->links.lost[tet] |= burn.lost;
-    sbi_cut_touch(cut, tet);
-    cut->tet_marks[tet] |= SBI_CUT_LOSES;
-    left = sbi_lattice_all(&cut->lattice) & ~cut->links.lost[tet];
+    burn.ball = ball;
+    burn.tet = tet;
+    burn.order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    burn.lost = 0;
     for (int l = 0; l < cut->lattice.link_count && done; l++) {
-        const unsigned char *ends = cut->lattice.links[l];
-        if (((burn.lost >> ends[0] & 1) && (left >> ends[1] & 1)) ||
-            ((burn.lost >> ends[1] & 1) && (left >> ends[0] & 1)))
-            done = sbi_cut_burn_link(cut, ball, &burn, l);
+        int a = cut->lattice.links[l][0], b = cut->lattice.links[l][1];
+        if ((lost >> a & 1) && (left >> b & 1))
+            done = sbi_cut_burn_link(cut, &burn, l, a, b);
+        else if ((lost >> b & 1) && (left >> a & 1))
+            done = sbi_cut_burn_link(cut, &burn, l, b, a);
     }
     return done;
 }
@@ -74114,8 +74218,10 @@ SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_c
         return result;
     links = cut->links.count;
     sbi_cut_list_reached(cut, &centre, 1, radius + cut->element_size / 1024); /* more than places are rounded by */
+    for (int i = 0; i < cut->near.count; i++)
+        sbi_cut_burn_points(cut, &ball, cut->near.items[i]);
     for (int i = 0; i < cut->near.count && done; i++)
-        done = sbi_cut_burn_tet(cut, &ball, cut->near.items[i]);
+        done = sbi_cut_burn_links(cut, &ball, cut->near.items[i]);
     result = sbi_cut_finish(cut, links, 0, done && sbi_cut_settle_seams(cut, NULL, 0), info, error);
     if (result == SB_OK) {
         told[0] = centre;
@@ -74123,6 +74229,428 @@ SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_c
         sbi_cut_tell(cut, SBI_CUT_ABLATE, 0, told, 2);
     }
     return result;
+}
+
+/* ==== src/softbody/cut/cut_tear.c ==== */
+/* cut_tear: elements that are stretched beyond what their material bears come apart.
+ *
+ * A tet tears where its largest principal stress (Cauchy) is over
+ *
+ *     s_c = sqrt((lambda + 2 mu) J_c / (4 h)), h = V / A with its volume and the area of its section at rest
+ *
+ * (crack band: the energy that a crack takes does not depend on the size of elements; Bazant and Cedolin 1979: what
+ * comes apart at once does so at an equivalent strength, whose factor belongs to the element). With the factor 1/4
+ * strips of tet4 with Poisson's ratios of 0.1 to 0.3 take J_c within 20 %; where tet4 lock, at 0.45 and more, stresses
+ * go up and down from tet to tet, and it may be half or twice that.
+ * A tear goes through the tet's centroid, or on from the cut that has come to it, across the direction of that stress:
+ * in the present shape that is the plane with the normal n, and its normal at rest is F^T n / |F^T n|. It takes sides
+ * with what has been cut of the tet's edges and faces, so that it leaves no crumbs, and each side has a corner.
+ * A tear is a cut of the links that it crosses; what is glued there is released. */
+
+#include <string.h>
+
+
+enum { SBI_CUT_MOST_TEARS = 4096, SBI_CUT_TEAR_TASK = 256 };
+
+#define SBI_CUT_TEAR_COOKIE 0x7ea21ab1u
+
+SB_API sb_tear_options sb_default_tear_options(void)
+{
+    sb_tear_options options;
+    memset(&options, 0, sizeof options);
+    options.max_tears = 8;
+    options.cookie = SBI_CUT_TEAR_COOKIE;
+    return options;
+}
+
+/* ---- how much tets bear ---- */
+
+/* A plane in the present shape. */
+typedef struct sbi_cut_plane {
+    sb_vec3 point, normal;
+} sbi_cut_plane;
+
+static void sbi_cut_piece_corners(const sb_cut *cut, int piece, sb_vec3 x[4])
+{
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
+    for (int a = 0; a < 4; a++)
+        x[a] = cut->body->position[nodes[a]];
+}
+
+/* Stress of a cell (Pa), mean over its points; 0: it has none. */
+static int sbi_cut_mean_stress(const sb_body *body, int cell, sb_mat3 *mean)
+{
+    int points = sb_body_point_count(body);
+    *mean = sb_m3_zero();
+    for (int p = 0; p < points; p++) {
+        sb_mat3 stress;
+        if (sb_body_stress(body, cell, p, &stress) != SB_OK)
+            return 0;
+        *mean = sb_m3_add(*mean, sb_m3_scale(1 / (sb_real)points, stress));
+    }
+    return 1;
+}
+
+/* Area at rest of a tet's section by a plane: corners at rest X have heights h over it. */
+static sb_real sbi_cut_section(const sb_vec3 X[4], const sb_real h[4])
+{
+    sb_vec3 points[4];
+    int above[4], below[4], over = 0, under = 0, count = 0;
+    for (int a = 0; a < 4; a++) {
+        if (h[a] > 0)
+            above[over++] = a;
+        else
+            below[under++] = a;
+    }
+    for (int i = 0; i < over; i++)
+        for (int k = 0; k < under; k++) {
+            int p = above[i], q = below[i % 2 ? under - 1 - k : k]; /* around the section */
+            points[count++] = sb_v3_madd(sb_v3_scale(-h[q] / (h[p] - h[q]), X[p]), h[p] / (h[p] - h[q]), X[q]);
+        }
+    if (count < 3)
+        return 0;
+    return sb_v3_norm(sb_v3_cross(sb_v3_sub(points[2], points[0]),
+                                  sb_v3_sub(points[count == 4 ? 3 : 1], points[count == 4 ? 1 : 0]))) /
+           2;
+}
+
+/* The plane that a piece tears along if it does, and its stress over what it bears; 0: it has none. */
+static sb_real sbi_cut_piece_load(const sb_cut *cut, int tet, int piece, sbi_cut_plane *plane)
+{
+    const sb_real least = (sb_real)0.5; /* small pieces hang on, and are stretched by that: they do not tear again */
+    const sb_body *body = cut->body;
+    const int *nodes = sbi_cut_tet_nodes(cut, tet);
+    const sb_material *material = body->materials + body->cell_material[cut->pieces[piece].cell];
+    sb_vec3 x[4], X[4], values;
+    sb_mat3 stress, vectors;
+    sb_real h[4], volume, section, bears;
+    if (!(sb_body_cell_share(body, cut->pieces[piece].cell) > least) ||
+        !sbi_cut_mean_stress(body, cut->pieces[piece].cell, &stress))
+        return 0;
+    sb_m3_eigen(stress, &values, &vectors);
+    if (!(values.x > 0))
+        return 0;
+    sbi_cut_piece_corners(cut, piece, x);
+    plane->normal = sb_m3_column(vectors, 0);
+    plane->point = sb_v3_scale((sb_real)0.25, sb_v3_add(sb_v3_add(x[0], x[1]), sb_v3_add(x[2], x[3])));
+    for (int a = 0; a < 4; a++) {
+        X[a] = body->reference[nodes[a]];
+        h[a] = sb_v3_dot(plane->normal, sb_v3_sub(x[a], plane->point));
+    }
+    section = sbi_cut_section(X, h);
+    volume = sb_v3_dot(sb_v3_cross(sb_v3_sub(X[1], X[0]), sb_v3_sub(X[2], X[0])), sb_v3_sub(X[3], X[0])) / 6;
+    bears = sb_sqrt((material->lambda + 2 * material->mu) * cut->toughness * section / (4 * volume));
+    return bears > 0 ? values.x / bears : 0;
+}
+
+/* The piece of a tet that bears least, and its load. */
+static sb_real sbi_cut_tet_load(const sb_cut *cut, int tet, int *worst, sbi_cut_plane *plane)
+{
+    sb_real most = 0;
+    *worst = tet;
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
+        sbi_cut_plane of;
+        sb_real load = sbi_cut_piece_load(cut, tet, piece, &of);
+        if (load > most) {
+            most = load;
+            *worst = piece;
+            *plane = of;
+        }
+    }
+    return most;
+}
+
+static void sbi_cut_load_task(void *user, int task)
+{
+    sb_cut *cut = (sb_cut *)user;
+    int end = sbi_min_int(SBI_CUT_TEAR_TASK * (task + 1), cut->tet_count), piece;
+    sbi_cut_plane plane;
+    for (int tet = SBI_CUT_TEAR_TASK * task; tet < end; tet++)
+        cut->tear_loads[tet] = sbi_cut_tet_load(cut, tet, &piece, &plane);
+}
+
+/* ---- which of them tear ---- */
+
+/* 1 when a cut has come into a piece but not through it, or the tet is held together by glue. */
+static int sbi_cut_is_front(const sb_cut *cut, int tet)
+{
+    sbi_parted parted;
+    int is_front = 0;
+    sbi_parted_make(&cut->lattice, &cut->links, sbi_cut_tet_nodes(cut, tet), tet, &parted);
+    for (int l = 0; l < cut->lattice.link_count && !is_front; l++) {
+        const unsigned char *ends = cut->lattice.links[l];
+        is_front = parted.cut[l] == SBI_LINK_PREDICTED ||
+                   (parted.cut[l] && parted.piece_of[ends[0]] == parted.piece_of[ends[1]] &&
+                    parted.piece_of[ends[0]] != SBI_PARTED_LOST);
+    }
+    return is_front;
+}
+
+static int sbi_cut_bears_less(const void *context, int a, int b)
+{
+    const sb_real *loads = (const sb_real *)context;
+    return loads[a] > loads[b];
+}
+
+/* Lists tets that bear no more in cut->tearing, the worst first: those that a cut has come to, or, where there is none
+ * of these, all. Returns how many may tear. */
+static int sbi_cut_list_tearing(sb_cut *cut, const sb_tear_options *options)
+{
+    sbi_cut_list *list = &cut->tearing;
+    int fronts = 0;
+    list->count = 0;
+    sbi_run(&cut->body->jobs, sbi_cut_load_task, cut, (cut->tet_count + SBI_CUT_TEAR_TASK - 1) / SBI_CUT_TEAR_TASK);
+    for (int tet = 0; tet < cut->tet_count; tet++)
+        if (cut->tear_loads[tet] > 1 && sbi_cut_is_front(cut, tet))
+            list->items[fronts++] = tet;
+    for (int tet = 0; tet < cut->tet_count && options->nucleate && !fronts; tet++)
+        if (cut->tear_loads[tet] > 1)
+            list->items[list->count++] = tet;
+    list->count = sbi_max_int(list->count, fronts);
+    sbi_merge_sort(list->items, cut->tearing_scratch.items, list->count, sbi_cut_bears_less, cut->tear_loads);
+    return sbi_min_int(options->max_tears, fronts ? fronts : 1);
+}
+
+/* ---- a tear ---- */
+
+/* Has a plane go on from the middle of the crossings that have come into a piece. */
+static void sbi_cut_join_front(const sb_cut *cut, const sbi_parted *parted, uint64_t points, const sb_vec3 x[4],
+                               sbi_cut_plane *plane)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    int count = 0;
+    for (int l = 0; l < cut->lattice.link_count; l++) {
+        const unsigned char *link = cut->lattice.links[l];
+        sb_real first[4], last[4];
+        int ends[2];
+        if (!parted->cut[l] || !(points >> link[0] & points >> link[1] & 1))
+            continue;
+        sbi_lattice_ends(&cut->lattice, &parted->order, l, ends);
+        sbi_lattice_point(&cut->lattice, ends[0], first);
+        sbi_lattice_point(&cut->lattice, ends[1], last);
+        for (int a = 0; a < 4; a++)
+            first[a] += parted->t[l] * (last[a] - first[a]);
+        sum = sb_v3_add(sum, sbi_lattice_place(&parted->order, first, x));
+        count++;
+    }
+    if (count)
+        plane->point = sb_v3_scale(1 / (sb_real)count, sum);
+}
+
+/* Which corners of a piece, as bits, go to one side of a tear: cuts that have come to edges go on, and else sides are
+ * as by the heights of corners over its plane as may be. 0: a piece with one corner does not tear. */
+static int sbi_cut_choose_side(const sb_cut *cut, const sbi_parted *parted, uint64_t points, const sb_real heights[4])
+{
+    int present = (int)(points & 15), cut_edges[6], edges = 0, best = 0, most = -1;
+    sb_real highest = 0;
+    for (int l = 0; l < cut->lattice.link_count; l++) {
+        int corners = sbi_lattice_link_corners(&cut->lattice, l), listed = 0;
+        for (int k = 0; k < edges; k++)
+            listed |= cut_edges[k] == corners;
+        if (parted->cut[l] && (corners & present) == corners && !listed &&
+            (corners == 3 || corners == 5 || corners == 6 || corners == 9 || corners == 10 || corners == 12))
+            cut_edges[edges++] = corners;
+    }
+    for (int side = 1; side < present; side++) {
+        int kept = 0;
+        sb_real height = 0;
+        if ((side & present) != side)
+            continue;
+        for (int k = 0; k < edges; k++)
+            kept += (cut_edges[k] & side) != 0 && (cut_edges[k] & side) != cut_edges[k];
+        for (int a = 0; a < 4; a++)
+            height += (present >> a & 1) ? (side >> a & 1 ? heights[a] : -heights[a]) : 0;
+        if (kept > most || (kept == most && height > highest)) {
+            most = kept;
+            highest = height;
+            best = side;
+        }
+    }
+    return best;
+}
+
+/* Sides of lattice points: 1 or -1, 0 where it is open. */
+typedef struct sbi_cut_sides {
+    signed char of[SBI_LATTICE_POINTS];
+} sbi_cut_sides;
+
+/* Takes sides over whole links within an edge or a face (corners, as bits) that has been cut, unless both meet there.
+ */
+static void sbi_cut_spread_sides(const sb_cut *cut, const sbi_parted *parted, uint64_t points, int corners,
+                                 sbi_cut_sides *sides)
+{
+    sbi_cut_sides spread = *sides;
+    int is_cut = 0, changed = 1, meet = 0;
+    while (changed) {
+        changed = 0;
+        for (int l = 0; l < cut->lattice.link_count; l++) {
+            const unsigned char *ends = cut->lattice.links[l];
+            signed char *a = spread.of + ends[0], *b = spread.of + ends[1];
+            if ((sbi_lattice_link_corners(&cut->lattice, l) & ~corners) || !(points >> ends[0] & points >> ends[1] & 1))
+                continue;
+            is_cut |= parted->cut[l];
+            if (parted->cut[l] || *a == *b)
+                continue;
+            meet |= *a && *b;
+            changed |= !*a || !*b;
+            *a = *a ? *a : *b;
+            *b = *b ? *b : *a;
+        }
+    }
+    if (is_cut && !meet)
+        *sides = spread;
+}
+
+/* Sides of all lattice points of a piece, and their heights over the tear. */
+static int sbi_cut_take_sides(const sb_cut *cut, const sbi_parted *parted, uint64_t points, sb_real corners[4],
+                              sb_real heights[SBI_LATTICE_POINTS], sbi_cut_sides *sides)
+{
+    static const int parts[10] = {3, 5, 6, 9, 10, 12, 7, 11, 13, 14}; /* edges, then faces */
+    int side = sbi_cut_choose_side(cut, parted, points, corners);
+    sb_real most = 0;
+    memset(sides, 0, sizeof *sides);
+    for (int a = 0; a < 4; a++)
+        most = sb_max(most, sb_abs(corners[a]));
+    for (int a = 0; a < 4; a++) {
+        sb_real sign = side >> a & 1 ? 1 : -1;
+        if (!(points >> a & 1))
+            continue;
+        sides->of[a] = (signed char)sign;
+        corners[a] = sign * sb_max(sign * corners[a], most / 8);
+    }
+    for (int k = 0; k < 10; k++)
+        sbi_cut_spread_sides(cut, parted, points, parts[k], sides);
+    for (int p = 0; p < cut->lattice.point_count; p++) {
+        heights[p] = 0;
+        for (int a = 0; a < 4; a++)
+            heights[p] += (sb_real)cut->lattice.points[p][a] * corners[a];
+        if (!sides->of[p])
+            sides->of[p] = heights[p] > 0 ? 1 : -1;
+    }
+    return side;
+}
+
+/* Cuts what lies between both sides of a tear of a piece, if that parts it; -1: no memory, else whether it does. */
+static int sbi_cut_tear_piece(sb_cut *cut, int tet, int piece, const sbi_parted *parted, const sbi_cut_plane *plane)
+{
+    uint64_t points = cut->pieces[piece].points;
+    sb_real corners[4], heights[SBI_LATTICE_POINTS];
+    sbi_parted torn = *parted;
+    sbi_cut_sides sides;
+    sb_vec3 x[4];
+    sbi_cut_piece_corners(cut, piece, x);
+    for (int a = 0; a < 4; a++)
+        corners[a] = sb_v3_dot(plane->normal, sb_v3_sub(x[a], plane->point));
+    if (!sbi_cut_take_sides(cut, parted, points, corners, heights, &sides))
+        return 0;
+    for (int l = 0; l < cut->lattice.link_count; l++) {
+        const unsigned char *ends = cut->lattice.links[l];
+        if (!torn.cut[l] && (points >> ends[0] & points >> ends[1] & 1) && sides.of[ends[0]] != sides.of[ends[1]])
+            torn.cut[l] = SBI_LINK_CUT;
+    }
+    sbi_parted_find(&torn);
+    if (torn.piece_count <= parted->piece_count)
+        return 0;
+    for (int l = 0; l < cut->lattice.link_count; l++) {
+        sbi_link_key key = sbi_lattice_key(&cut->lattice, &parted->order, tet, l);
+        sb_real from, to;
+        int ends[2];
+        if (torn.cut[l] == parted->cut[l])
+            continue;
+        sbi_lattice_ends(&cut->lattice, &parted->order, l, ends);
+        from = heights[ends[0]], to = heights[ends[1]];
+        if (!sbi_cut_add_link(cut, &key, from * to < 0 ? from / (from - to) : (sb_real)0.5, SBI_LINK_CUT, -1))
+            return -1;
+    }
+    return 1;
+}
+
+/* Crosses the predicted links of a tet, so that its glue lets go; -1: no memory, else whether there were any. */
+static int sbi_cut_tear_glue(sb_cut *cut, const sbi_parted *parted)
+{
+    int torn = 0;
+    for (int l = 0; l < cut->lattice.link_count; l++) {
+        if (parted->cut[l] != SBI_LINK_PREDICTED)
+            continue;
+        if (!sbi_cut_cross_link(cut, parted->rank[l], -1))
+            return -1;
+        torn = 1;
+    }
+    return torn;
+}
+
+static int sbi_cut_tear_tet(sb_cut *cut, int tet)
+{
+    sbi_parted parted;
+    sbi_cut_plane plane;
+    sb_vec3 x[4];
+    int piece, torn;
+    sbi_parted_make(&cut->lattice, &cut->links, sbi_cut_tet_nodes(cut, tet), tet, &parted);
+    torn = sbi_cut_tear_glue(cut, &parted);
+    if (torn || !(sbi_cut_tet_load(cut, tet, &piece, &plane) > 1))
+        return torn;
+    sbi_cut_piece_corners(cut, piece, x);
+    sbi_cut_join_front(cut, &parted, cut->pieces[piece].points, x, &plane);
+    return sbi_cut_tear_piece(cut, tet, piece, &parted, &plane);
+}
+
+/* ---- the call ---- */
+
+static sb_result sbi_cut_check_tear(const sb_cut *cut, const sb_tear_options *options, sb_error *error)
+{
+    if (!cut)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_cut_tear needs a cut");
+    if (options && options->cookie != SBI_CUT_TEAR_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the options were not made by sb_default_tear_options");
+    if (options && (options->max_tears < 1 || options->max_tears > SBI_CUT_MOST_TEARS))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "options.max_tears is %d, it must be in [1, %d]", options->max_tears,
+                        (int)SBI_CUT_MOST_TEARS);
+    if (!(cut->toughness > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.toughness is 0: what a tear takes is unknown");
+    return sbi_cut_check_use(cut, error);
+}
+
+/* Lists of the first call; 0: no memory. */
+static int sbi_cut_take_tears(sb_cut *cut)
+{
+    if (!cut->tear_loads)
+        cut->tear_loads = (sb_real *)sbi_alloc(&cut->allocator, (size_t)cut->tet_count, sizeof(sb_real));
+    cut->tearing.count = cut->tearing_scratch.count = 0;
+    return cut->tear_loads && sbi_cut_list_grow(cut, &cut->tearing, cut->tet_count) &&
+           sbi_cut_list_grow(cut, &cut->tearing_scratch, cut->tet_count);
+}
+
+SBI_API void sbi_cut_free_tears(sb_cut *cut)
+{
+    sbi_free(&cut->allocator, cut->tear_loads);
+    sbi_free(&cut->allocator, cut->tearing.items);
+    sbi_free(&cut->allocator, cut->tearing_scratch.items);
+}
+
+SB_API sb_result sb_cut_tear(sb_cut *cut, const sb_tear_options *options, sb_cut_info *info, sb_error *error)
+{
+    sb_tear_options defaults = sb_default_tear_options();
+    int links, most, done, tears = 0, torn = 1;
+    sb_result result = sbi_cut_check_tear(cut, options, error);
+    if (result != SB_OK)
+        return result;
+    options = options ? options : &defaults;
+    if (!sbi_cut_take_tears(cut))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for tears of %d cells", cut->tet_count);
+    links = cut->links.count;
+    most = sbi_cut_list_tearing(cut, options);
+    for (int i = 0; i < cut->tearing.count && tears < most && torn >= 0; i++) {
+        torn = sbi_cut_tear_tet(cut, cut->tearing.items[i]);
+        tears += torn > 0;
+    }
+    done = torn >= 0 && (cut->keeps_rings || sbi_cut_close_rings(cut, links)) && sbi_cut_settle_seams(cut, NULL, 0);
+    result = sbi_cut_finish(cut, links, 0, done, info, error);
+    if (result != SB_OK)
+        return result;
+    if (info)
+        info->torn = tears;
+    sbi_cut_tell_tear(cut, options);
+    return SB_OK;
 }
 
 /* ==== src/softbody/cut/cut_stroke.c ==== */
@@ -74973,13 +75501,13 @@ static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error
     return in->bad ? sbi_cut_damaged("holes", error) : SB_OK;
 }
 
-/* 1 when no whole or predicted link goes from what was taken out to something else. */
+/* 1 when no whole link goes from what was taken out to something else. */
 static int sbi_cut_holes_end(const sbi_parted *parted)
 {
     int end = 1;
     for (int l = 0; l < parted->lattice->link_count && end && parted->lost; l++) {
         const unsigned char *ends = parted->lattice->links[l];
-        end = parted->cut[l] == SBI_LINK_CUT || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
+        end = parted->cut[l] != SBI_LINK_WHOLE || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
     }
     return end;
 }
@@ -75298,6 +75826,14 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
 
 /* ---- recording ---- */
 
+static sb_result sbi_cut_replay_tear(sb_cut *cut, const int *ints, sb_error *error)
+{
+    sb_tear_options options = sb_default_tear_options();
+    options.nucleate = ints[1];
+    options.max_tears = ints[2];
+    return sb_cut_tear(cut, &options, NULL, error);
+}
+
 static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
                                 sb_error *error)
 {
@@ -75305,6 +75841,8 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
     const sb_vec3 *points = (const sb_vec3 *)(const void *)reals;
     int stroke, is_known = int_count == 2 && real_count % 3 == 0 && real_count < INT32_MAX;
     int count = is_known ? (int)(real_count / 3) : 0, command = is_known ? ints[0] : 0;
+    if (int_count == 3 && ints[0] == SBI_CUT_TEAR)
+        return sbi_cut_replay_tear(cut, ints, error);
     if (command == SBI_CUT_TRIANGLES && count % 3 == 0)
         return sb_cut_triangles(cut, points, count / 3, NULL, error);
     if (command == SBI_CUT_BEGIN) {
@@ -75592,6 +76130,7 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
     sbi_cut_free_force(cut);
+    sbi_cut_free_tears(cut);
     sbi_cut_free_strokes(cut);
     if (cut->body && cut->body->live->find_user == cut)
         cut->body->live->find = NULL;
@@ -75604,6 +76143,7 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->links.lost);
     sbi_free(&allocator, cut->loaded_links.lost);
     sbi_free(&allocator, cut->was_lost);
+    sbi_free(&allocator, cut->receded);
     sbi_free(&allocator, cut->flooded.items);
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);
@@ -76081,7 +76621,7 @@ static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int
         first[a] += last[a];
     key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name.at[0], name.at[1], name.at[2], name.at[3],
                             sbi_draw_node(s, t, piece, first));
-    key.at[6] = tag;
+    key.at[6] = tag | sbi_draw_place(t, at) << 1; /* ablation moves crossings */
     return sbi_draw_vertex_of(s, t, piece, key, at, normal);
 }
 
@@ -77807,6 +78347,14 @@ SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb
  * another one for each thread that asks. */
 SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
                                 int capacity);
+/* Boxes that a query may leave out. */
+typedef struct sbi_face_tree_groups {
+    const int *first, *last; /* [boxes] first and last group of the faces below each */
+    int left_out;            /* boxes that have this one alone; -1: none */
+} sbi_face_tree_groups;
+/* The same, without faces of boxes that are left out: others of the group may be found. */
+SBI_API int sbi_face_tree_query_groups(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high,
+                                       const sbi_face_tree_groups *groups, uint64_t *marks, int *faces, int capacity);
 SB_INLINE int sbi_face_tree_words(int faces) { return faces / SBI_FACE_TREE_BITS + 1; }
 /* Box of the face at a place (below count), as a query sees it. */
 SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high);
@@ -78177,8 +78725,13 @@ SBI_FORCE_INLINE void sbi_face_tree_mark_leaf(const sbi_face_tree *tree, int lea
     }
 }
 
+SBI_FORCE_INLINE int sbi_face_tree_leaves_out(const sbi_face_tree_groups *groups, int box)
+{
+    return groups->first[box] == groups->left_out && groups->last[box] == groups->left_out;
+}
+
 SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, const sbi_face_box *wanted,
-                                         sbi_face_marks *found)
+                                         const sbi_face_tree_groups *groups, sbi_face_marks *found)
 {
     int levels[SBI_FACE_TREE_LEVELS + 1], nodes[SBI_FACE_TREE_LEVELS + 1], top = 0;
     levels[0] = tree->level_count - 1;
@@ -78192,9 +78745,10 @@ SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, co
         }
         last = sbi_min_int(child + 1, tree->level_size[--level] - 1);
         for (; child <= last; child++) {
+            int box = tree->level_start[level] + child;
             levels[top] = level;
             nodes[top] = child;
-            top += sbi_face_tree_meets(&tree->boxes[tree->level_start[level] + child], wanted);
+            top += sbi_face_tree_meets(&tree->boxes[box], wanted) && !(groups && sbi_face_tree_leaves_out(groups, box));
         }
     }
 }
@@ -78212,8 +78766,8 @@ SBI_FORCE_INLINE int sbi_face_tree_lowest(uint64_t word)
 #endif
 }
 
-SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
-                                int capacity)
+SBI_API int sbi_face_tree_query_groups(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high,
+                                       const sbi_face_tree_groups *groups, uint64_t *marks, int *faces, int capacity)
 {
     sbi_face_marks found;
     sbi_face_box wanted;
@@ -78226,9 +78780,9 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
     found.high = -1;
     found.count = 0;
     if (tree->size == 3)
-        sbi_face_tree_mark(tree, 3, &wanted, &found);
+        sbi_face_tree_mark(tree, 3, &wanted, groups, &found);
     else
-        sbi_face_tree_mark(tree, 0, &wanted, &found);
+        sbi_face_tree_mark(tree, 0, &wanted, groups, &found);
     for (int word = found.low; word <= found.high; word++) {
         uint64_t bits = marks[word];
         for (; bits && written < capacity; bits &= bits - 1)
@@ -78236,6 +78790,12 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
         marks[word] = 0;
     }
     return found.count;
+}
+
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
+                                int capacity)
+{
+    return sbi_face_tree_query_groups(tree, low, high, NULL, marks, faces, capacity);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -79486,10 +80046,9 @@ typedef struct sbi_pair_pressure {
  * where the step begins; that one may be behind; that one may come to on its way. */
 enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
 
-/* Smallest and largest, of the unit normals below a box of the tree and of the organs there. */
+/* Smallest and largest, of the unit normals below a box of the tree. */
 typedef struct sbi_pair_cone {
     float low[3], high[3];
-    int first_organ, last_organ;
 } sbi_pair_cone;
 
 typedef enum sbi_zones { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } sbi_zones;
@@ -79499,16 +80058,18 @@ typedef struct sbi_pairs {
     sb_real friction, distance;
 
     /* of the mesh at rest, by face and by node: arrays for the rooms of the faces */
-    int *organs;               /* of each face */
-    sb_real *thickness;        /* m behind the face's middle, no more than it matters */
-    sb_vec3 *centres;          /* m */
-    sb_vec3 *rest_normals;     /* out of the body */
-    sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
-    int *organ_counts;         /* [nodes] */
-    int *first_face, *around;  /* [nodes + 1], faces of each node */
-    sb_real longest, shortest; /* of organ_lengths */
-    sb_real reach;             /* m: boxes this near are looked at */
-    sbi_pair_cone *cones;      /* by the tree's boxes */
+    int *organs;                   /* of each face */
+    sb_real *thickness;            /* m behind the face's middle, no more than it matters */
+    sb_vec3 *centres;              /* m */
+    sb_vec3 *rest_normals;         /* out of the body */
+    sb_real *organ_lengths;        /* [nodes] mean length of an organ's faces (m) */
+    int *organ_counts;             /* [nodes] */
+    int *first_face, *around;      /* [nodes + 1], faces of each node */
+    sb_real longest, shortest;     /* of organ_lengths */
+    sb_real reach;                 /* m: boxes this near are looked at */
+    sbi_pair_cone *cones;          /* by the tree's boxes */
+    int *first_organ, *last_organ; /* likewise */
+    sb_vec3 *box_low, *box_high;   /* m, by the tree's places: of the walk at hand */
 
     /* of the step, likewise by face */
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
@@ -81213,22 +81774,19 @@ static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *
 static void sbi_near_place_organs(sb_contact *contact)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
-    sbi_pairs *pairs = &contact->pairs;
-    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
-        sbi_pair_cone *cone = pairs->cones + leaf;
+    int *first = contact->pairs.first_organ, *last = contact->pairs.last_organ;
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
-            int organ = pairs->organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
-            cone->first_organ = k ? sbi_min_int(cone->first_organ, organ) : organ;
-            cone->last_organ = k ? sbi_max_int(cone->last_organ, organ) : organ;
+            int organ = contact->pairs.organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
+            first[leaf] = k ? sbi_min_int(first[leaf], organ) : organ;
+            last[leaf] = k ? sbi_max_int(last[leaf], organ) : organ;
         }
-    }
     for (int level = 1; level < tree->level_count; level++)
         for (int i = 0; i < tree->level_size[level]; i++) {
-            const sbi_pair_cone *a = pairs->cones + tree->level_start[level - 1] + 2 * i;
-            const sbi_pair_cone *b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
-            sbi_pair_cone *cone = pairs->cones + tree->level_start[level] + i;
-            cone->first_organ = sbi_min_int(a->first_organ, b->first_organ);
-            cone->last_organ = sbi_max_int(a->last_organ, b->last_organ);
+            int box = tree->level_start[level] + i, a = tree->level_start[level - 1] + 2 * i;
+            int b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
+            first[box] = sbi_min_int(first[a], first[b]);
+            last[box] = sbi_max_int(last[a], last[b]);
         }
 }
 
@@ -81429,9 +81987,8 @@ static int sbi_near_may_hold(const sb_contact *contact, const sb_vec3 *x, int fa
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
-static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
+static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b, int same)
 {
-    int same = a->first_organ == a->last_organ && a->first_organ == b->first_organ && a->first_organ == b->last_organ;
     float sum = 0;
     for (int axis = 0; axis < 3; axis++) {
         float ll = a->low[axis] * b->low[axis], lh = a->low[axis] * b->high[axis];
@@ -81463,11 +82020,12 @@ static int sbi_near_boxes_touch(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_pairs *pairs = &walk->contact->pairs;
     const sbi_face_box *boxes = walk->contact->faces->tree.boxes;
-    const sbi_pair_cone *one = pairs->cones + a, *two = pairs->cones + b;
-    if (!(pairs->kinds & SB_CONTACT_SELF) && one->first_organ == one->last_organ &&
-        one->first_organ == two->first_organ && one->first_organ == two->last_organ)
+    const int *first = pairs->first_organ, *last = pairs->last_organ;
+    int same = first[a] == last[a] && first[a] == first[b] && first[a] == last[b];
+    if (!(pairs->kinds & SB_CONTACT_SELF) && same)
         return 0;
-    return sbi_near_may_face(one, two) && (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
+    return sbi_near_may_face(pairs->cones + a, pairs->cones + b, same) &&
+           (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
 }
 
 static void sbi_near_mark(uint64_t *marks, int face)
@@ -81503,26 +82061,23 @@ static int sbi_near_leaf_is_marked(const sbi_near_walk *walk, int leaf)
     return place == last;
 }
 
+/* 1 when two faces' boxes are no farther than `grow` from each other. */
+static int sbi_near_places_meet(const sbi_pairs *pairs, int a, int b, sb_real grow)
+{
+    sb_vec3 l = pairs->box_low[a], h = pairs->box_high[a], low = pairs->box_low[b], high = pairs->box_high[b];
+    return !(l.x - high.x > grow || l.y - high.y > grow || l.z - high.z > grow || low.x - h.x > grow ||
+             low.y - h.y > grow || low.z - h.z > grow);
+}
+
 /* Faces of two leaves, which may be the same. */
 static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_face_tree *tree = &walk->contact->faces->tree;
-    sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
-    sb_real grow = (sb_real)walk->grow;
     int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
-    for (int j = first; j < last; j++)
-        sbi_face_tree_place_box(tree, j, low + (j - first), high + (j - first));
-    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++) {
-        sb_vec3 own_low, own_high;
-        sbi_face_tree_place_box(tree, i, &own_low, &own_high);
-        for (int j = a == b ? i + 1 : first; j < last; j++) {
-            sb_vec3 l = low[j - first], h = high[j - first];
-            if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
-                l.y - own_high.y > grow || l.z - own_high.z > grow)
-                continue;
-            sbi_near_match(walk, tree->faces[i], tree->faces[j]);
-        }
-    }
+    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++)
+        for (int j = a == b ? i + 1 : first; j < last; j++)
+            if (sbi_near_places_meet(&walk->contact->pairs, i, j, (sb_real)walk->grow))
+                sbi_near_match(walk, tree->faces[i], tree->faces[j]);
 }
 
 /* Two boxes of a level, by their numbers in it; a <= b. */
@@ -81541,6 +82096,8 @@ SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec
     walk.contact = contact;
     walk.x = x;
     walk.grow = (float)(grow + 2 * tree->spacing);
+    for (int place = 0; place < tree->count; place++)
+        sbi_face_tree_place_box(tree, place, contact->pairs.box_low + place, contact->pairs.box_high + place);
     memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     if (tree->count > 0)
         stack[top].level = tree->level_count - 1, stack[top].a = stack[top].b = 0, top++;
@@ -81576,6 +82133,19 @@ SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face)
     return -1;
 }
 
+/* Faces whose boxes meet this one, in pairs.found, but, where organs do not touch themselves, most of the face's own.
+ */
+static int sbi_near_query(sb_contact *contact, int face, sb_vec3 low, sb_vec3 high)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_face_tree_groups groups;
+    groups.first = contact->pairs.first_organ;
+    groups.last = contact->pairs.last_organ;
+    groups.left_out = contact->pairs.kinds & SB_CONTACT_SELF ? -1 : contact->pairs.organs[face];
+    return sbi_face_tree_query_groups(&faces->tree, low, high, &groups, faces->marks, contact->pairs.found,
+                                      faces->face_room);
+}
+
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
                                   sb_real grow)
 {
@@ -81595,8 +82165,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
         high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
                      sb_max(high.z, sb_max(at.z, to.z)));
     }
-    count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
-                                    sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
+    count = sbi_near_query(contact, face, sb_v3(low.x - grow, low.y - grow, low.z - grow),
+                           sb_v3(high.x + grow, high.y + grow, high.z + grow));
     for (int i = 0; i < count; i++)
         if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]) &&
             !sbi_near_is_far(contact, face, pairs->found[i], reach))
@@ -82452,11 +83022,10 @@ static int sbi_pair_is_useless(const sbi_pair_search *search, int other)
     sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
     sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height, reach;
     sb_real rounded = 2 * SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
-    if (height > sbi_pairs_highest(search->contact, other) + rounded ||
-        -height > sbi_pair_deepest(pairs, other) + rounded)
-        return 1;
     reach = pairs->radii[other] + (height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE) * sb_abs(height) + rounded;
-    return beside > reach * reach || (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
+    return beside > reach * reach || height > sbi_pairs_highest(search->contact, other) + rounded ||
+           -height > sbi_pair_deepest(pairs, other) + rounded ||
+           (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
 }
 
 /* The nearest face is no farther than this (m): as far as one is known to be that counts. */
@@ -83316,6 +83885,10 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room;
     sbi_pairs *p = &c->pairs;
     p->cones = (sbi_pair_cone *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof *p->cones);
+    p->first_organ = (int *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof(int));
+    p->last_organ = (int *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof(int));
+    p->box_low = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->box_high = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));

@@ -83,6 +83,7 @@ typedef struct world {
     sb_fit_options fit_options;
     sb_modes_options modes_options;
     sb_static_options static_options;
+    sb_tear_options tear_options;
     sb_pcg_options pcg_options;
     sb_preconditioner_def preconditioner_def;
     sb_direct_def direct_def;
@@ -681,6 +682,7 @@ WORLD_DEFAULT(sb_load_options, load_options, sb_default_load_options())
 WORLD_DEFAULT(sb_fit_options, fit_options, sb_default_fit_options())
 WORLD_DEFAULT(sb_modes_options, modes_options, sb_default_modes_options())
 WORLD_DEFAULT(sb_static_options, static_options, sb_default_static_options())
+WORLD_DEFAULT(sb_tear_options, tear_options, sb_default_tear_options())
 WORLD_DEFAULT(sb_pcg_options, pcg_options, sb_default_pcg_options())
 WORLD_DEFAULT(sb_surface_repair_def, repair_def, sb_default_surface_repair())
 WORLD_DEFAULT(ndl_rod_static_options, rod_options, ndl_default_rod_static_options())

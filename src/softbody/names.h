@@ -340,6 +340,8 @@
 #define sb_cut_scissors sb_cut_scissors_f32
 #define sb_cut_end sb_cut_end_f32
 #define sb_cut_ablate sb_cut_ablate_f32
+#define sb_default_tear_options sb_default_tear_options_f32
+#define sb_cut_tear sb_cut_tear_f32
 #define sb_cut_node_origin sb_cut_node_origin_f32
 #define sb_cut_cell_element sb_cut_cell_element_f32
 #define sb_cut_surface_create sb_cut_surface_create_f32

@@ -234,6 +234,7 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
     sbi_cut_free_force(cut);
+    sbi_cut_free_tears(cut);
     sbi_cut_free_strokes(cut);
     if (cut->body && cut->body->live->find_user == cut)
         cut->body->live->find = NULL;
@@ -246,6 +247,7 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->links.lost);
     sbi_free(&allocator, cut->loaded_links.lost);
     sbi_free(&allocator, cut->was_lost);
+    sbi_free(&allocator, cut->receded);
     sbi_free(&allocator, cut->flooded.items);
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);

@@ -106,15 +106,6 @@ static int sbi_cut_predict_tet(sb_cut *cut, const sbi_crossing_frame *frame, int
     return done;
 }
 
-/* Corners that a lattice point depends on, as bits. */
-static int sbi_cut_corners_of(const sbi_lattice *lattice, int point)
-{
-    int corners = 0;
-    for (int a = 0; a < 4; a++)
-        corners |= (lattice->points[point][a] != 0) << a;
-    return corners;
-}
-
 /* 1 when the corners of a tet do not hang together by its edges, those with a cut link counting for nothing. */
 static int sbi_cut_corners_part(const sb_cut *cut, const sbi_parted *parted)
 {
@@ -123,8 +114,7 @@ static int sbi_cut_corners_part(const sb_cut *cut, const sbi_parted *parted)
         holds[k] = 1;
     for (int l = 0; l < cut->lattice.link_count; l++)
         if (parted->cut[l])
-            holds[sbi_cut_corners_of(&cut->lattice, cut->lattice.links[l][0]) |
-                  sbi_cut_corners_of(&cut->lattice, cut->lattice.links[l][1])] = 0;
+            holds[sbi_lattice_link_corners(&cut->lattice, l)] = 0;
     while (reached != before) {
         before = reached;
         for (int a = 0; a < 4; a++)

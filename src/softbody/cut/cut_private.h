@@ -93,6 +93,12 @@ typedef struct sbi_cut_debts {
     int count, capacity;
 } sbi_cut_debts;
 
+/* A cut link whose crossing ablation has moved, and where it was. */
+typedef struct sbi_cut_receded {
+    int item, charred;
+    sb_real t;
+} sbi_cut_receded;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
@@ -202,10 +208,14 @@ struct sb_cut {
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
+    sbi_cut_receded *receded; /* in the order in which they were moved */
+    int receded_count, receded_capacity;
     uint64_t *was_lost;   /* [tet_count] links.lost before the call, of tets that lose points */
     sbi_cut_list flooded; /* pieces of a part: a record, or ~ a piece of a tet without records */
     int floods;           /* searches for crumbs so far */
     sbi_cut_removed removed;
+    sb_real *tear_loads;                   /* [tet_count] stress over what it bears; NULL: no call yet */
+    sbi_cut_list tearing, tearing_scratch; /* tets that may tear */
 };
 
 /* The first piece of a tet, or -1. */
@@ -247,7 +257,7 @@ SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t, in
 SBI_API int sbi_cut_cross_link(sb_cut *cut, int item, int blade);
 /* No link has been struck any more. */
 SBI_API void sbi_cut_forget_struck(sb_cut *cut);
-/* Takes back all links but the first `count`, and crossings of predicted ones. */
+/* Takes back all links but the first `count`, crossings of predicted ones, and what crossings have moved by. */
 SBI_API void sbi_cut_take_back(sb_cut *cut, int count);
 /* The piece of a tet that has a lattice point, as it is before the call. */
 SB_INLINE int sbi_cut_piece_with(const sb_cut *cut, int tet, int point)
@@ -344,9 +354,16 @@ enum {
     SBI_CUT_MOVE = 3,
     SBI_CUT_END = 4,
     SBI_CUT_SCISSORS = 5,
-    SBI_CUT_ABLATE = 6
+    SBI_CUT_ABLATE = 6,
+    SBI_CUT_TEAR = 7
 };
 SBI_API void sbi_cut_tell(const sb_cut *cut, int command, int stroke, const sb_vec3 *points, int count);
+/* A tear has its options instead. */
+SBI_API void sbi_cut_tell_tear(const sb_cut *cut, const sb_tear_options *options);
+
+/* ---- cut_tear.c ---- */
+
+SBI_API void sbi_cut_free_tears(sb_cut *cut);
 
 /* ---- cut_along.c ---- */
 

@@ -312,13 +312,13 @@ static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error
     return in->bad ? sbi_cut_damaged("holes", error) : SB_OK;
 }
 
-/* 1 when no whole or predicted link goes from what was taken out to something else. */
+/* 1 when no whole link goes from what was taken out to something else. */
 static int sbi_cut_holes_end(const sbi_parted *parted)
 {
     int end = 1;
     for (int l = 0; l < parted->lattice->link_count && end && parted->lost; l++) {
         const unsigned char *ends = parted->lattice->links[l];
-        end = parted->cut[l] == SBI_LINK_CUT || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
+        end = parted->cut[l] != SBI_LINK_WHOLE || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
     }
     return end;
 }
@@ -637,6 +637,14 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
 
 /* ---- recording ---- */
 
+static sb_result sbi_cut_replay_tear(sb_cut *cut, const int *ints, sb_error *error)
+{
+    sb_tear_options options = sb_default_tear_options();
+    options.nucleate = ints[1];
+    options.max_tears = ints[2];
+    return sb_cut_tear(cut, &options, NULL, error);
+}
+
 static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
                                 sb_error *error)
 {
@@ -644,6 +652,8 @@ static sb_result sbi_cut_replay(void *user, const int *ints, size_t int_count, c
     const sb_vec3 *points = (const sb_vec3 *)(const void *)reals;
     int stroke, is_known = int_count == 2 && real_count % 3 == 0 && real_count < INT32_MAX;
     int count = is_known ? (int)(real_count / 3) : 0, command = is_known ? ints[0] : 0;
+    if (int_count == 3 && ints[0] == SBI_CUT_TEAR)
+        return sbi_cut_replay_tear(cut, ints, error);
     if (command == SBI_CUT_TRIANGLES && count % 3 == 0)
         return sb_cut_triangles(cut, points, count / 3, NULL, error);
     if (command == SBI_CUT_BEGIN) {

@@ -261,6 +261,16 @@ SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real ba
 
 /* ---- pieces ---- */
 
+SBI_API int sbi_lattice_link_corners(const sbi_lattice *lattice, int link)
+{
+    const signed char *first = lattice->points[lattice->links[link][0]];
+    const signed char *last = lattice->points[lattice->links[link][1]];
+    int corners = 0;
+    for (int a = 0; a < 4; a++)
+        corners |= (first[a] != 0 || last[a] != 0) << a;
+    return corners;
+}
+
 SBI_API int sbi_lattice_pieces(const sbi_lattice *lattice, const unsigned char *cut, uint64_t points,
                                uint64_t pieces[SBI_LATTICE_POINTS])
 {

@@ -59,6 +59,9 @@ SBI_API sb_vec3 sbi_lattice_place_quadratic(const sbi_corner_order *order, const
 SBI_API sb_real sbi_lattice_barycentrics(const sb_vec3 x[4], sb_vec3 p, sb_real at[4]);
 SBI_API void sbi_lattice_point(const sbi_lattice *lattice, int point, sb_real barycentrics[4]);
 
+/* Corners that a link's ends depend on, as bits: two of a link in an edge, three in a face. */
+SBI_API int sbi_lattice_link_corners(const sbi_lattice *lattice, int link);
+
 /* Pieces of a tet, in the order of their lowest points; returns how many (0: no point).
  * cut     [link_count] not 0: cut
  * points  mask of the points that are there */
