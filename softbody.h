@@ -73144,10 +73144,10 @@ static int sbi_cut_handle_tet(const sb_cut *cut, sbi_cut_handle at)
     return at >= 0 ? cut->cells[at].tet : cut->elements.items[cut->pieces[~at].cell];
 }
 
-/* The node of a corner before the call. */
-static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int corner)
+/* A node of a piece before the call. */
+static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    return at >= 0 ? cut->cells[at].old_nodes[corner] : sb_body_cell_nodes(cut->body, cut->pieces[~at].cell)[corner];
+    return at >= 0 ? cut->cells[at].old_nodes[local] : sbi_cut_piece_nodes(cut, ~at)[local];
 }
 
 /* ---- one search ---- */
@@ -73223,14 +73223,13 @@ static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
     return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
 }
 
-/* 1 when a corner of a piece is to be supported. */
-static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int corner)
+/* 1 when a node of a piece is to be supported. */
+static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)corner];
-    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, corner)])
+    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, local)])
         return 0;
-    return !cut->node_marks[node] || (cut->cells[at].points >> corner & 1) ||
-           sbi_cut_held_axes(cut, cut->cells + at, corner);
+    return !cut->node_marks[sbi_cut_tet_nodes(cut, sbi_cut_handle_tet(cut, at))[local]] ||
+           sbi_cut_has_material(cut, cut->cells + at, local) || sbi_cut_held_axes(cut, cut->cells + at, local);
 }
 
 /* Searches the part of a piece; 1: it is a crumb. */
@@ -73247,10 +73246,10 @@ static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle 
         sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
         flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
         flood->ends |= flood->volume >= (double)cut->least_volume;
-        for (int a = 0; a < 4 && !flood->ends; a++) {
-            flood->ends |= sbi_cut_is_held(cut, at, a);
+        for (int a = 0; a < cut->nodes_per_tet && !flood->ends; a++)
+            flood->ends = sbi_cut_is_held(cut, at, a);
+        for (int a = 0; a < 4 && !flood->ends; a++) /* where pieces share a middle they share both ends */
             sbi_cut_visit_around(cut, flood, at, a);
-        }
         if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
             sbi_cut_visit_tet(cut, flood, tet);
     }
@@ -78348,6 +78347,14 @@ SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb
  * another one for each thread that asks. */
 SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
                                 int capacity);
+/* Boxes that a query may leave out. */
+typedef struct sbi_face_tree_groups {
+    const int *first, *last; /* [boxes] first and last group of the faces below each */
+    int left_out;            /* boxes that have this one alone; -1: none */
+} sbi_face_tree_groups;
+/* The same, without faces of boxes that are left out: others of the group may be found. */
+SBI_API int sbi_face_tree_query_groups(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high,
+                                       const sbi_face_tree_groups *groups, uint64_t *marks, int *faces, int capacity);
 SB_INLINE int sbi_face_tree_words(int faces) { return faces / SBI_FACE_TREE_BITS + 1; }
 /* Box of the face at a place (below count), as a query sees it. */
 SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high);
@@ -78718,8 +78725,13 @@ SBI_FORCE_INLINE void sbi_face_tree_mark_leaf(const sbi_face_tree *tree, int lea
     }
 }
 
+SBI_FORCE_INLINE int sbi_face_tree_leaves_out(const sbi_face_tree_groups *groups, int box)
+{
+    return groups->first[box] == groups->left_out && groups->last[box] == groups->left_out;
+}
+
 SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, const sbi_face_box *wanted,
-                                         sbi_face_marks *found)
+                                         const sbi_face_tree_groups *groups, sbi_face_marks *found)
 {
     int levels[SBI_FACE_TREE_LEVELS + 1], nodes[SBI_FACE_TREE_LEVELS + 1], top = 0;
     levels[0] = tree->level_count - 1;
@@ -78733,9 +78745,10 @@ SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, co
         }
         last = sbi_min_int(child + 1, tree->level_size[--level] - 1);
         for (; child <= last; child++) {
+            int box = tree->level_start[level] + child;
             levels[top] = level;
             nodes[top] = child;
-            top += sbi_face_tree_meets(&tree->boxes[tree->level_start[level] + child], wanted);
+            top += sbi_face_tree_meets(&tree->boxes[box], wanted) && !(groups && sbi_face_tree_leaves_out(groups, box));
         }
     }
 }
@@ -78753,8 +78766,8 @@ SBI_FORCE_INLINE int sbi_face_tree_lowest(uint64_t word)
 #endif
 }
 
-SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
-                                int capacity)
+SBI_API int sbi_face_tree_query_groups(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high,
+                                       const sbi_face_tree_groups *groups, uint64_t *marks, int *faces, int capacity)
 {
     sbi_face_marks found;
     sbi_face_box wanted;
@@ -78767,9 +78780,9 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
     found.high = -1;
     found.count = 0;
     if (tree->size == 3)
-        sbi_face_tree_mark(tree, 3, &wanted, &found);
+        sbi_face_tree_mark(tree, 3, &wanted, groups, &found);
     else
-        sbi_face_tree_mark(tree, 0, &wanted, &found);
+        sbi_face_tree_mark(tree, 0, &wanted, groups, &found);
     for (int word = found.low; word <= found.high; word++) {
         uint64_t bits = marks[word];
         for (; bits && written < capacity; bits &= bits - 1)
@@ -78777,6 +78790,12 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
         marks[word] = 0;
     }
     return found.count;
+}
+
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
+                                int capacity)
+{
+    return sbi_face_tree_query_groups(tree, low, high, NULL, marks, faces, capacity);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -80027,10 +80046,9 @@ typedef struct sbi_pair_pressure {
  * where the step begins; that one may be behind; that one may come to on its way. */
 enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
 
-/* Smallest and largest, of the unit normals below a box of the tree and of the organs there. */
+/* Smallest and largest, of the unit normals below a box of the tree. */
 typedef struct sbi_pair_cone {
     float low[3], high[3];
-    int first_organ, last_organ;
 } sbi_pair_cone;
 
 typedef enum sbi_zones { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } sbi_zones;
@@ -80040,16 +80058,18 @@ typedef struct sbi_pairs {
     sb_real friction, distance;
 
     /* of the mesh at rest, by face and by node: arrays for the rooms of the faces */
-    int *organs;               /* of each face */
-    sb_real *thickness;        /* m behind the face's middle, no more than it matters */
-    sb_vec3 *centres;          /* m */
-    sb_vec3 *rest_normals;     /* out of the body */
-    sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
-    int *organ_counts;         /* [nodes] */
-    int *first_face, *around;  /* [nodes + 1], faces of each node */
-    sb_real longest, shortest; /* of organ_lengths */
-    sb_real reach;             /* m: boxes this near are looked at */
-    sbi_pair_cone *cones;      /* by the tree's boxes */
+    int *organs;                   /* of each face */
+    sb_real *thickness;            /* m behind the face's middle, no more than it matters */
+    sb_vec3 *centres;              /* m */
+    sb_vec3 *rest_normals;         /* out of the body */
+    sb_real *organ_lengths;        /* [nodes] mean length of an organ's faces (m) */
+    int *organ_counts;             /* [nodes] */
+    int *first_face, *around;      /* [nodes + 1], faces of each node */
+    sb_real longest, shortest;     /* of organ_lengths */
+    sb_real reach;                 /* m: boxes this near are looked at */
+    sbi_pair_cone *cones;          /* by the tree's boxes */
+    int *first_organ, *last_organ; /* likewise */
+    sb_vec3 *box_low, *box_high;   /* m, by the tree's places: of the walk at hand */
 
     /* of the step, likewise by face */
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
@@ -81754,22 +81774,19 @@ static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *
 static void sbi_near_place_organs(sb_contact *contact)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
-    sbi_pairs *pairs = &contact->pairs;
-    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
-        sbi_pair_cone *cone = pairs->cones + leaf;
+    int *first = contact->pairs.first_organ, *last = contact->pairs.last_organ;
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
-            int organ = pairs->organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
-            cone->first_organ = k ? sbi_min_int(cone->first_organ, organ) : organ;
-            cone->last_organ = k ? sbi_max_int(cone->last_organ, organ) : organ;
+            int organ = contact->pairs.organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
+            first[leaf] = k ? sbi_min_int(first[leaf], organ) : organ;
+            last[leaf] = k ? sbi_max_int(last[leaf], organ) : organ;
         }
-    }
     for (int level = 1; level < tree->level_count; level++)
         for (int i = 0; i < tree->level_size[level]; i++) {
-            const sbi_pair_cone *a = pairs->cones + tree->level_start[level - 1] + 2 * i;
-            const sbi_pair_cone *b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
-            sbi_pair_cone *cone = pairs->cones + tree->level_start[level] + i;
-            cone->first_organ = sbi_min_int(a->first_organ, b->first_organ);
-            cone->last_organ = sbi_max_int(a->last_organ, b->last_organ);
+            int box = tree->level_start[level] + i, a = tree->level_start[level - 1] + 2 * i;
+            int b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
+            first[box] = sbi_min_int(first[a], first[b]);
+            last[box] = sbi_max_int(last[a], last[b]);
         }
 }
 
@@ -81970,9 +81987,8 @@ static int sbi_near_may_hold(const sb_contact *contact, const sb_vec3 *x, int fa
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
-static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
+static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b, int same)
 {
-    int same = a->first_organ == a->last_organ && a->first_organ == b->first_organ && a->first_organ == b->last_organ;
     float sum = 0;
     for (int axis = 0; axis < 3; axis++) {
         float ll = a->low[axis] * b->low[axis], lh = a->low[axis] * b->high[axis];
@@ -82004,11 +82020,12 @@ static int sbi_near_boxes_touch(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_pairs *pairs = &walk->contact->pairs;
     const sbi_face_box *boxes = walk->contact->faces->tree.boxes;
-    const sbi_pair_cone *one = pairs->cones + a, *two = pairs->cones + b;
-    if (!(pairs->kinds & SB_CONTACT_SELF) && one->first_organ == one->last_organ &&
-        one->first_organ == two->first_organ && one->first_organ == two->last_organ)
+    const int *first = pairs->first_organ, *last = pairs->last_organ;
+    int same = first[a] == last[a] && first[a] == first[b] && first[a] == last[b];
+    if (!(pairs->kinds & SB_CONTACT_SELF) && same)
         return 0;
-    return sbi_near_may_face(one, two) && (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
+    return sbi_near_may_face(pairs->cones + a, pairs->cones + b, same) &&
+           (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
 }
 
 static void sbi_near_mark(uint64_t *marks, int face)
@@ -82044,26 +82061,23 @@ static int sbi_near_leaf_is_marked(const sbi_near_walk *walk, int leaf)
     return place == last;
 }
 
+/* 1 when two faces' boxes are no farther than `grow` from each other. */
+static int sbi_near_places_meet(const sbi_pairs *pairs, int a, int b, sb_real grow)
+{
+    sb_vec3 l = pairs->box_low[a], h = pairs->box_high[a], low = pairs->box_low[b], high = pairs->box_high[b];
+    return !(l.x - high.x > grow || l.y - high.y > grow || l.z - high.z > grow || low.x - h.x > grow ||
+             low.y - h.y > grow || low.z - h.z > grow);
+}
+
 /* Faces of two leaves, which may be the same. */
 static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_face_tree *tree = &walk->contact->faces->tree;
-    sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
-    sb_real grow = (sb_real)walk->grow;
     int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
-    for (int j = first; j < last; j++)
-        sbi_face_tree_place_box(tree, j, low + (j - first), high + (j - first));
-    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++) {
-        sb_vec3 own_low, own_high;
-        sbi_face_tree_place_box(tree, i, &own_low, &own_high);
-        for (int j = a == b ? i + 1 : first; j < last; j++) {
-            sb_vec3 l = low[j - first], h = high[j - first];
-            if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
-                l.y - own_high.y > grow || l.z - own_high.z > grow)
-                continue;
-            sbi_near_match(walk, tree->faces[i], tree->faces[j]);
-        }
-    }
+    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++)
+        for (int j = a == b ? i + 1 : first; j < last; j++)
+            if (sbi_near_places_meet(&walk->contact->pairs, i, j, (sb_real)walk->grow))
+                sbi_near_match(walk, tree->faces[i], tree->faces[j]);
 }
 
 /* Two boxes of a level, by their numbers in it; a <= b. */
@@ -82082,6 +82096,8 @@ SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec
     walk.contact = contact;
     walk.x = x;
     walk.grow = (float)(grow + 2 * tree->spacing);
+    for (int place = 0; place < tree->count; place++)
+        sbi_face_tree_place_box(tree, place, contact->pairs.box_low + place, contact->pairs.box_high + place);
     memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     if (tree->count > 0)
         stack[top].level = tree->level_count - 1, stack[top].a = stack[top].b = 0, top++;
@@ -82117,6 +82133,19 @@ SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face)
     return -1;
 }
 
+/* Faces whose boxes meet this one, in pairs.found, but, where organs do not touch themselves, most of the face's own.
+ */
+static int sbi_near_query(sb_contact *contact, int face, sb_vec3 low, sb_vec3 high)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_face_tree_groups groups;
+    groups.first = contact->pairs.first_organ;
+    groups.last = contact->pairs.last_organ;
+    groups.left_out = contact->pairs.kinds & SB_CONTACT_SELF ? -1 : contact->pairs.organs[face];
+    return sbi_face_tree_query_groups(&faces->tree, low, high, &groups, faces->marks, contact->pairs.found,
+                                      faces->face_room);
+}
+
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
                                   sb_real grow)
 {
@@ -82136,8 +82165,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
         high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
                      sb_max(high.z, sb_max(at.z, to.z)));
     }
-    count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
-                                    sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
+    count = sbi_near_query(contact, face, sb_v3(low.x - grow, low.y - grow, low.z - grow),
+                           sb_v3(high.x + grow, high.y + grow, high.z + grow));
     for (int i = 0; i < count; i++)
         if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]) &&
             !sbi_near_is_far(contact, face, pairs->found[i], reach))
@@ -82993,11 +83022,10 @@ static int sbi_pair_is_useless(const sbi_pair_search *search, int other)
     sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
     sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height, reach;
     sb_real rounded = 2 * SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
-    if (height > sbi_pairs_highest(search->contact, other) + rounded ||
-        -height > sbi_pair_deepest(pairs, other) + rounded)
-        return 1;
     reach = pairs->radii[other] + (height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE) * sb_abs(height) + rounded;
-    return beside > reach * reach || (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
+    return beside > reach * reach || height > sbi_pairs_highest(search->contact, other) + rounded ||
+           -height > sbi_pair_deepest(pairs, other) + rounded ||
+           (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
 }
 
 /* The nearest face is no farther than this (m): as far as one is known to be that counts. */
@@ -83857,6 +83885,10 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room;
     sbi_pairs *p = &c->pairs;
     p->cones = (sbi_pair_cone *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof *p->cones);
+    p->first_organ = (int *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof(int));
+    p->last_organ = (int *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof(int));
+    p->box_low = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->box_high = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));

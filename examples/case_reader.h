@@ -1479,6 +1479,7 @@ static inline int case_cut_body(case_file *c, sb_body *body)
     def.least_piece = 0; /* crumbs are held, see below */
     def.lattice = c->lattice;
     def.max_strokes = 0;
+    def.least_piece = 0; /* crumbs are held, and said */
     for (int i = 0; i < c->statement_count; i++) {
         const case_statement *s = c->statements + i;
         if (s->form->kind != CASE_CUT)

@@ -457,6 +457,11 @@ wrong_cut 'a surface that is a volume' 'cut surface file=bar.vtk' 'bar.vtk has t
 wrong_cut 'a part that nothing holds' 'cut plane 2.5 0 0 1 0 0' \
     'part 2 of the 2 that the cuts leave can move freely: .* 14 m^3 about (4.25, 1, 1)' 5
 wrong_cut 'a box that nothing holds' 'cut surface file=box.obj lattice=4' 'part 2 of the 2 that the cuts leave' 5
+say 'mesh tet10.vtk' "$material" 'fix xyz nodes=z0tet' 'cut plane 0 0 0.6 0 0 1' 'solve static steps=1 tol=1e-9' 'output displacement u' \
+    >tip.case
+"$program" tip.case >../stdout 2>../stderr
+[ $? = 0 ] && grep -q '^tip.case:4: note: the cuts leave parts smaller than an element, which are held: 2' ../stderr
+result 'the tip of a tet10 comes loose' $?
 wrong_line 'cuts of other elements' 'cut plane 0.5 0 0 1 0 0' 'elements of type hex8 cannot be cut, only tet4 and tet10'
 say 'mesh bar.vtk' "$material" 'fix xyz nodes=bar0' 'cut polygon file=half' 'solve static steps=1 tol=1e-9' \
     'output displacement half' >overwriting.case
