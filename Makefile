@@ -16,8 +16,8 @@
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, SOAK_HOURS=24 per simulated hand, SOAK_SWEEPS=1000000 of tools through
-#                   bodies, or SOAK_SECONDS=20 for all of each; SOAK_FIRST and SOAK_SEED give other ones, so that
-#                   processes and nights can share it
+#                   bodies, SOAK_CUTS=200 sequences of cuts in livers, or SOAK_SECONDS=20 for all of each; SOAK_FIRST
+#                   and SOAK_SEED give other ones, so that processes and nights can share it
 #   make coverage   lines of the header that the suite runs, room by room
 #   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
@@ -426,11 +426,13 @@ build/soak_haptic: tests/soak_haptic.c $(HEADERS) tests/check.h tests/haptic_han
 $(eval $(call suite,sweeps,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS),,,$(call some,contact_sweep)))
 SWEEP_KINDS = 12# of tests/test_contact_sweep.c
 SWEEPS = build/double/tests # as check has made it already
-soak: build/soak build/soak_haptic $(SWEEPS)
+soak: build/soak build/soak_haptic build/double/tests $(SWEEPS)
 	tests/total.sh "SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak" \
 	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' SOAK_SEED='$(SOAK_SEED)' build/soak_haptic" \
 	    "CHECK_SLOW=$$(($(or $(SOAK_SWEEPS),1000000) / $(SWEEP_KINDS) + 1)) CHECK_FIRST='$(SOAK_FIRST)' \
-	    CHECK_SECONDS='$(SOAK_SECONDS)' $(SWEEPS) contact_sweep"
+	    CHECK_SECONDS='$(SOAK_SECONDS)' $(SWEEPS) contact_sweep" \
+	    "CHECK_SLOW='$(or $(SOAK_CUTS),200)' CHECK_FIRST='$(SOAK_FIRST)' CHECK_SECONDS='$(SOAK_SECONDS)' \
+	    build/double/tests cut_stress"
 
 # gcc's counters; functions that every unit has of its own count as run when one of them was.
 COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)

@@ -6121,7 +6121,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Ablation is as fine as the lattice: with 1, elements whose corners are all in the ball go whole, and others are
- *   trimmed between their corners; a ball between the points of the lattice takes nothing.
+ *   trimmed between their corners; a ball between the points of the lattice takes nothing. Behind a tip that goes on
+ *   walls are rough by part of a link.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade
@@ -71171,6 +71172,12 @@ typedef struct sbi_cut_debts {
     int count, capacity;
 } sbi_cut_debts;
 
+/* A cut link whose crossing ablation has moved, and where it was. */
+typedef struct sbi_cut_receded {
+    int item, charred;
+    sb_real t;
+} sbi_cut_receded;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
@@ -71280,6 +71287,8 @@ struct sb_cut {
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
+    sbi_cut_receded *receded; /* in the order in which they were moved */
+    int receded_count, receded_capacity;
     uint64_t *was_lost;   /* [tet_count] links.lost before the call, of tets that lose points */
     sbi_cut_list flooded; /* pieces of a part: a record, or ~ a piece of a tet without records */
     int floods;           /* searches for crumbs so far */
@@ -71327,7 +71336,7 @@ SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t, in
 SBI_API int sbi_cut_cross_link(sb_cut *cut, int item, int blade);
 /* No link has been struck any more. */
 SBI_API void sbi_cut_forget_struck(sb_cut *cut);
-/* Takes back all links but the first `count`, and crossings of predicted ones. */
+/* Takes back all links but the first `count`, crossings of predicted ones, and what crossings have moved by. */
 SBI_API void sbi_cut_take_back(sb_cut *cut, int count);
 /* The piece of a tet that has a lattice point, as it is before the call. */
 SB_INLINE int sbi_cut_piece_with(const sb_cut *cut, int tet, int point)
@@ -71703,6 +71712,11 @@ SBI_API void sbi_cut_take_back(sb_cut *cut, int count)
     for (int i = 0; i < cut->crossed.count; i++)
         cut->links.items[cut->crossed.items[i]].state = SBI_LINK_PREDICTED;
     cut->crossed.count = 0;
+    while (cut->receded_count > 0) {
+        const sbi_cut_receded *was = cut->receded + --cut->receded_count;
+        cut->links.items[was->item].t = was->t;
+        cut->links.items[was->item].charred = was->charred;
+    }
     sbi_cut_links_truncate(&cut->links, count);
 }
 
@@ -71936,7 +71950,8 @@ static int sbi_cut_cross_predicted(const sb_cut *cut, const sbi_crossing_frame *
     int piece = sbi_cut_piece_with(cut, tet, ends[0]), item;
     sbi_corner_order order;
     sbi_link_key key;
-    if ((cut->pieces[piece].points >> ends[1] & 1) || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
+    if (((cut->links.lost[tet] >> ends[0] | cut->links.lost[tet] >> ends[1]) & 1) ||
+        (cut->pieces[piece].points >> ends[1] & 1) || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
         return -1;
     order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     key = sbi_lattice_key(&cut->lattice, &order, tet, link);
@@ -73130,10 +73145,10 @@ static int sbi_cut_handle_tet(const sb_cut *cut, sbi_cut_handle at)
     return at >= 0 ? cut->cells[at].tet : cut->elements.items[cut->pieces[~at].cell];
 }
 
-/* The node of a corner before the call. */
-static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int corner)
+/* A node of a piece before the call. */
+static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    return at >= 0 ? cut->cells[at].old_nodes[corner] : sb_body_cell_nodes(cut->body, cut->pieces[~at].cell)[corner];
+    return at >= 0 ? cut->cells[at].old_nodes[local] : sbi_cut_piece_nodes(cut, ~at)[local];
 }
 
 /* ---- one search ---- */
@@ -73209,14 +73224,13 @@ static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
     return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
 }
 
-/* 1 when a corner of a piece is to be supported. */
-static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int corner)
+/* 1 when a node of a piece is to be supported. */
+static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)corner];
-    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, corner)])
+    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, local)])
         return 0;
-    return !cut->node_marks[node] || (cut->cells[at].points >> corner & 1) ||
-           sbi_cut_held_axes(cut, cut->cells + at, corner);
+    return !cut->node_marks[sbi_cut_tet_nodes(cut, sbi_cut_handle_tet(cut, at))[local]] ||
+           sbi_cut_has_material(cut, cut->cells + at, local) || sbi_cut_held_axes(cut, cut->cells + at, local);
 }
 
 /* Searches the part of a piece; 1: it is a crumb. */
@@ -73233,10 +73247,10 @@ static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle 
         sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
         flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
         flood->ends |= flood->volume >= (double)cut->least_volume;
-        for (int a = 0; a < 4 && !flood->ends; a++) {
-            flood->ends |= sbi_cut_is_held(cut, at, a);
+        for (int a = 0; a < cut->nodes_per_tet && !flood->ends; a++)
+            flood->ends = sbi_cut_is_held(cut, at, a);
+        for (int a = 0; a < 4 && !flood->ends; a++) /* where pieces share a middle they share both ends */
             sbi_cut_visit_around(cut, flood, at, a);
-        }
         if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
             sbi_cut_visit_tet(cut, flood, tet);
     }
@@ -73988,7 +74002,7 @@ SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, s
         memset(info, 0, sizeof *info);
         sbi_cut_tell_info(cut, first, ringed, info);
     }
-    cut->crossed.count = 0;
+    cut->crossed.count = cut->receded_count = 0;
     sbi_cut_forget_struck(cut);
     return SB_OK;
 }
@@ -74036,7 +74050,9 @@ SB_API sb_result sb_cut_triangles(sb_cut *cut, const sb_vec3 *triangles, int cou
 /* cut_ablate: takes out the material in a ball.
  *
  * Where a lattice point is goes by the cell that has its material, the same to the last digit from all elements around
- * it; so all of them lose it or none. Links from lost points to others are cut where they leave the ball. */
+ * it; so all of them lose it or none. Links from lost points to others are cut where they leave the ball, those that
+ * were cut before too where the ball has come over their crossings: so the wall of a hole recedes smoothly before a tip
+ * that goes on. */
 #include <math.h>
 
 
@@ -74048,31 +74064,25 @@ typedef struct sbi_cut_ball {
 
 /* A near tet at work. */
 typedef struct sbi_cut_burn {
+    const sbi_cut_ball *ball;
     int tet;
     sbi_corner_order order;
-    uint64_t lost;                      /* in this call */
-    sb_vec3 places[SBI_LATTICE_POINTS]; /* from the ball's centre, of points of its pieces */
+    uint64_t lost; /* in this call */
 } sbi_cut_burn;
+
+/* Where a point of the lattice is, as a piece has it, from the ball's centre. */
+static sb_vec3 sbi_cut_burn_place(const sb_cut *cut, const sbi_cut_burn *burn, int piece, int point)
+{
+    sb_vec3 x[SBI_CUT_NODES];
+    sb_real at[4];
+    sbi_cut_get_nodes(cut, piece, x);
+    sbi_lattice_point(&cut->lattice, point, at);
+    return sb_v3_sub(sbi_cut_place(cut, &burn->order, at, x), burn->ball->centre);
+}
 
 static int sbi_cut_is_in(const sbi_cut_ball *ball, sb_vec3 from_centre)
 {
     return sb_v3_norm(from_centre) <= ball->radius;
-}
-
-/* Where a piece of a tet has its points, and which of them are in the ball. */
-static void sbi_cut_burn_piece(const sb_cut *cut, const sbi_cut_ball *ball, int piece, sbi_cut_burn *burn)
-{
-    sb_vec3 x[SBI_CUT_NODES];
-    sbi_cut_get_nodes(cut, piece, x);
-    for (int p = 0; p < cut->lattice.point_count; p++) {
-        sb_real at[4];
-        if (!(cut->pieces[piece].points >> p & 1))
-            continue;
-        sbi_lattice_point(&cut->lattice, p, at);
-        burn->places[p] = sb_v3_sub(sbi_cut_place(cut, &burn->order, at, x), ball->centre);
-        if (sbi_cut_is_in(ball, burn->places[p]))
-            burn->lost |= (uint64_t)1 << p;
-    }
 }
 
 /* Where the way from a point in the ball to one outside leaves it: |p + t (q - p)| = r. */
@@ -74092,46 +74102,96 @@ static sb_real sbi_cut_leave_ball(const sbi_cut_ball *ball, sb_vec3 in, sb_vec3 
     return t > 0 ? (sb_real)(t < 1 ? t : 1) : 0;  /* also of what is no number */
 }
 
-/* Cuts a link with one lost end where it was whole or predicted; 0: no memory. */
-static int sbi_cut_burn_link(sb_cut *cut, const sbi_cut_ball *ball, const sbi_cut_burn *burn, int link)
+static void sbi_cut_lose(sb_cut *cut, int tet, uint64_t points)
+{
+    if (!(cut->tet_marks[tet] & SBI_CUT_LOSES))
+        cut->was_lost[tet] = cut->links.lost[tet];
+    cut->links.lost[tet] |= points;
+    sbi_cut_touch(cut, tet);
+    cut->tet_marks[tet] |= SBI_CUT_LOSES;
+}
+
+/* A link from lost to other material that is cut on: the ball has come over its crossing, which recedes before it.
+ * 0: no memory. */
+static int sbi_cut_recede(sb_cut *cut, int item, sb_real t)
+{
+    void *receded = cut->receded;
+    int grown =
+        sbi_cut_grow(&cut->allocator, &receded, &cut->receded_capacity, cut->receded_count, 1, sizeof *cut->receded);
+    sbi_cut_link *link = cut->links.items + item;
+    cut->receded = (sbi_cut_receded *)receded;
+    if (!grown)
+        return 0;
+    cut->receded[cut->receded_count].item = item;
+    cut->receded[cut->receded_count].charred = link->charred;
+    cut->receded[cut->receded_count++].t = link->t;
+    link->t = t;
+    link->charred = 1;
+    sbi_cut_list_around(cut, &link->key);
+    for (int i = 0; i < cut->around.count; i++) /* all of them have less now */
+        sbi_cut_lose(cut, cut->around.items[i], 0);
+    return 1;
+}
+
+/* Cuts a link from a lost point to another where it leaves the ball; 0: no memory. */
+static int sbi_cut_burn_link(sb_cut *cut, const sbi_cut_burn *burn, int link, int lost, int kept)
 {
     sbi_link_key key = sbi_lattice_key(&cut->lattice, &burn->order, burn->tet, link);
-    int item = sbi_cut_links_find(&cut->links, &key), ends[2], from;
-    sb_real t;
-    if (item >= 0)
-        return cut->links.items[item].state == SBI_LINK_CUT || sbi_cut_cross_link(cut, item, -1);
+    int item = sbi_cut_links_find(&cut->links, &key), ends[2], piece = sbi_cut_piece_with(cut, burn->tet, kept);
+    sb_vec3 from = sbi_cut_burn_place(cut, burn, piece, lost), to = sbi_cut_burn_place(cut, burn, piece, kept);
+    sb_real t = 0, share;
+    if (item >= 0 && cut->links.items[item].state != SBI_LINK_CUT && !sbi_cut_cross_link(cut, item, -1))
+        return 0;
     sbi_lattice_ends(&cut->lattice, &burn->order, link, ends);
-    from = (int)(burn->lost >> ends[0] & 1) ? 0 : 1;
-    t = sbi_cut_leave_ball(ball, burn->places[ends[from]], burn->places[ends[1 - from]]);
-    if (!sbi_cut_add_link(cut, &key, from ? 1 - t : t, SBI_LINK_CUT, -1))
+    if (item >= 0) { /* it goes on from where it is cut */
+        t = ends[0] == lost ? cut->links.items[item].t : 1 - cut->links.items[item].t;
+        from = sb_v3_madd(sb_v3_scale(1 - t, from), t, to);
+        if (!sbi_cut_is_in(burn->ball, from))
+            return 1;
+    }
+    share = t + (1 - t) * sbi_cut_leave_ball(burn->ball, from, to);
+    if (item >= 0)
+        return !(share > t) || sbi_cut_recede(cut, item, ends[0] == lost ? share : 1 - share);
+    if (!sbi_cut_add_link(cut, &key, ends[0] == lost ? share : 1 - share, SBI_LINK_CUT, -1))
         return 0;
     cut->links.items[cut->links.count - 1].charred = 1;
     return 1;
 }
 
-/* Takes the points of a near tet that are in the ball; 0: no memory. */
-static int sbi_cut_burn_tet(sb_cut *cut, const sbi_cut_ball *ball, int tet)
+/* Points of a near tet that are in the ball are lost. */
+static void sbi_cut_burn_points(sb_cut *cut, const sbi_cut_ball *ball, int tet)
 {
     sbi_cut_burn burn;
-    uint64_t left;
-    int done = 1;
+    burn.ball = ball;
     burn.tet = tet;
     burn.order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     burn.lost = 0;
     for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
-        sbi_cut_burn_piece(cut, ball, piece, &burn);
-    if (!burn.lost)
+        for (int p = 0; p < cut->lattice.point_count; p++)
+            if ((cut->pieces[piece].points >> p & 1) && sbi_cut_is_in(ball, sbi_cut_burn_place(cut, &burn, piece, p)))
+                burn.lost |= (uint64_t)1 << p;
+    if (burn.lost)
+        sbi_cut_lose(cut, tet, burn.lost);
+}
+
+/* Links of a near tet between what is lost and what is not end at the ball; 0: no memory. */
+static int sbi_cut_burn_links(sb_cut *cut, const sbi_cut_ball *ball, int tet)
+{
+    uint64_t lost = cut->links.lost[tet], left = sbi_lattice_all(&cut->lattice) & ~lost;
+    sbi_cut_burn burn;
+    int done = 1;
+    if (!lost || !left)
         return 1;
-    cut->was_lost[tet] = cut->links.lost[tet];
-    cut->links.lost[tet] |= burn.lost;
-    sbi_cut_touch(cut, tet);
-    cut->tet_marks[tet] |= SBI_CUT_LOSES;
-    left = sbi_lattice_all(&cut->lattice) & ~cut->links.lost[tet];
+    burn.ball = ball;
+    burn.tet = tet;
+    burn.order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    burn.lost = 0;
     for (int l = 0; l < cut->lattice.link_count && done; l++) {
-        const unsigned char *ends = cut->lattice.links[l];
-        if (((burn.lost >> ends[0] & 1) && (left >> ends[1] & 1)) ||
-            ((burn.lost >> ends[1] & 1) && (left >> ends[0] & 1)))
-            done = sbi_cut_burn_link(cut, ball, &burn, l);
+        int a = cut->lattice.links[l][0], b = cut->lattice.links[l][1];
+        if ((lost >> a & 1) && (left >> b & 1))
+            done = sbi_cut_burn_link(cut, &burn, l, a, b);
+        else if ((lost >> b & 1) && (left >> a & 1))
+            done = sbi_cut_burn_link(cut, &burn, l, b, a);
     }
     return done;
 }
@@ -74159,8 +74219,10 @@ SB_API sb_result sb_cut_ablate(sb_cut *cut, sb_vec3 centre, sb_real radius, sb_c
         return result;
     links = cut->links.count;
     sbi_cut_list_reached(cut, &centre, 1, radius + cut->element_size / 1024); /* more than places are rounded by */
+    for (int i = 0; i < cut->near.count; i++)
+        sbi_cut_burn_points(cut, &ball, cut->near.items[i]);
     for (int i = 0; i < cut->near.count && done; i++)
-        done = sbi_cut_burn_tet(cut, &ball, cut->near.items[i]);
+        done = sbi_cut_burn_links(cut, &ball, cut->near.items[i]);
     result = sbi_cut_finish(cut, links, 0, done && sbi_cut_settle_seams(cut, NULL, 0), info, error);
     if (result == SB_OK) {
         told[0] = centre;
@@ -75440,13 +75502,13 @@ static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error
     return in->bad ? sbi_cut_damaged("holes", error) : SB_OK;
 }
 
-/* 1 when no whole or predicted link goes from what was taken out to something else. */
+/* 1 when no whole link goes from what was taken out to something else. */
 static int sbi_cut_holes_end(const sbi_parted *parted)
 {
     int end = 1;
     for (int l = 0; l < parted->lattice->link_count && end && parted->lost; l++) {
         const unsigned char *ends = parted->lattice->links[l];
-        end = parted->cut[l] == SBI_LINK_CUT || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
+        end = parted->cut[l] != SBI_LINK_WHOLE || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
     }
     return end;
 }
@@ -76082,6 +76144,7 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->links.lost);
     sbi_free(&allocator, cut->loaded_links.lost);
     sbi_free(&allocator, cut->was_lost);
+    sbi_free(&allocator, cut->receded);
     sbi_free(&allocator, cut->flooded.items);
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);
@@ -76559,7 +76622,7 @@ static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int
         first[a] += last[a];
     key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name.at[0], name.at[1], name.at[2], name.at[3],
                             sbi_draw_node(s, t, piece, first));
-    key.at[6] = tag;
+    key.at[6] = tag | sbi_draw_place(t, at) << 1; /* ablation moves crossings */
     return sbi_draw_vertex_of(s, t, piece, key, at, normal);
 }
 
@@ -78285,6 +78348,14 @@ SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb
  * another one for each thread that asks. */
 SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
                                 int capacity);
+/* Boxes that a query may leave out. */
+typedef struct sbi_face_tree_groups {
+    const int *first, *last; /* [boxes] first and last group of the faces below each */
+    int left_out;            /* boxes that have this one alone; -1: none */
+} sbi_face_tree_groups;
+/* The same, without faces of boxes that are left out: others of the group may be found. */
+SBI_API int sbi_face_tree_query_groups(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high,
+                                       const sbi_face_tree_groups *groups, uint64_t *marks, int *faces, int capacity);
 SB_INLINE int sbi_face_tree_words(int faces) { return faces / SBI_FACE_TREE_BITS + 1; }
 /* Box of the face at a place (below count), as a query sees it. */
 SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high);
@@ -78655,8 +78726,13 @@ SBI_FORCE_INLINE void sbi_face_tree_mark_leaf(const sbi_face_tree *tree, int lea
     }
 }
 
+SBI_FORCE_INLINE int sbi_face_tree_leaves_out(const sbi_face_tree_groups *groups, int box)
+{
+    return groups->first[box] == groups->left_out && groups->last[box] == groups->left_out;
+}
+
 SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, const sbi_face_box *wanted,
-                                         sbi_face_marks *found)
+                                         const sbi_face_tree_groups *groups, sbi_face_marks *found)
 {
     int levels[SBI_FACE_TREE_LEVELS + 1], nodes[SBI_FACE_TREE_LEVELS + 1], top = 0;
     levels[0] = tree->level_count - 1;
@@ -78670,9 +78746,10 @@ SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, co
         }
         last = sbi_min_int(child + 1, tree->level_size[--level] - 1);
         for (; child <= last; child++) {
+            int box = tree->level_start[level] + child;
             levels[top] = level;
             nodes[top] = child;
-            top += sbi_face_tree_meets(&tree->boxes[tree->level_start[level] + child], wanted);
+            top += sbi_face_tree_meets(&tree->boxes[box], wanted) && !(groups && sbi_face_tree_leaves_out(groups, box));
         }
     }
 }
@@ -78690,8 +78767,8 @@ SBI_FORCE_INLINE int sbi_face_tree_lowest(uint64_t word)
 #endif
 }
 
-SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
-                                int capacity)
+SBI_API int sbi_face_tree_query_groups(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high,
+                                       const sbi_face_tree_groups *groups, uint64_t *marks, int *faces, int capacity)
 {
     sbi_face_marks found;
     sbi_face_box wanted;
@@ -78704,9 +78781,9 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
     found.high = -1;
     found.count = 0;
     if (tree->size == 3)
-        sbi_face_tree_mark(tree, 3, &wanted, &found);
+        sbi_face_tree_mark(tree, 3, &wanted, groups, &found);
     else
-        sbi_face_tree_mark(tree, 0, &wanted, &found);
+        sbi_face_tree_mark(tree, 0, &wanted, groups, &found);
     for (int word = found.low; word <= found.high; word++) {
         uint64_t bits = marks[word];
         for (; bits && written < capacity; bits &= bits - 1)
@@ -78714,6 +78791,12 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
         marks[word] = 0;
     }
     return found.count;
+}
+
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
+                                int capacity)
+{
+    return sbi_face_tree_query_groups(tree, low, high, NULL, marks, faces, capacity);
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -79964,10 +80047,9 @@ typedef struct sbi_pair_pressure {
  * where the step begins; that one may be behind; that one may come to on its way. */
 enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
 
-/* Smallest and largest, of the unit normals below a box of the tree and of the organs there. */
+/* Smallest and largest, of the unit normals below a box of the tree. */
 typedef struct sbi_pair_cone {
     float low[3], high[3];
-    int first_organ, last_organ;
 } sbi_pair_cone;
 
 typedef enum sbi_zones { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } sbi_zones;
@@ -79977,16 +80059,18 @@ typedef struct sbi_pairs {
     sb_real friction, distance;
 
     /* of the mesh at rest, by face and by node: arrays for the rooms of the faces */
-    int *organs;               /* of each face */
-    sb_real *thickness;        /* m behind the face's middle, no more than it matters */
-    sb_vec3 *centres;          /* m */
-    sb_vec3 *rest_normals;     /* out of the body */
-    sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
-    int *organ_counts;         /* [nodes] */
-    int *first_face, *around;  /* [nodes + 1], faces of each node */
-    sb_real longest, shortest; /* of organ_lengths */
-    sb_real reach;             /* m: boxes this near are looked at */
-    sbi_pair_cone *cones;      /* by the tree's boxes */
+    int *organs;                   /* of each face */
+    sb_real *thickness;            /* m behind the face's middle, no more than it matters */
+    sb_vec3 *centres;              /* m */
+    sb_vec3 *rest_normals;         /* out of the body */
+    sb_real *organ_lengths;        /* [nodes] mean length of an organ's faces (m) */
+    int *organ_counts;             /* [nodes] */
+    int *first_face, *around;      /* [nodes + 1], faces of each node */
+    sb_real longest, shortest;     /* of organ_lengths */
+    sb_real reach;                 /* m: boxes this near are looked at */
+    sbi_pair_cone *cones;          /* by the tree's boxes */
+    int *first_organ, *last_organ; /* likewise */
+    sb_vec3 *box_low, *box_high;   /* m, by the tree's places: of the walk at hand */
 
     /* of the step, likewise by face */
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
@@ -81691,22 +81775,19 @@ static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *
 static void sbi_near_place_organs(sb_contact *contact)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
-    sbi_pairs *pairs = &contact->pairs;
-    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
-        sbi_pair_cone *cone = pairs->cones + leaf;
+    int *first = contact->pairs.first_organ, *last = contact->pairs.last_organ;
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
-            int organ = pairs->organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
-            cone->first_organ = k ? sbi_min_int(cone->first_organ, organ) : organ;
-            cone->last_organ = k ? sbi_max_int(cone->last_organ, organ) : organ;
+            int organ = contact->pairs.organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
+            first[leaf] = k ? sbi_min_int(first[leaf], organ) : organ;
+            last[leaf] = k ? sbi_max_int(last[leaf], organ) : organ;
         }
-    }
     for (int level = 1; level < tree->level_count; level++)
         for (int i = 0; i < tree->level_size[level]; i++) {
-            const sbi_pair_cone *a = pairs->cones + tree->level_start[level - 1] + 2 * i;
-            const sbi_pair_cone *b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
-            sbi_pair_cone *cone = pairs->cones + tree->level_start[level] + i;
-            cone->first_organ = sbi_min_int(a->first_organ, b->first_organ);
-            cone->last_organ = sbi_max_int(a->last_organ, b->last_organ);
+            int box = tree->level_start[level] + i, a = tree->level_start[level - 1] + 2 * i;
+            int b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
+            first[box] = sbi_min_int(first[a], first[b]);
+            last[box] = sbi_max_int(last[a], last[b]);
         }
 }
 
@@ -81907,9 +81988,8 @@ static int sbi_near_may_hold(const sb_contact *contact, const sb_vec3 *x, int fa
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
-static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
+static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b, int same)
 {
-    int same = a->first_organ == a->last_organ && a->first_organ == b->first_organ && a->first_organ == b->last_organ;
     float sum = 0;
     for (int axis = 0; axis < 3; axis++) {
         float ll = a->low[axis] * b->low[axis], lh = a->low[axis] * b->high[axis];
@@ -81941,11 +82021,12 @@ static int sbi_near_boxes_touch(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_pairs *pairs = &walk->contact->pairs;
     const sbi_face_box *boxes = walk->contact->faces->tree.boxes;
-    const sbi_pair_cone *one = pairs->cones + a, *two = pairs->cones + b;
-    if (!(pairs->kinds & SB_CONTACT_SELF) && one->first_organ == one->last_organ &&
-        one->first_organ == two->first_organ && one->first_organ == two->last_organ)
+    const int *first = pairs->first_organ, *last = pairs->last_organ;
+    int same = first[a] == last[a] && first[a] == first[b] && first[a] == last[b];
+    if (!(pairs->kinds & SB_CONTACT_SELF) && same)
         return 0;
-    return sbi_near_may_face(one, two) && (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
+    return sbi_near_may_face(pairs->cones + a, pairs->cones + b, same) &&
+           (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
 }
 
 static void sbi_near_mark(uint64_t *marks, int face)
@@ -81981,26 +82062,23 @@ static int sbi_near_leaf_is_marked(const sbi_near_walk *walk, int leaf)
     return place == last;
 }
 
+/* 1 when two faces' boxes are no farther than `grow` from each other. */
+static int sbi_near_places_meet(const sbi_pairs *pairs, int a, int b, sb_real grow)
+{
+    sb_vec3 l = pairs->box_low[a], h = pairs->box_high[a], low = pairs->box_low[b], high = pairs->box_high[b];
+    return !(l.x - high.x > grow || l.y - high.y > grow || l.z - high.z > grow || low.x - h.x > grow ||
+             low.y - h.y > grow || low.z - h.z > grow);
+}
+
 /* Faces of two leaves, which may be the same. */
 static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_face_tree *tree = &walk->contact->faces->tree;
-    sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
-    sb_real grow = (sb_real)walk->grow;
     int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
-    for (int j = first; j < last; j++)
-        sbi_face_tree_place_box(tree, j, low + (j - first), high + (j - first));
-    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++) {
-        sb_vec3 own_low, own_high;
-        sbi_face_tree_place_box(tree, i, &own_low, &own_high);
-        for (int j = a == b ? i + 1 : first; j < last; j++) {
-            sb_vec3 l = low[j - first], h = high[j - first];
-            if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
-                l.y - own_high.y > grow || l.z - own_high.z > grow)
-                continue;
-            sbi_near_match(walk, tree->faces[i], tree->faces[j]);
-        }
-    }
+    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++)
+        for (int j = a == b ? i + 1 : first; j < last; j++)
+            if (sbi_near_places_meet(&walk->contact->pairs, i, j, (sb_real)walk->grow))
+                sbi_near_match(walk, tree->faces[i], tree->faces[j]);
 }
 
 /* Two boxes of a level, by their numbers in it; a <= b. */
@@ -82019,6 +82097,8 @@ SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec
     walk.contact = contact;
     walk.x = x;
     walk.grow = (float)(grow + 2 * tree->spacing);
+    for (int place = 0; place < tree->count; place++)
+        sbi_face_tree_place_box(tree, place, contact->pairs.box_low + place, contact->pairs.box_high + place);
     memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     if (tree->count > 0)
         stack[top].level = tree->level_count - 1, stack[top].a = stack[top].b = 0, top++;
@@ -82054,6 +82134,19 @@ SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face)
     return -1;
 }
 
+/* Faces whose boxes meet this one, in pairs.found, but, where organs do not touch themselves, most of the face's own.
+ */
+static int sbi_near_query(sb_contact *contact, int face, sb_vec3 low, sb_vec3 high)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_face_tree_groups groups;
+    groups.first = contact->pairs.first_organ;
+    groups.last = contact->pairs.last_organ;
+    groups.left_out = contact->pairs.kinds & SB_CONTACT_SELF ? -1 : contact->pairs.organs[face];
+    return sbi_face_tree_query_groups(&faces->tree, low, high, &groups, faces->marks, contact->pairs.found,
+                                      faces->face_room);
+}
+
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
                                   sb_real grow)
 {
@@ -82073,8 +82166,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
         high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
                      sb_max(high.z, sb_max(at.z, to.z)));
     }
-    count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
-                                    sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
+    count = sbi_near_query(contact, face, sb_v3(low.x - grow, low.y - grow, low.z - grow),
+                           sb_v3(high.x + grow, high.y + grow, high.z + grow));
     for (int i = 0; i < count; i++)
         if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]) &&
             !sbi_near_is_far(contact, face, pairs->found[i], reach))
@@ -82930,11 +83023,10 @@ static int sbi_pair_is_useless(const sbi_pair_search *search, int other)
     sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
     sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height, reach;
     sb_real rounded = 2 * SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
-    if (height > sbi_pairs_highest(search->contact, other) + rounded ||
-        -height > sbi_pair_deepest(pairs, other) + rounded)
-        return 1;
     reach = pairs->radii[other] + (height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE) * sb_abs(height) + rounded;
-    return beside > reach * reach || (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
+    return beside > reach * reach || height > sbi_pairs_highest(search->contact, other) + rounded ||
+           -height > sbi_pair_deepest(pairs, other) + rounded ||
+           (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
 }
 
 /* The nearest face is no farther than this (m): as far as one is known to be that counts. */
@@ -83794,6 +83886,10 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room;
     sbi_pairs *p = &c->pairs;
     p->cones = (sbi_pair_cone *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof *p->cones);
+    p->first_organ = (int *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof(int));
+    p->last_organ = (int *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof(int));
+    p->box_low = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->box_high = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));

@@ -13,7 +13,7 @@
 typedef struct cut_file {
     sb_mesh mesh;          /* tri3, where it is now */
     sb_real *displacement; /* [nodes][3] (m) */
-    sb_real *lip;          /* [triangles] 1: a cut laid it open, 0: skin */
+    sb_real *lip;          /* [triangles] 1: a cut laid it open, 2: burnt, 0: skin */
     int *triangles;        /* [triangles] number of each in the drawing */
 } cut_file;
 
@@ -41,7 +41,7 @@ static inline void cut_file_add(cut_file *f, const sb_cut_drawing *d, int triang
         }
         f->mesh.elements[3 * (size_t)at + (size_t)k] = *node;
     }
-    f->lip[at] = (sb_real)(d->tags[triangle] == SB_CUT_LIP);
+    f->lip[at] = (sb_real)d->tags[triangle]; /* SB_CUT_SKIN, SB_CUT_LIP, SB_CUT_CHAR */
     f->triangles[at] = triangle;
 }
 

@@ -8,8 +8,8 @@
  *     status = cut_scene_make(&c, &body_def, lattice, SB_CUT_LAG, strokes);
  *     ... sb_cut_triangles(c.cut, ...), organ_step(&c.scene, dt) ...
  *     status = cut_scene_look(&c);             the surface and the parts as they are now
- * Crumbs, which cuts leave that meet, are free parts smaller than an element. They stay where they came loose, and are
- * neither drawn nor counted.
+ * Free parts smaller than an element, which cuts leave that meet, are taken out (sb_cut_def.least_piece); what is as
+ * small and held is a crumb, and neither drawn nor counted.
  *     cut_scene_draw(&c, &picture, ...);
  *     cut_scene_free(&c);
  *
@@ -45,6 +45,20 @@ static inline void cut_scene_free(cut_scene *c)
     memset(c, 0, sizeof *c);
 }
 
+/* Makes the organ's mesh, which is loaded, one of tet10 where quadratic is 1 and it is not. Before organ_make_skin. */
+static inline int cut_scene_raise(cut_scene *c, int quadratic)
+{
+    sb_mesh mesh, *old = &c->scene.mesh;
+    sb_error error;
+    if (!quadratic || old->element_type != SB_TET4)
+        return 0;
+    if (sb_mesh_to_tet10(old, NULL, &mesh, &error) != SB_OK)
+        return organ_complain_of(&c->scene, "the organ", &error, ORGAN_USAGE);
+    sb_mesh_free(old);
+    *old = mesh;
+    return 0;
+}
+
 /* A body of the organ's mesh, and what cuts it; strokes: at once. */
 static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lattice, sb_cut_front front, int strokes)
 {
@@ -52,8 +66,8 @@ static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lat
     sb_cut_def cut = sb_default_cut_def();
     sb_error error;
     int status;
-    if (c->scene.mesh.element_type != SB_TET4)
-        return organ_complain(&c->scene, "the organ", "is cut as tet4 only: load a mesh of tetrahedra with 4 nodes",
+    if (c->scene.mesh.element_type != SB_TET4 && c->scene.mesh.element_type != SB_TET10)
+        return organ_complain(&c->scene, "the organ", "is cut as tet4 or tet10 only: load a mesh of tetrahedra",
                               ORGAN_USAGE);
     def.slack = (sb_real)0.5;
     status = organ_make_body(&c->scene, &def, NULL);
@@ -81,20 +95,18 @@ static inline int cut_scene_reserve(cut_scene *c)
         c->numbers = (int *)malloc(2 * (size_t)nodes * sizeof *c->numbers);
         c->number_room = c->numbers ? 2 * nodes : 0;
     }
-    if (parts > c->all_room) {
+    if (parts > c->all_room || !c->all) {
         free(c->all);
-        c->all = (sb_part *)malloc(2 * (size_t)parts * sizeof *c->all);
+        c->all = (sb_part *)malloc((2 * (size_t)parts + 1) * sizeof *c->all);
         c->all_room = c->all ? 2 * parts : 0;
     }
     return c->numbers && c->all;
 }
 
-/* Lists the parts, and holds crumbs where they are. */
-static inline int cut_scene_list_parts(cut_scene *c)
+static inline void cut_scene_list_parts(cut_scene *c)
 {
     sb_body *body = c->scene.body;
     int all = 0;
-    sb_error error;
     c->part_count = c->crumb_count = 0;
     sb_body_parts(body, c->all, c->all_room, &all, c->numbers);
     for (int k = 0; k < all; k++) {
@@ -105,24 +117,20 @@ static inline int cut_scene_list_parts(cut_scene *c)
         c->part_count += !is_crumb;
         c->crumb_count += is_crumb;
     }
-    for (int i = 0; i < sb_body_node_count(body); i++) {
-        int part = c->numbers[i] < 0 ? -1 : c->all[c->numbers[i]].node_count;
-        if (c->numbers[i] >= 0 && part < 0 && sb_body_supports(body)[i] != SB_XYZ &&
-            sb_body_hold(body, &i, 1, SB_XYZ, &error) != SB_OK)
-            return organ_complain_of(&c->scene, "a crumb", &error, ORGAN_FAILED);
-        c->numbers[i] = part;
-    }
-    return 0;
+    for (int i = 0; i < sb_body_node_count(body); i++)
+        c->numbers[i] = c->numbers[i] < 0 ? -1 : c->all[c->numbers[i]].node_count;
 }
 
 /* Brings the surface and the list of parts to what the body is now. */
 static inline int cut_scene_look(cut_scene *c)
 {
     sb_error error;
-    int status = cut_scene_reserve(c) ? cut_scene_list_parts(c) : organ_complain_memory(&c->scene);
-    if (!status && sb_cut_surface_update(c->surface, &error) != SB_OK)
-        status = organ_complain_of(&c->scene, "the surface", &error, ORGAN_FAILED);
-    return status;
+    if (!cut_scene_reserve(c))
+        return organ_complain_memory(&c->scene);
+    cut_scene_list_parts(c);
+    if (sb_cut_surface_update(c->surface, &error) != SB_OK)
+        return organ_complain_of(&c->scene, "the surface", &error, ORGAN_FAILED);
+    return 0;
 }
 
 /* 1 when some node of the part is supported. */
@@ -171,9 +179,10 @@ static inline int cut_scene_hold_below(cut_scene *c, double from, double to)
 
 /* ---- pictures -------------------------------------------------------------------------------------------------- */
 
-/* Colours of tissue: skin, and what a cut laid open. */
+/* Colours of tissue: skin, and what a cut or a burn laid open. */
 static inline picture_colour cut_scene_skin(void) { return picture_web(0x9e4a45); }
 static inline picture_colour cut_scene_lip(void) { return picture_web(0xf7a184); }
+static inline picture_colour cut_scene_char(void) { return picture_web(0x59412f); }
 
 /* Adds the skin of the body and its lips, these coloured by values [vertices] from 0 to most unless NULL. */
 static inline void cut_scene_draw(const cut_scene *c, picture *p, const sb_real *values, double most)
@@ -186,7 +195,9 @@ static inline void cut_scene_draw(const cut_scene *c, picture *p, const sb_real 
             continue;
         memset(t, 0, sizeof *t);
         t->is_plain = d.tags[i] != SB_CUT_LIP || !values;
-        t->colour = d.tags[i] == SB_CUT_LIP ? cut_scene_lip() : cut_scene_skin();
+        t->colour = d.tags[i] == SB_CUT_LIP    ? cut_scene_lip()
+                    : d.tags[i] == SB_CUT_CHAR ? cut_scene_char()
+                                               : cut_scene_skin();
         for (int k = 0; k < 3; k++) {
             t->corner[k] = picture_from(d.positions[corners[k]]);
             t->normal[k] = picture_from(d.normals[corners[k]]);
@@ -198,7 +209,8 @@ static inline void cut_scene_draw(const cut_scene *c, picture *p, const sb_real 
 
 /* ---- files ----------------------------------------------------------------------------------------------------- */
 
-/* The next file of the series PREFIX_0000.vtk, ...: skin and lips, with displacement, `lip` (0 or 1) and `part`. */
+/* The next file of the series PREFIX_0000.vtk, ...: skin, lips and walls of holes, with displacement, `lip` (0 skin, 1
+ * cut, 2 burnt) and `part`. */
 static inline int cut_scene_write_frame(cut_scene *c, const char *prefix)
 {
     char path[ORGAN_PATH + 32];
@@ -296,7 +308,7 @@ static inline void cut_scene_print_parts(const cut_scene *c)
     if (c->part_count > SHOWN)
         printf("            and %d more\n", c->part_count - SHOWN);
     if (c->crumb_count)
-        printf("crumbs      %d smaller than an element, left where they came loose\n", c->crumb_count);
+        printf("crumbs      %d smaller than an element, held where they are\n", c->crumb_count);
 }
 
 #endif /* CUT_SCENE_H */

@@ -48,6 +48,24 @@ static inline int root_of(int *parents, int i)
 
 static inline void join(int *parents, int i, int j) { parents[root_of(parents, i)] = root_of(parents, j); }
 
+/* Edges that triangles do not go along as often one way as the other; *more: those with more than two, where cuts end
+ * in one line. */
+static inline int holes_of(const sb_cut_drawing *d, int *more)
+{
+    int count, holes = 0;
+    edge *edges = edges_of(d, &count);
+    *more = 0;
+    for (int i = 0, end; i < count; i = end) {
+        int turns = 0;
+        for (end = i; end < count && edge_order(edges + i, edges + end) == 0; end++)
+            turns += edges[end].turn ? 1 : -1;
+        holes += turns != 0 || edges[i].a == edges[i].b;
+        *more += end - i > 2;
+    }
+    free(edges);
+    return holes;
+}
+
 /* Every edge has two triangles, one each way. Returns the number of closed surfaces; *euler: the sum of theirs, where a
  * point in which a surface touches itself is one for each fan of triangles around it. */
 static inline int check_closed(const sb_cut_drawing *d, int *euler)
@@ -93,18 +111,17 @@ static inline double volumes_error(const block *b, const sb_cut_drawing *d)
     int parts = body->component_count;
     double *volumes = (double *)calloc((size_t)parts * 4 + 1, sizeof *volumes);
     for (int f = 0; f < d->triangle_count; f++) {
-        int part;
-        if (!is_drawn(d, f))
-            continue;
-        part = body->node_component[sb_body_cell_nodes(body, d->cells[f])[0]];
-        if (!CHECK(part >= 0))
+        int part = -1;
+        for (int a = 0; a < 4 && is_drawn(d, f); a++)
+            part = part < 0 ? body->node_component[sb_body_cell_nodes(body, d->cells[f])[a]] : part;
+        if (part < 0) /* of a piece without volume that is of no part */
             continue;
         volumes[4 * part] += below(d->rest, d->triangles[f]) / 6;
         volumes[4 * part + 1] += below(d->positions, d->triangles[f]) / 6;
     }
     for (int e = 0; e < sb_body_element_count(body); e++) {
         const int *n = sb_body_cell_nodes(body, e);
-        if (!sb_body_cell_in_use(body, e) || body->node_component[n[0]] < 0)
+        if (!sb_body_cell_in_use(body, e) || !(sb_body_cell_share(body, e) > 0))
             continue;
         for (int now = 0; now < 2; now++) {
             const sb_vec3 *x = now ? sb_body_positions(body) : body->reference;

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, drop, cut_scalpel, cut_resect, cut_force, one_body, register_liver and insilico as a user
-# would, with good and bad arguments and files:
+# programs, grasp, palpation, drop, cut_scalpel, cautery, cut_resect, cut_force, one_body, register_liver and insilico as
+# a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -615,6 +615,8 @@ done
 expect 0 '^parts=1 .* frames=1$' $cut --lattice 4 --frames 1 --every 0 -o odd
 check "no series unless asked for" is_gone odd.vtk.series
 long expect_data 0 '^parts=1' cut_scalpel volumes/liver_a_tet4_2k.vtk --lattice 1 --frames 60 -o organ
+long expect_data 0 '^parts=1' cut_scalpel volumes/liver_a_tet10_1k.vtk --lattice 1 --frames 60 -o organ
+expect 0 '^parts=1 ' cut_scalpel --quadratic --cells 6 --young 20000 --front glue --frames 20 --every 0 -o quadratic
 bad_stroke() { # bad_stroke WORDS TEXT: the file of strokes is refused
     printf "$2" >bad.txt
     expect 2 "^cut_scalpel: bad.txt$1" cut_scalpel --cells 4 --stroke bad.txt
@@ -636,10 +638,43 @@ expect 2 '--front needs lag or glue' cut_scalpel --front lead
 expect 2 '--depth needs a number from' cut_scalpel --depth 2
 expect 2 '--deep is no option' cut_scalpel --deep 2
 expect 2 'no-such.vtk' cut_scalpel no-such.vtk
-expect_data 2 'is cut as tet4 only' cut_scalpel volumes/liver_a_tet10_1k.vtk
+expect_data 2 'is cut as tet4 or tet10 only' cut_scalpel volumes/beam_hex8.vtk
 expect_data 2 'is a surface' cut_scalpel surfaces/liver_a.obj
 expect 3 'does not come to rest' cut_scalpel --cells 4 --young 10
 expect 2 'no-such-folder/x.csv: cannot be written' $cut --frames 1 --every 0 -o no-such-folder/x
+
+# ---- cautery ----
+expect 0 '^usage: cautery' cautery --help
+burn="cautery --cells 6 --rate 30 --speed 0.1 --passes 1 --rest 0.1 --lattice 2"
+expect 0 '^removed_ml=[0-9.]* removed_g=[0-9.]* left_g=[0-9.]* parts=1 frames=[0-9]*$' $burn --write-path way.txt --every 5
+check "something was burnt" holds "$(last removed_ml) > 1 && $(last removed_ml) < 100"
+check "its weight is that of its volume" holds "$(last removed_g) / $(last removed_ml) > 1.05 && $(last removed_g) / $(last removed_ml) < 1.07"
+check "cautery.png is a picture" is_png cautery.png
+check "a row for each frame" [ "$(wc -l <cautery.csv | tr -d ' ')" = "$(($(last frames) + 1))" ]
+check "walls of the hole in a file" grep -a -q '^SCALARS lip' cautery_0003.vtk
+expect 0 '^removed_ml=' $burn --path way.txt --every 5 -o again
+for file in .csv .png _0003.vtk; do
+    check "the same way from a file: $file" cmp -s cautery$file again$file
+done
+printf '0 0 0 0\n1 0 0 0.1\n' >out.txt
+expect 0 '^removed_ml=[0-9.]* removed_g=[0-9.]* left_g=0.0000 parts=0 frames=2$' cautery --cells 4 --path out.txt --radius 1 --frames 2 --every 0 -o all
+long expect_data 0 '^removed_ml=[0-9.]* .* parts=1' cautery volumes/liver_a_tet4_2k.vtk --passes 1 --frames 60 -o organ
+bad_way() { # bad_way WORDS TEXT: the file with the way is refused
+    printf "$2" >bad.txt
+    expect 2 "^cautery: bad.txt$1" cautery --cells 4 --path bad.txt
+}
+bad_way ': has fewer than two places' '# nothing\n0 1 2 3\n'
+bad_way ':1: needs four finite numbers' '0 1 2\n'
+bad_way ':1: needs four finite numbers' '0 1 2 nan\n'
+bad_way ':2: needs a later time' '1 1 2 3\n1 1 2 3\n'
+bad_way ':1: has a time below 0' ' -1 1 2 3\n'
+expect 2 'no-such.txt: cannot be read' cautery --cells 4 --path no-such.txt
+expect 2 '--lattice needs 1, 2 or 4' cautery --lattice 3
+expect 2 '--radius needs a number from' cautery --radius 0
+expect 2 '--deep is no option' cautery --deep 2
+expect 2 'no-such.vtk' cautery no-such.vtk
+expect_data 2 'is cut as tet4 only' cautery volumes/liver_a_tet10_1k.vtk
+expect 2 'no-such-folder/x.csv: cannot be written' $burn --frames 1 --every 0 -o no-such-folder/x
 
 # ---- cut_resect ----
 expect 0 '^usage: cut_resect' cut_resect --help
@@ -660,6 +695,7 @@ for file in .csv .png; do
 done
 expect 0 'margin_mm=-\{0,1\}0' $resect --lattice 4 --margin 0 --lift 0 -o odd
 long expect_data 0 '^parts=2' cut_resect volumes/liver_a_tet4_2k.vtk --every 0 -o organ
+expect 0 '^parts=2 ' cut_resect --quadratic --cells 6 --every 0 --lift 0 -o quadratic
 expect 2 'the wedge: does not come loose' $resect --margin 0.5
 expect 2 'far.obj: sticks out of the organ' cut_resect --cells 8 --tumour far.obj
 expect 2 'open.obj: .*edges of one face only' cut_resect --cells 8 --tumour open.obj
@@ -670,7 +706,7 @@ expect 2 'volume.vtk: is no surface of triangles' cut_resect --cells 8 --tumour 
 expect 2 '--lattice needs 1, 2 or 4' cut_resect --lattice 3
 expect 2 '--angle needs a number from' cut_resect --angle 90
 expect 2 '--wide is no option' cut_resect --wide 2
-expect_data 2 'is cut as tet4 only' cut_resect volumes/liver_a_tet10_1k.vtk
+expect_data 2 'is cut as tet4 or tet10 only' cut_resect volumes/beam_hex8.vtk
 expect 2 'no-such-folder/x.csv: cannot be written' $resect --lift 0 -o no-such-folder/x
 
 # ---- cut_force ----

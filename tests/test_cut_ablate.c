@@ -50,7 +50,8 @@ static void check_removed(const block *b, const totals *before, double volume, c
     CHECK_NEAR(after.mass + (double)info->removed_mass, before->mass, close * before->mass);
     CHECK_NEAR(volume_of(b) + (double)info->removed_volume, volume, close * volume);
     CHECK_NEAR(sb_v3_norm(sb_v3_sub(momentum, before->momentum)), 0, close * speed * before->mass);
-    CHECK(after.kinetic <= before->kinetic * (1 + close) && after.elastic <= before->elastic * (1 + 1000 * close));
+    CHECK(after.kinetic <= before->kinetic * (1 + close));
+    CHECK(after.elastic <= before->elastic + 1000 * close * (before->elastic + before->kinetic));
 }
 
 /* ---- measures of holes ------------------------------------------------------------------------------------------- */
@@ -97,6 +98,35 @@ static void test_ball(void)
         sb_cut_surface_destroy(surface);
         block_free(&b);
     }
+}
+
+/* A tip that goes on in small steps leaves a smooth way, not what links were first cut to. */
+static void test_way(void)
+{
+    enum { STEPS = 40 };
+    block_options options = block_default(4);
+    block b;
+    sb_cut_surface *surface = NULL;
+    sb_cut_drawing d;
+    double radius = 0.011, length = 0.024, volume = pi * radius * radius * (length + 4 * radius / 3), taken = 0, whole;
+    int euler;
+    options.shake = 0;
+    b = block_make(&options);
+    whole = volume_of(&b);
+    for (int k = 0; k <= STEPS; k++) {
+        sb_vec3 at = sb_v3(REAL(0.0183 + length * k / STEPS), block_size.y / 2, block_size.z / 2);
+        taken += (double)block_ablate(&b, at, radius).removed_volume;
+    }
+    check_pieces(&b);
+    printf("   a way of %.4f of its volume\n", taken / volume);
+    CHECK_NEAR(taken, volume, 0.03 * volume);
+    CHECK_NEAR(volume_of(&b) + taken, whole, scene_tolerance(1e-12, 500) * whole);
+    CHECK_OK(sb_cut_surface_create(b.cut, NULL, &surface, NULL));
+    d = sb_cut_surface_get(surface);
+    CHECK_INT(check_closed(&d, &euler), 2);
+    CHECK_NEAR(volumes_error(&b, &d), 0, scene_tolerance(1e-12, 500));
+    sb_cut_surface_destroy(surface);
+    block_free(&b);
 }
 
 /* With lattice 1 elements with all corners in the ball go, those with none stay, and one corner's share is the product
@@ -638,8 +668,8 @@ static void test_points(void)
 }
 
 CHECK_SUITE(cut_ablate, {"organs: balls and squares", test_organs}, {"a ball out of a block", test_ball},
-            {"lattice 1 takes elements out", test_elements}, {"everything is taken out", test_everything},
-            {"crumbs are taken out", test_crumbs}, {"thin slices crumble", test_slices},
-            {"states and recordings", test_same_bits}, {"every allocation fails in turn", test_no_memory},
-            {"mistakes are named", test_mistakes}, {"loads on what is left", test_loads},
-            {"points of embeddings", test_points});
+            {"the way of a tip", test_way}, {"lattice 1 takes elements out", test_elements},
+            {"everything is taken out", test_everything}, {"crumbs are taken out", test_crumbs},
+            {"thin slices crumble", test_slices}, {"states and recordings", test_same_bits},
+            {"every allocation fails in turn", test_no_memory}, {"mistakes are named", test_mistakes},
+            {"loads on what is left", test_loads}, {"points of embeddings", test_points});

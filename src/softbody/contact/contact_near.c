@@ -143,22 +143,19 @@ static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *
 static void sbi_near_place_organs(sb_contact *contact)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
-    sbi_pairs *pairs = &contact->pairs;
-    for (int leaf = 0; leaf < tree->leaf_count; leaf++) {
-        sbi_pair_cone *cone = pairs->cones + leaf;
+    int *first = contact->pairs.first_organ, *last = contact->pairs.last_organ;
+    for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         for (int k = 0; k < SBI_FACE_TREE_LEAF; k++) {
-            int organ = pairs->organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
-            cone->first_organ = k ? sbi_min_int(cone->first_organ, organ) : organ;
-            cone->last_organ = k ? sbi_max_int(cone->last_organ, organ) : organ;
+            int organ = contact->pairs.organs[tree->faces[SBI_FACE_TREE_LEAF * leaf + k]];
+            first[leaf] = k ? sbi_min_int(first[leaf], organ) : organ;
+            last[leaf] = k ? sbi_max_int(last[leaf], organ) : organ;
         }
-    }
     for (int level = 1; level < tree->level_count; level++)
         for (int i = 0; i < tree->level_size[level]; i++) {
-            const sbi_pair_cone *a = pairs->cones + tree->level_start[level - 1] + 2 * i;
-            const sbi_pair_cone *b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
-            sbi_pair_cone *cone = pairs->cones + tree->level_start[level] + i;
-            cone->first_organ = sbi_min_int(a->first_organ, b->first_organ);
-            cone->last_organ = sbi_max_int(a->last_organ, b->last_organ);
+            int box = tree->level_start[level] + i, a = tree->level_start[level - 1] + 2 * i;
+            int b = 2 * i + 1 < tree->level_size[level - 1] ? a + 1 : a;
+            first[box] = sbi_min_int(first[a], first[b]);
+            last[box] = sbi_max_int(last[a], last[b]);
         }
 }
 
@@ -359,9 +356,8 @@ static int sbi_near_may_hold(const sb_contact *contact, const sb_vec3 *x, int fa
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
-static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b)
+static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b, int same)
 {
-    int same = a->first_organ == a->last_organ && a->first_organ == b->first_organ && a->first_organ == b->last_organ;
     float sum = 0;
     for (int axis = 0; axis < 3; axis++) {
         float ll = a->low[axis] * b->low[axis], lh = a->low[axis] * b->high[axis];
@@ -393,11 +389,12 @@ static int sbi_near_boxes_touch(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_pairs *pairs = &walk->contact->pairs;
     const sbi_face_box *boxes = walk->contact->faces->tree.boxes;
-    const sbi_pair_cone *one = pairs->cones + a, *two = pairs->cones + b;
-    if (!(pairs->kinds & SB_CONTACT_SELF) && one->first_organ == one->last_organ &&
-        one->first_organ == two->first_organ && one->first_organ == two->last_organ)
+    const int *first = pairs->first_organ, *last = pairs->last_organ;
+    int same = first[a] == last[a] && first[a] == first[b] && first[a] == last[b];
+    if (!(pairs->kinds & SB_CONTACT_SELF) && same)
         return 0;
-    return sbi_near_may_face(one, two) && (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
+    return sbi_near_may_face(pairs->cones + a, pairs->cones + b, same) &&
+           (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
 }
 
 static void sbi_near_mark(uint64_t *marks, int face)
@@ -433,26 +430,23 @@ static int sbi_near_leaf_is_marked(const sbi_near_walk *walk, int leaf)
     return place == last;
 }
 
+/* 1 when two faces' boxes are no farther than `grow` from each other. */
+static int sbi_near_places_meet(const sbi_pairs *pairs, int a, int b, sb_real grow)
+{
+    sb_vec3 l = pairs->box_low[a], h = pairs->box_high[a], low = pairs->box_low[b], high = pairs->box_high[b];
+    return !(l.x - high.x > grow || l.y - high.y > grow || l.z - high.z > grow || low.x - h.x > grow ||
+             low.y - h.y > grow || low.z - h.z > grow);
+}
+
 /* Faces of two leaves, which may be the same. */
 static void sbi_near_match_leaves(const sbi_near_walk *walk, int a, int b)
 {
     const sbi_face_tree *tree = &walk->contact->faces->tree;
-    sb_vec3 low[SBI_FACE_TREE_LEAF], high[SBI_FACE_TREE_LEAF];
-    sb_real grow = (sb_real)walk->grow;
     int first = SBI_FACE_TREE_LEAF * b, last = sbi_min_int(first + SBI_FACE_TREE_LEAF, tree->count);
-    for (int j = first; j < last; j++)
-        sbi_face_tree_place_box(tree, j, low + (j - first), high + (j - first));
-    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++) {
-        sb_vec3 own_low, own_high;
-        sbi_face_tree_place_box(tree, i, &own_low, &own_high);
-        for (int j = a == b ? i + 1 : first; j < last; j++) {
-            sb_vec3 l = low[j - first], h = high[j - first];
-            if (own_low.x - h.x > grow || own_low.y - h.y > grow || own_low.z - h.z > grow || l.x - own_high.x > grow ||
-                l.y - own_high.y > grow || l.z - own_high.z > grow)
-                continue;
-            sbi_near_match(walk, tree->faces[i], tree->faces[j]);
-        }
-    }
+    for (int i = SBI_FACE_TREE_LEAF * a; i < sbi_min_int(SBI_FACE_TREE_LEAF * (a + 1), tree->count); i++)
+        for (int j = a == b ? i + 1 : first; j < last; j++)
+            if (sbi_near_places_meet(&walk->contact->pairs, i, j, (sb_real)walk->grow))
+                sbi_near_match(walk, tree->faces[i], tree->faces[j]);
 }
 
 /* Two boxes of a level, by their numbers in it; a <= b. */
@@ -471,6 +465,8 @@ SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec
     walk.contact = contact;
     walk.x = x;
     walk.grow = (float)(grow + 2 * tree->spacing);
+    for (int place = 0; place < tree->count; place++)
+        sbi_face_tree_place_box(tree, place, contact->pairs.box_low + place, contact->pairs.box_high + place);
     memset(contact->pairs.near, 0, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     if (tree->count > 0)
         stack[top].level = tree->level_count - 1, stack[top].a = stack[top].b = 0, top++;
@@ -506,6 +502,19 @@ SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face)
     return -1;
 }
 
+/* Faces whose boxes meet this one, in pairs.found, but, where organs do not touch themselves, most of the face's own.
+ */
+static int sbi_near_query(sb_contact *contact, int face, sb_vec3 low, sb_vec3 high)
+{
+    sbi_contact_faces *faces = contact->faces;
+    sbi_face_tree_groups groups;
+    groups.first = contact->pairs.first_organ;
+    groups.last = contact->pairs.last_organ;
+    groups.left_out = contact->pairs.kinds & SB_CONTACT_SELF ? -1 : contact->pairs.organs[face];
+    return sbi_face_tree_query_groups(&faces->tree, low, high, &groups, faces->marks, contact->pairs.found,
+                                      faces->face_room);
+}
+
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
                                   sb_real grow)
 {
@@ -525,8 +534,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
         high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
                      sb_max(high.z, sb_max(at.z, to.z)));
     }
-    count = sbi_contact_faces_query(contact->faces, sb_v3(low.x - grow, low.y - grow, low.z - grow),
-                                    sb_v3(high.x + grow, high.y + grow, high.z + grow), pairs->found, faces->face_room);
+    count = sbi_near_query(contact, face, sb_v3(low.x - grow, low.y - grow, low.z - grow),
+                           sb_v3(high.x + grow, high.y + grow, high.z + grow));
     for (int i = 0; i < count; i++)
         if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]) &&
             !sbi_near_is_far(contact, face, pairs->found[i], reach))

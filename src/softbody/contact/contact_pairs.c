@@ -231,11 +231,10 @@ static int sbi_pair_is_useless(const sbi_pair_search *search, int other)
     sb_vec3 way = sb_v3_sub(search->at, pairs->middles[other]);
     sb_real height = sb_v3_dot(pairs->normals[other], way), beside = sb_v3_dot(way, way) - height * height, reach;
     sb_real rounded = 2 * SBI_PAIR_BESIDE * search->contact->faces->lengths[other];
-    if (height > sbi_pairs_highest(search->contact, other) + rounded ||
-        -height > sbi_pair_deepest(pairs, other) + rounded)
-        return 1;
     reach = pairs->radii[other] + (height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE) * sb_abs(height) + rounded;
-    return beside > reach * reach || (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
+    return beside > reach * reach || height > sbi_pairs_highest(search->contact, other) + rounded ||
+           -height > sbi_pair_deepest(pairs, other) + rounded ||
+           (search->best >= 0 && sbi_pair_is_no_nearer(search, other, height, beside));
 }
 
 /* The nearest face is no farther than this (m): as far as one is known to be that counts. */

@@ -64,10 +64,9 @@ typedef struct sbi_pair_pressure {
  * where the step begins; that one may be behind; that one may come to on its way. */
 enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
 
-/* Smallest and largest, of the unit normals below a box of the tree and of the organs there. */
+/* Smallest and largest, of the unit normals below a box of the tree. */
 typedef struct sbi_pair_cone {
     float low[3], high[3];
-    int first_organ, last_organ;
 } sbi_pair_cone;
 
 typedef enum sbi_zones { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } sbi_zones;
@@ -77,16 +76,18 @@ typedef struct sbi_pairs {
     sb_real friction, distance;
 
     /* of the mesh at rest, by face and by node: arrays for the rooms of the faces */
-    int *organs;               /* of each face */
-    sb_real *thickness;        /* m behind the face's middle, no more than it matters */
-    sb_vec3 *centres;          /* m */
-    sb_vec3 *rest_normals;     /* out of the body */
-    sb_real *organ_lengths;    /* [nodes] mean length of an organ's faces (m) */
-    int *organ_counts;         /* [nodes] */
-    int *first_face, *around;  /* [nodes + 1], faces of each node */
-    sb_real longest, shortest; /* of organ_lengths */
-    sb_real reach;             /* m: boxes this near are looked at */
-    sbi_pair_cone *cones;      /* by the tree's boxes */
+    int *organs;                   /* of each face */
+    sb_real *thickness;            /* m behind the face's middle, no more than it matters */
+    sb_vec3 *centres;              /* m */
+    sb_vec3 *rest_normals;         /* out of the body */
+    sb_real *organ_lengths;        /* [nodes] mean length of an organ's faces (m) */
+    int *organ_counts;             /* [nodes] */
+    int *first_face, *around;      /* [nodes + 1], faces of each node */
+    sb_real longest, shortest;     /* of organ_lengths */
+    sb_real reach;                 /* m: boxes this near are looked at */
+    sbi_pair_cone *cones;          /* by the tree's boxes */
+    int *first_organ, *last_organ; /* likewise */
+    sb_vec3 *box_low, *box_high;   /* m, by the tree's places: of the walk at hand */
 
     /* of the step, likewise by face */
     sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */

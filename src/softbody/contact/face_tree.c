@@ -362,8 +362,13 @@ SBI_FORCE_INLINE void sbi_face_tree_mark_leaf(const sbi_face_tree *tree, int lea
     }
 }
 
+SBI_FORCE_INLINE int sbi_face_tree_leaves_out(const sbi_face_tree_groups *groups, int box)
+{
+    return groups->first[box] == groups->left_out && groups->last[box] == groups->left_out;
+}
+
 SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, const sbi_face_box *wanted,
-                                         sbi_face_marks *found)
+                                         const sbi_face_tree_groups *groups, sbi_face_marks *found)
 {
     int levels[SBI_FACE_TREE_LEVELS + 1], nodes[SBI_FACE_TREE_LEVELS + 1], top = 0;
     levels[0] = tree->level_count - 1;
@@ -377,9 +382,10 @@ SBI_FORCE_INLINE void sbi_face_tree_mark(const sbi_face_tree *tree, int size, co
         }
         last = sbi_min_int(child + 1, tree->level_size[--level] - 1);
         for (; child <= last; child++) {
+            int box = tree->level_start[level] + child;
             levels[top] = level;
             nodes[top] = child;
-            top += sbi_face_tree_meets(&tree->boxes[tree->level_start[level] + child], wanted);
+            top += sbi_face_tree_meets(&tree->boxes[box], wanted) && !(groups && sbi_face_tree_leaves_out(groups, box));
         }
     }
 }
@@ -397,8 +403,8 @@ SBI_FORCE_INLINE int sbi_face_tree_lowest(uint64_t word)
 #endif
 }
 
-SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
-                                int capacity)
+SBI_API int sbi_face_tree_query_groups(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high,
+                                       const sbi_face_tree_groups *groups, uint64_t *marks, int *faces, int capacity)
 {
     sbi_face_marks found;
     sbi_face_box wanted;
@@ -411,9 +417,9 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
     found.high = -1;
     found.count = 0;
     if (tree->size == 3)
-        sbi_face_tree_mark(tree, 3, &wanted, &found);
+        sbi_face_tree_mark(tree, 3, &wanted, groups, &found);
     else
-        sbi_face_tree_mark(tree, 0, &wanted, &found);
+        sbi_face_tree_mark(tree, 0, &wanted, groups, &found);
     for (int word = found.low; word <= found.high; word++) {
         uint64_t bits = marks[word];
         for (; bits && written < capacity; bits &= bits - 1)
@@ -421,4 +427,10 @@ SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 
         marks[word] = 0;
     }
     return found.count;
+}
+
+SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
+                                int capacity)
+{
+    return sbi_face_tree_query_groups(tree, low, high, NULL, marks, faces, capacity);
 }

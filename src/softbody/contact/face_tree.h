@@ -85,6 +85,14 @@ SBI_API void sbi_face_tree_refit(sbi_face_tree *tree, const sb_vec3 *x, const sb
  * another one for each thread that asks. */
 SBI_API int sbi_face_tree_query(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high, uint64_t *marks, int *faces,
                                 int capacity);
+/* Boxes that a query may leave out. */
+typedef struct sbi_face_tree_groups {
+    const int *first, *last; /* [boxes] first and last group of the faces below each */
+    int left_out;            /* boxes that have this one alone; -1: none */
+} sbi_face_tree_groups;
+/* The same, without faces of boxes that are left out: others of the group may be found. */
+SBI_API int sbi_face_tree_query_groups(const sbi_face_tree *tree, sb_vec3 low, sb_vec3 high,
+                                       const sbi_face_tree_groups *groups, uint64_t *marks, int *faces, int capacity);
 SB_INLINE int sbi_face_tree_words(int faces) { return faces / SBI_FACE_TREE_BITS + 1; }
 /* Box of the face at a place (below count), as a query sees it. */
 SBI_API void sbi_face_tree_place_box(const sbi_face_tree *tree, int place, sb_vec3 *low, sb_vec3 *high);

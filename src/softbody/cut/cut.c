@@ -247,6 +247,7 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->links.lost);
     sbi_free(&allocator, cut->loaded_links.lost);
     sbi_free(&allocator, cut->was_lost);
+    sbi_free(&allocator, cut->receded);
     sbi_free(&allocator, cut->flooded.items);
     sbi_free(&allocator, cut->pieces);
     sbi_free(&allocator, cut->links.items);

@@ -84,7 +84,8 @@
  *   do not touch each other.
  * - Where a face with a pressure or a traction is cut, the change of the mesh costs as much as making the body anew.
  * - Ablation is as fine as the lattice: with 1, elements whose corners are all in the ball go whole, and others are
- *   trimmed between their corners; a ball between the points of the lattice takes nothing.
+ *   trimmed between their corners; a ball between the points of the lattice takes nothing. Behind a tip that goes on
+ *   walls are rough by part of a link.
  * - Needles do not go into a body that is cut (SB_ERROR_UNSUPPORTED).
  * - Glue is looked at along a line of half an element to either side: another blade that goes by as near releases it,
  *   too. A part that hangs by one or two glued triangles swings on them: static solves may not converge. Where a blade

@@ -166,7 +166,7 @@ SBI_API sb_result sbi_cut_finish(sb_cut *cut, int first, int ringed, int done, s
         memset(info, 0, sizeof *info);
         sbi_cut_tell_info(cut, first, ringed, info);
     }
-    cut->crossed.count = 0;
+    cut->crossed.count = cut->receded_count = 0;
     sbi_cut_forget_struck(cut);
     return SB_OK;
 }

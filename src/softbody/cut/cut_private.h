@@ -93,6 +93,12 @@ typedef struct sbi_cut_debts {
     int count, capacity;
 } sbi_cut_debts;
 
+/* A cut link whose crossing ablation has moved, and where it was. */
+typedef struct sbi_cut_receded {
+    int item, charred;
+    sb_real t;
+} sbi_cut_receded;
+
 typedef struct sbi_cut_list {
     int *items;
     int count, capacity;
@@ -202,6 +208,8 @@ struct sb_cut {
     sbi_cut_class *classes; /* of one node */
     int class_count, class_capacity;
     int made_nodes, made_cells;
+    sbi_cut_receded *receded; /* in the order in which they were moved */
+    int receded_count, receded_capacity;
     uint64_t *was_lost;   /* [tet_count] links.lost before the call, of tets that lose points */
     sbi_cut_list flooded; /* pieces of a part: a record, or ~ a piece of a tet without records */
     int floods;           /* searches for crumbs so far */
@@ -249,7 +257,7 @@ SBI_API int sbi_cut_add_link(sb_cut *cut, const sbi_link_key *key, sb_real t, in
 SBI_API int sbi_cut_cross_link(sb_cut *cut, int item, int blade);
 /* No link has been struck any more. */
 SBI_API void sbi_cut_forget_struck(sb_cut *cut);
-/* Takes back all links but the first `count`, and crossings of predicted ones. */
+/* Takes back all links but the first `count`, crossings of predicted ones, and what crossings have moved by. */
 SBI_API void sbi_cut_take_back(sb_cut *cut, int count);
 /* The piece of a tet that has a lattice point, as it is before the call. */
 SB_INLINE int sbi_cut_piece_with(const sb_cut *cut, int tet, int point)

@@ -312,13 +312,13 @@ static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error
     return in->bad ? sbi_cut_damaged("holes", error) : SB_OK;
 }
 
-/* 1 when no whole or predicted link goes from what was taken out to something else. */
+/* 1 when no whole link goes from what was taken out to something else. */
 static int sbi_cut_holes_end(const sbi_parted *parted)
 {
     int end = 1;
     for (int l = 0; l < parted->lattice->link_count && end && parted->lost; l++) {
         const unsigned char *ends = parted->lattice->links[l];
-        end = parted->cut[l] == SBI_LINK_CUT || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
+        end = parted->cut[l] != SBI_LINK_WHOLE || (parted->lost >> ends[0] & 1) == (parted->lost >> ends[1] & 1);
     }
     return end;
 }

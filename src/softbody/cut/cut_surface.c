@@ -425,7 +425,7 @@ static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int
         first[a] += last[a];
     key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name.at[0], name.at[1], name.at[2], name.at[3],
                             sbi_draw_node(s, t, piece, first));
-    key.at[6] = tag;
+    key.at[6] = tag | sbi_draw_place(t, at) << 1; /* ablation moves crossings */
     return sbi_draw_vertex_of(s, t, piece, key, at, normal);
 }
 

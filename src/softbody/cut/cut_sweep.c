@@ -79,6 +79,11 @@ SBI_API void sbi_cut_take_back(sb_cut *cut, int count)
     for (int i = 0; i < cut->crossed.count; i++)
         cut->links.items[cut->crossed.items[i]].state = SBI_LINK_PREDICTED;
     cut->crossed.count = 0;
+    while (cut->receded_count > 0) {
+        const sbi_cut_receded *was = cut->receded + --cut->receded_count;
+        cut->links.items[was->item].t = was->t;
+        cut->links.items[was->item].charred = was->charred;
+    }
     sbi_cut_links_truncate(&cut->links, count);
 }
 
@@ -312,7 +317,8 @@ static int sbi_cut_cross_predicted(const sb_cut *cut, const sbi_crossing_frame *
     int piece = sbi_cut_piece_with(cut, tet, ends[0]), item;
     sbi_corner_order order;
     sbi_link_key key;
-    if ((cut->pieces[piece].points >> ends[1] & 1) || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
+    if (((cut->links.lost[tet] >> ends[0] | cut->links.lost[tet] >> ends[1]) & 1) ||
+        (cut->pieces[piece].points >> ends[1] & 1) || !sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], part))
         return -1;
     order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     key = sbi_lattice_key(&cut->lattice, &order, tet, link);
