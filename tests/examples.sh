@@ -615,6 +615,8 @@ done
 expect 0 '^parts=1 .* frames=1$' $cut --lattice 4 --frames 1 --every 0 -o odd
 check "no series unless asked for" is_gone odd.vtk.series
 long expect_data 0 '^parts=1' cut_scalpel volumes/liver_a_tet4_2k.vtk --lattice 1 --frames 60 -o organ
+long expect_data 0 '^parts=1' cut_scalpel volumes/liver_a_tet10_1k.vtk --lattice 1 --frames 60 -o organ
+expect 0 '^parts=1 ' cut_scalpel --quadratic --cells 6 --young 20000 --front glue --frames 20 --every 0 -o quadratic
 bad_stroke() { # bad_stroke WORDS TEXT: the file of strokes is refused
     printf "$2" >bad.txt
     expect 2 "^cut_scalpel: bad.txt$1" cut_scalpel --cells 4 --stroke bad.txt
@@ -636,7 +638,7 @@ expect 2 '--front needs lag or glue' cut_scalpel --front lead
 expect 2 '--depth needs a number from' cut_scalpel --depth 2
 expect 2 '--deep is no option' cut_scalpel --deep 2
 expect 2 'no-such.vtk' cut_scalpel no-such.vtk
-expect_data 2 'is cut as tet4 only' cut_scalpel volumes/liver_a_tet10_1k.vtk
+expect_data 2 'is cut as tet4 or tet10 only' cut_scalpel volumes/beam_hex8.vtk
 expect_data 2 'is a surface' cut_scalpel surfaces/liver_a.obj
 expect 3 'does not come to rest' cut_scalpel --cells 4 --young 10
 expect 2 'no-such-folder/x.csv: cannot be written' $cut --frames 1 --every 0 -o no-such-folder/x
@@ -693,6 +695,7 @@ for file in .csv .png; do
 done
 expect 0 'margin_mm=-\{0,1\}0' $resect --lattice 4 --margin 0 --lift 0 -o odd
 long expect_data 0 '^parts=2' cut_resect volumes/liver_a_tet4_2k.vtk --every 0 -o organ
+expect 0 '^parts=2 ' cut_resect --quadratic --cells 6 --every 0 --lift 0 -o quadratic
 expect 2 'the wedge: does not come loose' $resect --margin 0.5
 expect 2 'far.obj: sticks out of the organ' cut_resect --cells 8 --tumour far.obj
 expect 2 'open.obj: .*edges of one face only' cut_resect --cells 8 --tumour open.obj
@@ -703,7 +706,7 @@ expect 2 'volume.vtk: is no surface of triangles' cut_resect --cells 8 --tumour 
 expect 2 '--lattice needs 1, 2 or 4' cut_resect --lattice 3
 expect 2 '--angle needs a number from' cut_resect --angle 90
 expect 2 '--wide is no option' cut_resect --wide 2
-expect_data 2 'is cut as tet4 only' cut_resect volumes/liver_a_tet10_1k.vtk
+expect_data 2 'is cut as tet4 or tet10 only' cut_resect volumes/beam_hex8.vtk
 expect 2 'no-such-folder/x.csv: cannot be written' $resect --lift 0 -o no-such-folder/x
 
 # ---- a full disk ----
