@@ -95,9 +95,9 @@ static inline int cut_scene_reserve(cut_scene *c)
         c->numbers = (int *)malloc(2 * (size_t)nodes * sizeof *c->numbers);
         c->number_room = c->numbers ? 2 * nodes : 0;
     }
-    if (parts > c->all_room) {
+    if (parts > c->all_room || !c->all) {
         free(c->all);
-        c->all = (sb_part *)malloc(2 * (size_t)parts * sizeof *c->all);
+        c->all = (sb_part *)malloc((2 * (size_t)parts + 1) * sizeof *c->all);
         c->all_room = c->all ? 2 * parts : 0;
     }
     return c->numbers && c->all;
