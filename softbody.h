@@ -6097,7 +6097,8 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  *   triangle of lips is paid for evenly while the blade goes on by half a mean element, so that forces stay what they
  *   are however short the frames, and sums over a stroke are exact once it has gone on by that; what is owed at its end
  *   is not felt. The tissue feels the opposite in the next time step: force and moment of what blade and body feel sum
- *   to 0. Triangles (sb_cut_triangles) have no way and no force.
+ *   to 0. It is a force at the cut, known before the step: tissue so soft, or a step so long, that it goes ahead of the
+ *   blade by that springs back in the step after and chatters. Triangles (sb_cut_triangles) have no way and no force.
  * - States and recordings of the body hold its cuts: the sb_cut is a part of both, with its strokes. A state that was
  *   saved with one is loaded into a body that has one of the same mesh, lattice, front, glue, toughness and
  * max_strokes, whatever was cut there meanwhile, and takes cuts back that it does not have. A recording plays on a body
@@ -6130,6 +6131,9 @@ SB_API sb_tool_state sb_haptic_from_hd(const double transform[16], const double 
  * far apart that each has a box of its own, glue of pieces without volume may stay.
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
+ * - Crumbs of less than some hundredths of an element that are kept (least_piece 0) may be too ill-conditioned for
+ *   preconditioners, which are of floats: three of 60 livers cut to pieces with lattice 4 could not be stepped any more
+ *   (SB_ERROR_INDEFINITE), none with crumbs below a tenth of an element taken out.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the
  *   lattice by a sixteenth of an edge, for masses and stiffness (0.28 to 0.34 of the uncut step in eight random
  *   planes). */
@@ -73151,10 +73155,10 @@ static int sbi_cut_handle_tet(const sb_cut *cut, sbi_cut_handle at)
     return at >= 0 ? cut->cells[at].tet : cut->elements.items[cut->pieces[~at].cell];
 }
 
-/* The node of a corner before the call. */
-static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int corner)
+/* A node of a piece before the call. */
+static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    return at >= 0 ? cut->cells[at].old_nodes[corner] : sb_body_cell_nodes(cut->body, cut->pieces[~at].cell)[corner];
+    return at >= 0 ? cut->cells[at].old_nodes[local] : sbi_cut_piece_nodes(cut, ~at)[local];
 }
 
 /* ---- one search ---- */
@@ -73230,14 +73234,13 @@ static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
     return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
 }
 
-/* 1 when a corner of a piece is to be supported. */
-static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int corner)
+/* 1 when a node of a piece is to be supported. */
+static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)corner];
-    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, corner)])
+    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, local)])
         return 0;
-    return !cut->node_marks[node] || (cut->cells[at].points >> corner & 1) ||
-           sbi_cut_held_axes(cut, cut->cells + at, corner);
+    return !cut->node_marks[sbi_cut_tet_nodes(cut, sbi_cut_handle_tet(cut, at))[local]] ||
+           sbi_cut_has_material(cut, cut->cells + at, local) || sbi_cut_held_axes(cut, cut->cells + at, local);
 }
 
 /* Searches the part of a piece; 1: it is a crumb. */
@@ -73254,10 +73257,10 @@ static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle 
         sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
         flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
         flood->ends |= flood->volume >= (double)cut->least_volume;
-        for (int a = 0; a < 4 && !flood->ends; a++) {
-            flood->ends |= sbi_cut_is_held(cut, at, a);
+        for (int a = 0; a < cut->nodes_per_tet && !flood->ends; a++)
+            flood->ends = sbi_cut_is_held(cut, at, a);
+        for (int a = 0; a < 4 && !flood->ends; a++) /* where pieces share a middle they share both ends */
             sbi_cut_visit_around(cut, flood, at, a);
-        }
         if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
             sbi_cut_visit_tet(cut, flood, tet);
     }
@@ -80050,6 +80053,8 @@ typedef struct sbi_pair_pressure {
     sb_real value; /* l_a (Pa), > 0 */
 } sbi_pair_pressure;
 
+enum { SBI_PAIR_CORNERS = 4 }; /* of a face at most */
+
 /* Faces found near one whose samples are to be paired: whose middle may be the nearest to a sample; that may hold one
  * where the step begins; that one may be behind; that one may come to on its way. */
 enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
@@ -80080,13 +80085,15 @@ typedef struct sbi_pairs {
     sb_vec3 *box_low, *box_high;   /* m, by the tree's places: of the walk at hand */
 
     /* of the step, likewise by face */
-    sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
-    sb_vec3 *middles; /* m, there: no point of the face is farther from it than: */
-    sb_real *radii;   /* m */
-    sb_vec3 *normals; /* unit, or 0 where a face has no area */
-    sb_vec3 *ways;    /* m, over the step: no point of the face goes otherwise by more than: */
-    sb_real *spreads; /* m */
-    uint64_t *near;   /* a bit for each face that is near one that it looks at */
+    sb_vec3 *vectors;             /* across each face, twice its area long (m^2), where the step begins */
+    sb_vec3 *middles;             /* m, there: no point of the face is farther from it than: */
+    sb_real *radii;               /* m */
+    sb_vec3 *corner_normals;      /* [faces][SBI_PAIR_CORNERS] of the smooth surface, where corners_known has a bit */
+    unsigned char *corners_known; /* bits of corners */
+    sb_vec3 *normals;             /* unit, or 0 where a face has no area */
+    sb_vec3 *ways;                /* m, over the step: no point of the face goes otherwise by more than: */
+    sb_real *spreads;             /* m */
+    uint64_t *near;               /* a bit for each face that is near one that it looks at */
     int *found;
     int *lists[SBI_PAIR_LISTS]; /* of those found, what samples of the face at hand need to look at */
     int list_counts[SBI_PAIR_LISTS];
@@ -81844,7 +81851,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
 SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face) { return contact->pairs.normals[face]; }
 
 /* Normal at a corner of a face: of the faces around it that go on smoothly. */
-static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int node)
+static sb_vec3 sbi_near_make_corner_normal(const sb_contact *contact, int face, int node)
 {
     const sbi_pairs *pairs = &contact->pairs;
     sb_vec3 sum = {0, 0, 0};
@@ -81854,6 +81861,18 @@ static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int n
     return sbi_near_unit(sum);
 }
 
+/* The same, made when the first sample needs it. */
+static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int corner)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 *normal = pairs->corner_normals + SBI_PAIR_CORNERS * (size_t)face + corner;
+    if (!(pairs->corners_known[face] >> corner & 1)) {
+        *normal = sbi_near_make_corner_normal(contact, face, sbi_contact_face_nodes(contact->faces, face)[corner]);
+        pairs->corners_known[face] |= (unsigned char)(1 << corner);
+    }
+    return *normal;
+}
+
 SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares)
 {
     const sbi_contact_faces *faces = contact->faces;
@@ -81861,7 +81880,7 @@ SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_r
     sb_vec3 sum = {0, 0, 0};
     for (int a = 0; a < kind->corners; a++) {
         sb_real share = sbi_contact_corner_share(kind, shares, a);
-        sum = sb_v3_madd(sum, share, sbi_near_corner_normal(contact, face, sbi_contact_face_nodes(faces, face)[a]));
+        sum = sb_v3_madd(sum, share, sbi_near_corner_normal(contact, face, a));
     }
     sum = sbi_near_unit(sum);
     return sb_v3_dot(sum, sum) > 0 ? sum : sbi_pairs_face_normal(contact, face);
@@ -81917,6 +81936,7 @@ SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
         contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
         contact->pairs.normals[f] = sbi_near_unit(contact->pairs.vectors[f]);
         sbi_near_fit_ball(contact, f, x);
+        contact->pairs.corners_known[f] = 0;
     }
     for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         sbi_near_fit_leaf(contact, leaf, cones + leaf);
@@ -83916,6 +83936,8 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->zone_masses = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->corner_normals = (sb_vec3 *)sbi_arena_take(arena, faces, SBI_PAIR_CORNERS * sizeof(sb_vec3));
+    p->corners_known = (unsigned char *)sbi_arena_take(arena, faces, 1);
     p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));

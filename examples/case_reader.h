@@ -100,7 +100,7 @@ typedef enum case_kind {
 enum { CASE_STATIC = 0, CASE_MODES = -1 };
 enum { CASE_OUTPUT_DISPLACEMENT, CASE_OUTPUT_REACTION, CASE_OUTPUT_STRESS, CASE_OUTPUT_PROBE, CASE_OUTPUT_FREQUENCIES };
 
-enum { CASE_CUT_PLANE, CASE_CUT_POLYGON, CASE_CUT_SURFACE };
+enum { CASE_CUT_PLANE, CASE_CUT_POLYGON, CASE_CUT_SURFACE, CASE_CUT_BALL };
 
 /* One way to write a statement. Forms with the same keyword and variant differ in their options only. */
 typedef struct case_form {
@@ -148,6 +148,7 @@ static const case_form case_forms[] = {
     {"cut", "plane", "nnnnnn", 0, CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_PLANE, 0},
     {"cut", "polygon", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_POLYGON, 0},
     {"cut", "surface", "", CASE_BIT(CASE_FILE), CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_SURFACE, 0},
+    {"ablate", NULL, "nnnn", 0, CASE_BIT(CASE_LATTICE), CASE_CUT, CASE_CUT_BALL, 0},
     {"solve", "static", "", CASE_BIT(CASE_STEPS) | CASE_BIT(CASE_TOL), CASE_BIT(CASE_ITERATIONS), CASE_SOLVE,
      CASE_STATIC, 1},
     {"solve", "euler", "", CASE_TIMES, CASE_DAMPED, CASE_SOLVE, SB_EULER, 1},
@@ -1215,6 +1216,9 @@ static inline int case_load_cut(case_file *c, case_statement *s)
     c->lattice = lattice ? lattice : c->lattice;
     if (s->form->code == CASE_CUT_PLANE)
         return case_load_plane(c, s);
+    if (s->form->code == CASE_CUT_BALL)
+        return s->numbers[3] > 0 ||
+               case_fail(c, s->line, "the radius of the ball is %g, it must be > 0", s->numbers[3]);
     path = case_input_path(c, s->text[CASE_FILE]);
     ok = !path                               ? case_fail_memory(c, s->line)
          : s->form->code == CASE_CUT_POLYGON ? case_load_polygon(c, s, path)
@@ -1443,25 +1447,47 @@ static inline sb_result case_move_supports(const case_file *c, sb_body *body, do
     return result;
 }
 
+static inline int case_cut(case_file *c, const case_statement *s)
+{
+    sb_cut_info info;
+    sb_error error;
+    if (sb_cut_triangles(c->cut, s->vectors, s->count / 3, &info, &error) != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    if (info.links == 0)
+        return case_fail(c, s->line, "the cut meets nothing of the mesh that was whole before it");
+    return 1;
+}
+
+static inline int case_ablate(case_file *c, const case_statement *s)
+{
+    sb_vec3 centre = sb_v3((sb_real)s->numbers[0], (sb_real)s->numbers[1], (sb_real)s->numbers[2]);
+    sb_cut_info info;
+    sb_error error;
+    if (sb_cut_ablate(c->cut, centre, (sb_real)s->numbers[3], &info, &error) != SB_OK)
+        return case_fail_library(c, s->line, &error);
+    if (!(info.removed_volume > 0))
+        return case_fail(c, s->line, "the ball has nothing of the mesh in it: no point of the lattice");
+    return 1;
+}
+
 /* Cuts the body, which has its loads and supports: they follow. */
 static inline int case_cut_body(case_file *c, sb_body *body)
 {
     sb_cut_def def = sb_default_cut_def();
-    sb_cut_info info;
     sb_error error;
     def.body = body;
+    def.least_piece = 0; /* crumbs are held, see below */
     def.lattice = c->lattice;
     def.max_strokes = 0;
+    def.least_piece = 0; /* crumbs are held, and said */
     for (int i = 0; i < c->statement_count; i++) {
         const case_statement *s = c->statements + i;
         if (s->form->kind != CASE_CUT)
             continue;
         if (!c->cut && sb_cut_create(&def, &c->cut, &error) != SB_OK)
             return case_fail_library(c, s->line, &error);
-        if (sb_cut_triangles(c->cut, s->vectors, s->count / 3, &info, &error) != SB_OK)
-            return case_fail_library(c, s->line, &error);
-        if (info.links == 0)
-            return case_fail(c, s->line, "the cut meets nothing of the mesh that was whole before it");
+        if (s->form->code == CASE_CUT_BALL ? !case_ablate(c, s) : !case_cut(c, s))
+            return 0;
     }
     return 1;
 }

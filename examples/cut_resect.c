@@ -27,7 +27,7 @@ static const double lift_speed = 0.1; /* m/s */
 typedef struct settings {
     const char *organ, *tumour, *out;
     double scale, young, poisson, ratio, size, depth, x, y, margin, angle, lift, rate;
-    int lattice, cells, every, help;
+    int lattice, cells, quadratic, every, help;
 } settings;
 
 /* What a frame ended with. */
@@ -60,14 +60,15 @@ static int make_mesh(work *w)
     const settings *s = w->set;
     organ *o = &w->c.scene;
     sb_error error;
+    int status = 0;
     *o = organ_named(program_name);
-    if (s->organ) {
-        int status = organ_load(o, s->organ, s->scale);
-        return status ? status : organ_make_skin(o);
-    }
-    if (sb_mesh_organ(SB_TET4, s->cells, NULL, &o->mesh, &error) != SB_OK)
-        return organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
-    return organ_make_skin(o);
+    if (s->organ)
+        status = organ_load(o, s->organ, s->scale);
+    else if (sb_mesh_organ(SB_TET4, s->cells, NULL, &o->mesh, &error) != SB_OK)
+        status = organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
+    if (!status)
+        status = cut_scene_raise(&w->c, s->quadratic);
+    return status ? status : organ_make_skin(o);
 }
 
 /* A slightly flat ball below the skin. */
@@ -138,7 +139,8 @@ static int make_tumour(work *w)
 static int stiffen_tumour(work *w)
 {
     sb_mesh *mesh = &w->c.scene.mesh;
-    if (mesh->element_type != SB_TET4)
+    const int n = sb_element_node_count(mesh->element_type);
+    if (sb_element_corner_count(mesh->element_type) != 4)
         return 0; /* which is refused later */
     if (!mesh->regions)
         mesh->regions = (int *)malloc((size_t)mesh->element_count * sizeof(int));
@@ -147,7 +149,7 @@ static int stiffen_tumour(work *w)
     for (int e = 0; e < mesh->element_count; e++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int a = 0; a < 4; a++)
-            sum = sb_v3_madd(sum, REAL(0.25), mesh->nodes[mesh->elements[4 * e + a]]);
+            sum = sb_v3_madd(sum, REAL(0.25), mesh->nodes[mesh->elements[n * e + a]]);
         mesh->regions[e] = sb_surface_inside(w->shape, sum);
     }
     return 0;
@@ -454,8 +456,9 @@ static int draw_picture(work *w)
     picture_colour_bar(&p, "from the tumour", "mm", 0, 1e3 * high, 1e3 * w->farthest);
     picture_length_bar(&p);
     snprintf(title, sizeof title, "%.1f ml resected, margin %.1f mm", 1e6 * (double)wedge->volume, 1e3 * w->margin);
-    snprintf(details, sizeof details, "tumour of %.1f ml; %d tet4, E %.4g kPa, lattice %d", 1e6 * w->volume,
-             w->c.scene.mesh.element_count, 1e-3 * w->set->young, w->set->lattice);
+    snprintf(details, sizeof details, "tumour of %.1f ml; %d %s, E %.4g kPa, lattice %d", 1e6 * w->volume,
+             w->c.scene.mesh.element_count, sb_element_name(w->c.scene.mesh.element_type), 1e-3 * w->set->young,
+             w->set->lattice);
     picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), title);
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
     snprintf(path, sizeof path, "%s.png", w->set->out);
@@ -466,9 +469,9 @@ static int print_summary(work *w)
 {
     const sb_part *wedge = w->c.parts + w->wedge;
     double weight = (double)wedge->mass * gravity, carried = w->frames[w->frame_count - 1].carried;
-    printf("organ       %s: %d nodes, %d tet4, E %.4g Pa, tumour %.3g times\n",
+    printf("organ       %s: %d nodes, %d %s, E %.4g Pa, tumour %.3g times\n",
            w->set->organ ? w->set->organ : "like a liver", w->c.scene.mesh.node_count, w->c.scene.mesh.element_count,
-           w->set->young, w->set->ratio);
+           sb_element_name(w->c.scene.mesh.element_type), w->set->young, w->set->ratio);
     printf("tumour      %s, %.2f ml; %s\n", w->set->tumour ? w->set->tumour : "below the skin", 1e6 * w->volume,
            w->astray ? "the cut goes through it, or touches it" : "whole in the wedge");
     printf("margin      %.2f mm at rest, %.2f mm planned\n", 1e3 * w->margin, 1e3 * w->set->margin);
@@ -535,7 +538,7 @@ static settings default_settings(void)
     return s;
 }
 
-enum { OPTION_COUNT = 19 };
+enum { OPTION_COUNT = 20 };
 static void list_options(settings *s, option options[OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
@@ -554,6 +557,7 @@ static void list_options(settings *s, option options[OPTION_COUNT])
         {"--x", "SHARE", OPTION_NUMBER, NULL, &s->x, NULL, 0, 1, "where it is in the organ's box"},
         {"--y", "SHARE", OPTION_NUMBER, NULL, &s->y, NULL, 0, 1, "likewise"},
         {"--cells", "N", OPTION_INTEGER, &s->cells, NULL, NULL, 4, 60, "of the organ that is made, over its width"},
+        {"--quadratic", NULL, OPTION_FLAG, &s->quadratic, NULL, NULL, 0, 0, "tet10 in place of tet4"},
         {"--young", "PA", OPTION_NUMBER, NULL, &s->young, NULL, 1, 1e9, "Young's modulus (Pa)"},
         {"--poisson", "NU", OPTION_NUMBER, NULL, &s->poisson, NULL, 0, 0.49, "Poisson's ratio"},
         {"--ratio", "X", OPTION_NUMBER, NULL, &s->ratio, NULL, 0.01, 1e4, "how many times stiffer the tumour is"},
@@ -585,10 +589,10 @@ static int program(int argc, char **argv)
     if (s.help) {
         s = default_settings();
         list_options(&s, options);
-        printf(
-            "usage: cut_resect [ORGAN] [OPTIONS]\n\n"
-            "A wedge with a tumour in it is cut out of an organ on a table and lifted out. ORGAN: a mesh of tet4 in\n"
-            "metres (VTK, VTU, gmsh, Medit or TetGen); without it one like a liver is made.\n\n");
+        printf("usage: cut_resect [ORGAN] [OPTIONS]\n\n"
+               "A wedge with a tumour in it is cut out of an organ on a table and lifted out. ORGAN: a mesh of tet4 or "
+               "tet10 in\n"
+               "metres (VTK, VTU, gmsh, Medit or TetGen); without it one like a liver is made.\n\n");
         options_print(options, OPTION_COUNT);
         printf(
             "\nThe last line: parts, what was resected, the tumour, the least distance of what was laid open from it\n"

@@ -31,7 +31,7 @@ enum { MOST_STROKES = 64, MOST_CORNERS = 8, MOST_LINE = 1024 };
 typedef struct settings {
     const char *organ, *out, *stroke, *write_stroke, *front;
     double scale, young, poisson, depth, speed, ridge, rest, rate;
-    int lattice, cells, frames, every, help;
+    int lattice, cells, quadratic, frames, every, help;
 } settings;
 
 /* Where a blade is at a time. */
@@ -69,14 +69,15 @@ static int make_mesh(work *w)
     const settings *s = w->set;
     organ *o = &w->c.scene;
     sb_error error;
+    int status = 0;
     *o = organ_named(program_name);
-    if (s->organ) {
-        int status = organ_load(o, s->organ, s->scale);
-        return status ? status : organ_make_skin(o);
-    }
-    if (sb_mesh_organ(SB_TET4, s->cells, NULL, &o->mesh, &error) != SB_OK)
-        return organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
-    return organ_make_skin(o);
+    if (s->organ)
+        status = organ_load(o, s->organ, s->scale);
+    else if (sb_mesh_organ(SB_TET4, s->cells, NULL, &o->mesh, &error) != SB_OK)
+        status = organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
+    if (!status)
+        status = cut_scene_raise(&w->c, s->quadratic);
+    return status ? status : organ_make_skin(o);
 }
 
 static int make_scene(work *w)
@@ -471,8 +472,8 @@ static int draw_picture(work *w)
     picture_render(&p, -26, 36);
     picture_length_bar(&p);
     snprintf(title, sizeof title, "Cut open by %.1f mm after %.2f s", 1e3 * last->gape, last->time);
-    snprintf(details, sizeof details, "%d tet4, E %.4g kPa, nu %.3g, lattice %d", w->c.scene.mesh.element_count,
-             1e-3 * w->set->young, w->set->poisson, w->set->lattice);
+    snprintf(details, sizeof details, "%d %s, E %.4g kPa, nu %.3g, lattice %d", w->c.scene.mesh.element_count,
+             sb_element_name(w->c.scene.mesh.element_type), 1e-3 * w->set->young, w->set->poisson, w->set->lattice);
     picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), title);
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
     snprintf(path, sizeof path, "%s.png", w->set->out);
@@ -506,8 +507,9 @@ static int print_summary(work *w)
         sum.cells += w->frames[i].info.cells;
         sum.nodes += w->frames[i].info.nodes;
     }
-    printf("organ       %s: %d nodes, %d tet4, E %.4g Pa\n", w->set->organ ? w->set->organ : "like a liver",
-           w->c.scene.mesh.node_count, w->c.scene.mesh.element_count, w->set->young);
+    printf("organ       %s: %d nodes, %d %s, E %.4g Pa\n", w->set->organ ? w->set->organ : "like a liver",
+           w->c.scene.mesh.node_count, w->c.scene.mesh.element_count, sb_element_name(w->c.scene.mesh.element_type),
+           w->set->young);
     printf("cut         %d links (%d by the rule of rings), %d cells and %d nodes more\n", sum.links, sum.ringed,
            sum.cells, sum.nodes);
     print_times(w, "cutting", &w->frames[0].move_ms, 1);
@@ -561,7 +563,7 @@ static settings default_settings(void)
     return s;
 }
 
-enum { OPTION_COUNT = 18 };
+enum { OPTION_COUNT = 19 };
 static void list_options(settings *s, option options[OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
@@ -581,6 +583,7 @@ static void list_options(settings *s, option options[OPTION_COUNT])
         {"--scale", "X", OPTION_NUMBER, NULL, &s->scale, NULL, 1e-9, 1e9,
          "multiplies the organ file's lengths; 0.001 for millimetres"},
         {"--cells", "N", OPTION_INTEGER, &s->cells, NULL, NULL, 4, 60, "of the organ that is made, over its width"},
+        {"--quadratic", NULL, OPTION_FLAG, &s->quadratic, NULL, NULL, 0, 0, "tet10 in place of tet4"},
         {"--young", "PA", OPTION_NUMBER, NULL, &s->young, NULL, 1, 1e9, "Young's modulus (Pa)"},
         {"--poisson", "NU", OPTION_NUMBER, NULL, &s->poisson, NULL, 0, 0.49, "Poisson's ratio"},
         {"--ridge", "SHARE", OPTION_NUMBER, NULL, &s->ridge, NULL, 0.01, 1, "of the organ's width that it lies on"},
@@ -618,7 +621,8 @@ static int program(int argc, char **argv)
         list_options(&s, options);
         printf(
             "usage: cut_scalpel [ORGAN] [OPTIONS]\n\n"
-            "A blade cuts an organ frame by frame, and the cut opens under its weight. ORGAN: a mesh of tet4 in\n"
+            "A blade cuts an organ frame by frame, and the cut opens under its weight. ORGAN: a mesh of tet4 or tet10 "
+            "in\n"
             "metres (VTK, VTU, gmsh, Medit or TetGen); without it one like a liver is made. It lies on a ridge.\n\n");
         options_print(options, OPTION_COUNT);
         printf(

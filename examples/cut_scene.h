@@ -45,6 +45,20 @@ static inline void cut_scene_free(cut_scene *c)
     memset(c, 0, sizeof *c);
 }
 
+/* Makes the organ's mesh, which is loaded, one of tet10 where quadratic is 1 and it is not. Before organ_make_skin. */
+static inline int cut_scene_raise(cut_scene *c, int quadratic)
+{
+    sb_mesh mesh, *old = &c->scene.mesh;
+    sb_error error;
+    if (!quadratic || old->element_type != SB_TET4)
+        return 0;
+    if (sb_mesh_to_tet10(old, NULL, &mesh, &error) != SB_OK)
+        return organ_complain_of(&c->scene, "the organ", &error, ORGAN_USAGE);
+    sb_mesh_free(old);
+    *old = mesh;
+    return 0;
+}
+
 /* A body of the organ's mesh, and what cuts it; strokes: at once. */
 static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lattice, sb_cut_front front, int strokes)
 {
@@ -52,8 +66,8 @@ static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lat
     sb_cut_def cut = sb_default_cut_def();
     sb_error error;
     int status;
-    if (c->scene.mesh.element_type != SB_TET4)
-        return organ_complain(&c->scene, "the organ", "is cut as tet4 only: load a mesh of tetrahedra with 4 nodes",
+    if (c->scene.mesh.element_type != SB_TET4 && c->scene.mesh.element_type != SB_TET10)
+        return organ_complain(&c->scene, "the organ", "is cut as tet4 or tet10 only: load a mesh of tetrahedra",
                               ORGAN_USAGE);
     def.slack = (sb_real)0.5;
     status = organ_make_body(&c->scene, &def, NULL);
@@ -81,9 +95,9 @@ static inline int cut_scene_reserve(cut_scene *c)
         c->numbers = (int *)malloc(2 * (size_t)nodes * sizeof *c->numbers);
         c->number_room = c->numbers ? 2 * nodes : 0;
     }
-    if (parts > c->all_room) {
+    if (parts > c->all_room || !c->all) {
         free(c->all);
-        c->all = (sb_part *)malloc(2 * (size_t)parts * sizeof *c->all);
+        c->all = (sb_part *)malloc((2 * (size_t)parts + 1) * sizeof *c->all);
         c->all_room = c->all ? 2 * parts : 0;
     }
     return c->numbers && c->all;

@@ -439,6 +439,9 @@ wrong_cut 'a plane without a normal' 'cut plane 3 0 0 0 0 0' 'normal of the plan
 wrong_cut 'a plane beside the mesh' 'cut plane 9 0 0 1 0 0' 'the cut meets nothing'
 wrong_cut 'a plane cut twice' 'cut plane 3.3 0 0 1 0 0
 cut plane 3.3 0 0 1 0 0' 'the cut meets nothing of the mesh that was whole' 5
+wrong_cut 'a ball of no size' 'ablate 3 1 1 0' 'radius of the ball is 0, it must be > 0'
+wrong_cut 'a ball beside the mesh' 'ablate 9 9 9 0.1' 'the ball has nothing of the mesh in it' 4
+wrong_cut 'a ball with three numbers' 'ablate 9 9 9' 'word is missing; expected: ablate NUMBER'
 wrong_cut 'a lattice of 3' 'cut plane 3 0 0 1 0 0 lattice=3' 'lattice=3 must be 1, 2 or 4'
 wrong_cut 'two lattices' 'cut plane 3.3 0 0 1 0 0 lattice=1
 cut plane 4.3 0 0 1 0 0 lattice=2' 'lattice=2 differs from that of a cut before, 1' 5
@@ -454,6 +457,11 @@ wrong_cut 'a surface that is a volume' 'cut surface file=bar.vtk' 'bar.vtk has t
 wrong_cut 'a part that nothing holds' 'cut plane 2.5 0 0 1 0 0' \
     'part 2 of the 2 that the cuts leave can move freely: .* 14 m^3 about (4.25, 1, 1)' 5
 wrong_cut 'a box that nothing holds' 'cut surface file=box.obj lattice=4' 'part 2 of the 2 that the cuts leave' 5
+say 'mesh tet10.vtk' "$material" 'fix xyz nodes=z0tet' 'cut plane 0 0 0.6 0 0 1' 'solve static steps=1 tol=1e-9' 'output displacement u' \
+    >tip.case
+"$program" tip.case >../stdout 2>../stderr
+[ $? = 0 ] && grep -q '^tip.case:4: note: the cuts leave parts smaller than an element, which are held: 2' ../stderr
+result 'the tip of a tet10 comes loose' $?
 wrong_line 'cuts of other elements' 'cut plane 0.5 0 0 1 0 0' 'elements of type hex8 cannot be cut, only tet4 and tet10'
 say 'mesh bar.vtk' "$material" 'fix xyz nodes=bar0' 'cut polygon file=half' 'solve static steps=1 tol=1e-9' \
     'output displacement half' >overwriting.case
@@ -486,6 +494,15 @@ result 'all.vtk has skin and lips' $?
 awk '{ n[$1]++ } END { for (e in n) { pieces += n[e] > 1; most = e > most ? e : most } exit !(NR > 144 && pieces > 5 && most + 0 < 144) }' out/s
 result 'a stress for each piece' $?
 rm -f out/s out/all.vtk
+# A ball out of its top: it weighs less, by what the ball has in it, and bends more.
+say "$bar" 'gravity 0 0 -10' 'ablate 3 1 2 0.7 lattice=4' 'solve static steps=1 tol=1e-10' 'output reaction r' \
+    'output displacement u' >burnt.case
+good 'a bar with a hole' burnt.case case/out/all.vtk
+awk '{ z += $4 } END { gone = (2400 - z) / 100; print gone; exit !(gone > 0.66 && gone < 0.74) }' out/r >../stdout
+result 'it weighs less by half a ball' $?
+grep -q '^SCALARS lip' out/all.vtk
+result 'all.vtk has the wall of the hole' $?
+rm -f out/r out/u out/all.vtk
 # Planes that meet leave a crumb, which is held and told.
 say "$bar" 'fix xyz nodes=bar6' 'cut plane 3.3 1 1.1 1 0 0.15' 'cut plane 3.3 1 1.1 1 0.1 -0.15' \
     'solve static steps=1 tol=1e-9' 'output displacement u' >crumbs.case

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, drop, cut_scalpel, cautery, cut_resect, one_body, register_liver and insilico as a user would,
-# with good and bad arguments and files:
+# programs, grasp, palpation, drop, cut_scalpel, cautery, cut_resect, cut_force, one_body, register_liver and insilico as
+# a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
 #
@@ -615,6 +615,8 @@ done
 expect 0 '^parts=1 .* frames=1$' $cut --lattice 4 --frames 1 --every 0 -o odd
 check "no series unless asked for" is_gone odd.vtk.series
 long expect_data 0 '^parts=1' cut_scalpel volumes/liver_a_tet4_2k.vtk --lattice 1 --frames 60 -o organ
+long expect_data 0 '^parts=1' cut_scalpel volumes/liver_a_tet10_1k.vtk --lattice 1 --frames 60 -o organ
+expect 0 '^parts=1 ' cut_scalpel --quadratic --cells 6 --young 20000 --front glue --frames 20 --every 0 -o quadratic
 bad_stroke() { # bad_stroke WORDS TEXT: the file of strokes is refused
     printf "$2" >bad.txt
     expect 2 "^cut_scalpel: bad.txt$1" cut_scalpel --cells 4 --stroke bad.txt
@@ -636,7 +638,7 @@ expect 2 '--front needs lag or glue' cut_scalpel --front lead
 expect 2 '--depth needs a number from' cut_scalpel --depth 2
 expect 2 '--deep is no option' cut_scalpel --deep 2
 expect 2 'no-such.vtk' cut_scalpel no-such.vtk
-expect_data 2 'is cut as tet4 only' cut_scalpel volumes/liver_a_tet10_1k.vtk
+expect_data 2 'is cut as tet4 or tet10 only' cut_scalpel volumes/beam_hex8.vtk
 expect_data 2 'is a surface' cut_scalpel surfaces/liver_a.obj
 expect 3 'does not come to rest' cut_scalpel --cells 4 --young 10
 expect 2 'no-such-folder/x.csv: cannot be written' $cut --frames 1 --every 0 -o no-such-folder/x
@@ -693,6 +695,7 @@ for file in .csv .png; do
 done
 expect 0 'margin_mm=-\{0,1\}0' $resect --lattice 4 --margin 0 --lift 0 -o odd
 long expect_data 0 '^parts=2' cut_resect volumes/liver_a_tet4_2k.vtk --every 0 -o organ
+expect 0 '^parts=2 ' cut_resect --quadratic --cells 6 --every 0 --lift 0 -o quadratic
 expect 2 'the wedge: does not come loose' $resect --margin 0.5
 expect 2 'far.obj: sticks out of the organ' cut_resect --cells 8 --tumour far.obj
 expect 2 'open.obj: .*edges of one face only' cut_resect --cells 8 --tumour open.obj
@@ -703,13 +706,35 @@ expect 2 'volume.vtk: is no surface of triangles' cut_resect --cells 8 --tumour 
 expect 2 '--lattice needs 1, 2 or 4' cut_resect --lattice 3
 expect 2 '--angle needs a number from' cut_resect --angle 90
 expect 2 '--wide is no option' cut_resect --wide 2
-expect_data 2 'is cut as tet4 only' cut_resect volumes/liver_a_tet10_1k.vtk
+expect_data 2 'is cut as tet4 or tet10 only' cut_resect volumes/beam_hex8.vtk
 expect 2 'no-such-folder/x.csv: cannot be written' $resect --lift 0 -o no-such-folder/x
+
+# ---- cut_force ----
+expect 0 '^usage: cut_force' cut_force --help
+expect 0 '^most=[0-9.]* work_J=[0-9.]* area_mm2=[0-9.]* frames=180$' cut_force
+check "a push takes toughness times width" holds "$(last most) > 0.95 * 150 * 0.04 && $(last most) < 1.15 * 150 * 0.04"
+check "the work is that of the area" holds "$(last work_J) > 0.95 * 150e-6 * $(last area_mm2) &&
+    $(last work_J) < 1.0001 * 150e-6 * $(last area_mm2)"
+check "a chart" grep -q '</svg>' cut_force.svg
+check "a row for each frame of three cuts" [ "$(wc -l <cut_force.csv | tr -d ' ')" = 541 ]
+force="cut_force --cells 4"
+expect 0 '^close .* J_c 100 J/m2: .* mN m at most' $force --scissors --toughness 100 --speed 0.2 -o close
+expect 0 '^most=0.000 work_J=0.00000' $force --toughness 0 --speed 0.2 -o none
+expect 0 '^most=' $force --steps --toughness 5 --young 200000 --speed 0.2 --lattice 1 --front lag -o steps
+expect 0 '^most=' $force --steps --toughness 5 --young 200000 --speed 0.2 --lattice 1 --front lag -o again
+for file in .csv .svg; do
+    check "the same cut again: $file" cmp -s steps$file again$file
+done
+expect 2 '--lattice needs 1, 2 or 4' cut_force --lattice 3
+expect 2 '--front needs lag or glue' cut_force --front lead
+expect 2 '--toughness needs a number from' cut_force --toughness -1
+expect 2 'is one word too many' cut_force organ.vtk
+expect 2 'no-such-folder/x.csv: cannot be written' $force --speed 1 -o no-such-folder/x
 
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation drop cut_scalpel cut_resect"
+    palpation drop cut_scalpel cut_resect cut_force"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1
@@ -758,6 +783,7 @@ if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
     full_disk x.csv drop --count 1 --cells 2 --seconds 0.1 -o full/x
     full_disk x.csv cut_scalpel --cells 4 --frames 1 --every 0 -o full/x
     full_disk x.csv $resect --lift 0 -o full/x
+    full_disk x.csv $force --speed 1 -o full/x
     full_disk x.vtk custom_element -n 1 -o full/x.vtk
     full_disk demo.png demo --no-vtk --frames 10 -o full
     full_disk demo_0000.vtk demo --frames 10 --every 5 -o full

@@ -14,7 +14,8 @@ typedef struct scene {
 } scene;
 
 /* with: contact on the cut's surface; 0: on the mesh's boundary. */
-static void scene_make(scene *s, int lattice, int with, int workers, const sb_allocator *allocator)
+static void scene_make_of(scene *s, sb_element_type element, int lattice, int with, int workers,
+                          const sb_allocator *allocator)
 {
     block_options options = block_default(lattice);
     sb_body_def def = sb_default_body_def();
@@ -22,7 +23,7 @@ static void scene_make(scene *s, int lattice, int with, int workers, const sb_al
     sb_error error;
     memset(s, 0, sizeof *s);
     s->workers = workers;
-    s->b.mesh = scene_box(SB_TET4, options.nx, options.ny, options.nz, block_size, options.shake);
+    s->b.mesh = scene_box(element, options.nx, options.ny, options.nz, block_size, options.shake);
     def.mesh = &s->b.mesh;
     def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
     def.damping_stiffness = REAL(0.02);
@@ -39,6 +40,11 @@ static void scene_make(scene *s, int lattice, int with, int workers, const sb_al
     if (!CHECK_OK(sb_contact_create(&contact, &s->p.contact, &error)))
         printf("%s\n", error.message);
     s->p.body = s->b.body;
+}
+
+static void scene_make(scene *s, int lattice, int with, int workers, const sb_allocator *allocator)
+{
+    scene_make_of(s, SB_TET4, lattice, with, workers, allocator);
 }
 
 static void scene_free(scene *s)
@@ -90,7 +96,7 @@ static void take_step(const scene *s, double dt)
 static const double cut_at = 0.0337; /* m, within elements of 10 mm */
 
 /* Where a sphere that comes from the right touches first what is left of a block whose right part was taken away. */
-static double first_touch(int lattice, int with)
+static double first_touch(sb_element_type element, int lattice, int with)
 {
     const double radius = 0.008;
     scene s;
@@ -98,7 +104,7 @@ static double first_touch(int lattice, int with)
     double x = 0.06, force = 0;
     int tool, lips = 0, count;
     static sb_contact_point points[4096];
-    scene_make(&s, lattice, with, 1, NULL);
+    scene_make_of(&s, element, lattice, with, 1, NULL);
     scene_fix_plane(s.b.body, &s.b.mesh, 0, 0, SB_XYZ);
     CHECK_INT(block_cut_plane(&s.b, sb_v3(REAL(cut_at), 0, 0), sb_v3(1, 0, 0)).parts, 2);
     move_part(&s, part_at(&s, sb_v3(1, 0, 0)), sb_v3(1, 0, 0));
@@ -127,10 +133,12 @@ static double first_touch(int lattice, int with)
 
 static void test_place(void)
 {
-    for (int k = 0; k < 3; k++) {
-        double with = first_touch(intervals_of[k], 1), without = first_touch(intervals_of[k], 0);
-        printf("lattice %d: a lip at %.2f mm is touched at %.2f mm, the elements' boundary at %.2f mm\n",
-               intervals_of[k], 1e3 * cut_at, 1e3 * with, 1e3 * without);
+    for (int k = 0; k < 4; k++) {
+        sb_element_type element = k < 3 ? SB_TET4 : SB_TET10;
+        int lattice = intervals_of[k % 3];
+        double with = first_touch(element, lattice, 1), without = first_touch(element, lattice, 0);
+        printf("%s, lattice %d: a lip at %.2f mm is touched at %.2f mm, the elements' boundary at %.2f mm\n",
+               sb_element_name(element), lattice, 1e3 * cut_at, 1e3 * with, 1e3 * without);
         CHECK(with > cut_at - 0.0009 && with < cut_at + 0.0003);
         CHECK(without > cut_at + 0.001);
     }

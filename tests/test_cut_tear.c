@@ -113,7 +113,11 @@ static double strip_energy(int cells, double shake, sb_cut_front front, int max_
 
 static void test_energy(void)
 {
-    double coarse = strip_energy(5, 0, SB_CUT_LAG, 1), fine = strip_energy(11, 0, SB_CUT_LAG, 4);
+    double coarse, fine;
+    if (sizeof(sb_real) < 8)
+        return; /* differences of energies */
+    coarse = strip_energy(5, 0, SB_CUT_LAG, 1);
+    fine = strip_energy(11, 0, SB_CUT_LAG, 4);
     printf("   tears take %.2f and %.2f of the toughness, in elements half as large\n", coarse / toughness,
            fine / toughness);
     CHECK_NEAR(coarse, toughness, 0.2 * toughness);

@@ -33,6 +33,8 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->zone_masses = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
+    p->corner_normals = (sb_vec3 *)sbi_arena_take(arena, faces, SBI_PAIR_CORNERS * sizeof(sb_vec3));
+    p->corners_known = (unsigned char *)sbi_arena_take(arena, faces, 1);
     p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));

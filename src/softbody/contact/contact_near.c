@@ -205,7 +205,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
 SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face) { return contact->pairs.normals[face]; }
 
 /* Normal at a corner of a face: of the faces around it that go on smoothly. */
-static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int node)
+static sb_vec3 sbi_near_make_corner_normal(const sb_contact *contact, int face, int node)
 {
     const sbi_pairs *pairs = &contact->pairs;
     sb_vec3 sum = {0, 0, 0};
@@ -215,6 +215,18 @@ static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int n
     return sbi_near_unit(sum);
 }
 
+/* The same, made when the first sample needs it. */
+static sb_vec3 sbi_near_corner_normal(const sb_contact *contact, int face, int corner)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 *normal = pairs->corner_normals + SBI_PAIR_CORNERS * (size_t)face + corner;
+    if (!(pairs->corners_known[face] >> corner & 1)) {
+        *normal = sbi_near_make_corner_normal(contact, face, sbi_contact_face_nodes(contact->faces, face)[corner]);
+        pairs->corners_known[face] |= (unsigned char)(1 << corner);
+    }
+    return *normal;
+}
+
 SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares)
 {
     const sbi_contact_faces *faces = contact->faces;
@@ -222,7 +234,7 @@ SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_r
     sb_vec3 sum = {0, 0, 0};
     for (int a = 0; a < kind->corners; a++) {
         sb_real share = sbi_contact_corner_share(kind, shares, a);
-        sum = sb_v3_madd(sum, share, sbi_near_corner_normal(contact, face, sbi_contact_face_nodes(faces, face)[a]));
+        sum = sb_v3_madd(sum, share, sbi_near_corner_normal(contact, face, a));
     }
     sum = sbi_near_unit(sum);
     return sb_v3_dot(sum, sum) > 0 ? sum : sbi_pairs_face_normal(contact, face);
@@ -278,6 +290,7 @@ SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
         contact->pairs.vectors[f] = sbi_near_vector(contact->faces, f, x);
         contact->pairs.normals[f] = sbi_near_unit(contact->pairs.vectors[f]);
         sbi_near_fit_ball(contact, f, x);
+        contact->pairs.corners_known[f] = 0;
     }
     for (int leaf = 0; leaf < tree->leaf_count; leaf++)
         sbi_near_fit_leaf(contact, leaf, cones + leaf);

@@ -60,6 +60,8 @@ typedef struct sbi_pair_pressure {
     sb_real value; /* l_a (Pa), > 0 */
 } sbi_pair_pressure;
 
+enum { SBI_PAIR_CORNERS = 4 }; /* of a face at most */
+
 /* Faces found near one whose samples are to be paired: whose middle may be the nearest to a sample; that may hold one
  * where the step begins; that one may be behind; that one may come to on its way. */
 enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
@@ -90,13 +92,15 @@ typedef struct sbi_pairs {
     sb_vec3 *box_low, *box_high;   /* m, by the tree's places: of the walk at hand */
 
     /* of the step, likewise by face */
-    sb_vec3 *vectors; /* across each face, twice its area long (m^2), where the step begins */
-    sb_vec3 *middles; /* m, there: no point of the face is farther from it than: */
-    sb_real *radii;   /* m */
-    sb_vec3 *normals; /* unit, or 0 where a face has no area */
-    sb_vec3 *ways;    /* m, over the step: no point of the face goes otherwise by more than: */
-    sb_real *spreads; /* m */
-    uint64_t *near;   /* a bit for each face that is near one that it looks at */
+    sb_vec3 *vectors;             /* across each face, twice its area long (m^2), where the step begins */
+    sb_vec3 *middles;             /* m, there: no point of the face is farther from it than: */
+    sb_real *radii;               /* m */
+    sb_vec3 *corner_normals;      /* [faces][SBI_PAIR_CORNERS] of the smooth surface, where corners_known has a bit */
+    unsigned char *corners_known; /* bits of corners */
+    sb_vec3 *normals;             /* unit, or 0 where a face has no area */
+    sb_vec3 *ways;                /* m, over the step: no point of the face goes otherwise by more than: */
+    sb_real *spreads;             /* m */
+    uint64_t *near;               /* a bit for each face that is near one that it looks at */
     int *found;
     int *lists[SBI_PAIR_LISTS]; /* of those found, what samples of the face at hand need to look at */
     int list_counts[SBI_PAIR_LISTS];

@@ -23,10 +23,10 @@ static int sbi_cut_handle_tet(const sb_cut *cut, sbi_cut_handle at)
     return at >= 0 ? cut->cells[at].tet : cut->elements.items[cut->pieces[~at].cell];
 }
 
-/* The node of a corner before the call. */
-static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int corner)
+/* A node of a piece before the call. */
+static int sbi_cut_handle_node(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    return at >= 0 ? cut->cells[at].old_nodes[corner] : sb_body_cell_nodes(cut->body, cut->pieces[~at].cell)[corner];
+    return at >= 0 ? cut->cells[at].old_nodes[local] : sbi_cut_piece_nodes(cut, ~at)[local];
 }
 
 /* ---- one search ---- */
@@ -102,14 +102,13 @@ static int sbi_cut_will_be_glued(const sb_cut *cut, int tet)
     return at < cut->next_glue_count && cut->next_glue[at].tet == tet;
 }
 
-/* 1 when a corner of a piece is to be supported. */
-static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int corner)
+/* 1 when a node of a piece is to be supported. */
+static int sbi_cut_is_held(const sb_cut *cut, sbi_cut_handle at, int local)
 {
-    int node = cut->tets[4 * (size_t)sbi_cut_handle_tet(cut, at) + (size_t)corner];
-    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, corner)])
+    if (!cut->body->fixed[sbi_cut_handle_node(cut, at, local)])
         return 0;
-    return !cut->node_marks[node] || (cut->cells[at].points >> corner & 1) ||
-           sbi_cut_held_axes(cut, cut->cells + at, corner);
+    return !cut->node_marks[sbi_cut_tet_nodes(cut, sbi_cut_handle_tet(cut, at))[local]] ||
+           sbi_cut_has_material(cut, cut->cells + at, local) || sbi_cut_held_axes(cut, cut->cells + at, local);
 }
 
 /* Searches the part of a piece; 1: it is a crumb. */
@@ -126,10 +125,10 @@ static int sbi_cut_flood_from(sb_cut *cut, sbi_cut_flood *flood, sbi_cut_handle 
         sb_real share = at >= 0 ? cut->cells[at].share : sb_body_cell_share(cut->body, cut->pieces[~at].cell);
         flood->volume += (double)share * (double)sbi_cut_tet_volume(cut, tet);
         flood->ends |= flood->volume >= (double)cut->least_volume;
-        for (int a = 0; a < 4 && !flood->ends; a++) {
-            flood->ends |= sbi_cut_is_held(cut, at, a);
+        for (int a = 0; a < cut->nodes_per_tet && !flood->ends; a++)
+            flood->ends = sbi_cut_is_held(cut, at, a);
+        for (int a = 0; a < 4 && !flood->ends; a++) /* where pieces share a middle they share both ends */
             sbi_cut_visit_around(cut, flood, at, a);
-        }
         if (!flood->ends && sbi_cut_will_be_glued(cut, tet))
             sbi_cut_visit_tet(cut, flood, tet);
     }
