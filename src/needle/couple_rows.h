@@ -14,6 +14,7 @@
 #ifndef NDL_COUPLE_ROWS_H
 #define NDL_COUPLE_ROWS_H
 
+#include "../softbody/mesh/element.h"
 #include "couple_line.h"
 
 /* What ties rod node i, by its number. */
