@@ -1073,7 +1073,7 @@ typedef enum ndl_follow {
                      * the mesh: an 18-gauge or nitinol needle 45 mm deep in 12 to 60 kPa has the same lateral stiffness
                      * to 2 % with edges from 17 to 7 mm (NDL_REMESH: 1.9 times), 0 to 3 % from that of a mesh graded
                      * to the needle's radius (nitinol; steel 10 %). Needles enter where they meet the skin: of 12 into
-                     * random ellipsoids none felt 0.1 N more than friction and cutting in any step. Under load the
+                     * random ellipsoids none felt 0.02 N more than friction and cutting in any step. Under load the
                      * rod is ahead of its material points, by 1 mm of 20 N/m and 3 mm at a tip of 0.5 N in 50 kPa,
                      * which is how far tissue about a needle is drawn along. A tip bends as the bevel's curvature says,
                      * but its way leaves the shaft's direction by 0.1 rad at most. Limits: needles do not go in through
@@ -10610,9 +10610,11 @@ SB_INLINE int ndli_line_unknown_count(const ndli_line *line) { return NDLI_LINE_
 NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step);
 /* unknown[4 nodes] = where a solve starts: the rod goes on as it goes, nothing slips. */
 NDLI_API void ndli_line_start(const ndli_line *line, double *unknown);
-/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states,
- * factored; matrix: the body's. 0: not positive definite. */
-NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix);
+/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states;
+ * matrix: the body's. */
+NDLI_API void ndli_line_fill(ndli_line *line, const sb_matrix *matrix);
+/* Factors it. 0: not positive definite. */
+NDLI_API int ndli_line_factor(ndli_line *line);
 /* Before a step: the contact forces are those at its start. */
 NDLI_API void ndli_line_keep_contact(ndli_line *line);
 
@@ -10969,7 +10971,7 @@ NDLI_API void ndli_line_add_to_band(ndli_line *line, int a, int b, double factor
             line->band[ndli_line_band_at(a, r, b, c)] += factor * k->m[r][c];
 }
 
-NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
+NDLI_API void ndli_line_fill(ndli_line *line, const sb_matrix *matrix)
 {
     enum { N = NDLI_LINE_UNKNOWNS };
     int n = N * line->rod->node_count;
@@ -10983,9 +10985,11 @@ NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
                 for (int c = 0; c < N && (k > 0 || c <= r); c++)
                     line->band[ndli_line_band_at(i, r, i - k, c)] = block[r][c];
         }
-    if (line->holds)
-        ndli_rows_add_band(line);
-    return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
+}
+
+NDLI_API int ndli_line_factor(ndli_line *line)
+{
+    return ndli_band_factor(line->band, ndli_line_unknown_count(line), NDLI_LINE_WIDTH, 1e-14) < 0;
 }
 
 NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, const double *nodes, double *out_unknown,
@@ -11211,9 +11215,13 @@ static void ndli_couple_precondition(void *user, const double *r, double *z)
 
 static int ndli_couple_factor(const ndli_couple *c)
 {
-    for (int k = 0; k < c->count; k++)
-        if (!ndli_line_factor(c->lines[k], c->matrix))
+    for (int k = 0; k < c->count; k++) {
+        ndli_line_fill(c->lines[k], c->matrix);
+        if (c->rows)
+            ndli_rows_add_band(c->lines[k]);
+        if (!ndli_line_factor(c->lines[k]))
             return 0;
+    }
     return 1;
 }
 
@@ -11810,6 +11818,7 @@ struct ndl_needle {
     int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
     double radius;           /* m */
     ndli_track track;        /* of a needle that is held by rows, as what follows */
+    double entering;         /* m of the edge before its first node in the tissue that are in it */
     double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */
     double *stretch;         /* [capacity] of the tissue along it there, in the present substep */
@@ -11880,8 +11889,6 @@ NDLI_API void ndli_held_resist(ndl_needle *needle);
 NDLI_API void ndli_held_forget(struct ndli_site *site);
 /* After a substep: the tip enters, goes on, or back. What cannot be done holds it. */
 NDLI_API void ndli_held_follow_tip(ndl_needle *needle);
-/* How much of the edge before its first node in the tissue is in it (m). */
-NDLI_API double ndli_held_entering(const ndl_needle *needle);
 /* It is outside. */
 NDLI_API void ndli_held_leave(ndl_needle *needle);
 /* Length (m) of the bends that a side load makes of a needle in tissue of such a modulus (Pa): (4 EI / k)^(1/4). */
@@ -12180,9 +12187,7 @@ NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
         return 0;
     for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
         sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
-    if (needle->site->embeds && needle->line.count > 0)
-        sum += ndli_held_entering(needle);
-    return (sb_real)sum;
+    return (sb_real)(sum + needle->entering);
 }
 
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }
@@ -12224,7 +12229,7 @@ typedef struct ndli_site_head {
     unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
 } ndli_site_head;
 
-enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 4 };
+enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 5 };
 
 typedef struct ndli_needle_head {
     uint64_t make; /* hash of what its def says beside the rod */
@@ -12238,7 +12243,7 @@ typedef struct ndli_needle_head {
 static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS], ndli_v3 *vectors[NDLI_HEAD_VECTORS])
 {
     reals[0] = &needle->edge_length, reals[1] = &needle->fed, reals[2] = &needle->advance;
-    reals[3] = &needle->line.cutting;
+    reals[3] = &needle->line.cutting, reals[4] = &needle->entering;
     vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
     vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
     vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
@@ -12291,6 +12296,7 @@ static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_need
     h->base_given = needle->base_given;
     h->hold_steps = needle->hold_steps;
     h->points = h->count > 0 ? needle->track.count : 0;
+    h->reals[4] = h->count > 0 ? h->reals[4] : 0;
 }
 
 static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
@@ -12390,7 +12396,7 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
         h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) || h->points < 0 ||
         h->points > needle->track.capacity || (h->points > 0) != (h->count > 0 && needle->site->embeds) ||
         (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
-        !(h->reals[0] > 0))
+        !(h->reals[0] > 0) || !(h->reals[4] >= 0) || (h->reals[4] > 0 && h->points == 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
     return SB_OK;
 }
@@ -12952,7 +12958,7 @@ static void ndli_resist_tip(ndl_needle *needle, int tip, double table)
 
 /* ---- all of it ---- */
 
-static void ndli_resist_nodes(ndl_needle *needle)
+NDLI_API void ndli_needle_resist(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
@@ -12978,14 +12984,6 @@ static void ndli_resist_nodes(ndl_needle *needle)
     }
     for (int j = 0; j < sbi_min_int(line->first, ends); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
-}
-
-NDLI_API void ndli_needle_resist(ndl_needle *needle)
-{
-    if (needle->site->embeds)
-        ndli_held_resist(needle);
-    else
-        ndli_resist_nodes(needle);
 }
 
 /* ==== src/needle/needle_held.c ==== */
@@ -13121,21 +13119,22 @@ static double ndli_held_reach(const ndl_needle *needle, double *stretch)
     return spot.stretch * needle->arc[first] + wound - fmin(fmax(wound, -slack), slack);
 }
 
-NDLI_API double ndli_held_entering(const ndl_needle *needle)
+static void ndli_held_measure_entering(ndl_needle *needle)
 {
-    double stretch, reach = ndli_held_reach(needle, &stretch);
-    return fmin(fmax(reach, 0), ndli_held_edge(needle->rod, needle->line.first - 1));
+    double stretch, reach = needle->line.count > 0 ? ndli_held_reach(needle, &stretch) : 0;
+    needle->entering =
+        needle->line.count > 0 ? fmin(fmax(reach, 0), ndli_held_edge(needle->rod, needle->line.first - 1)) : 0;
 }
 
 /* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
-static double ndli_held_length(const ndl_needle *needle, int i, double entering)
+static double ndli_held_length(const ndl_needle *needle, int i)
 {
     const ndl_rod *rod = needle->rod;
     int first = needle->line.first;
     double sum = 0;
     if (i < first)
-        return 0.5 * entering;
-    sum += i == first ? entering : ndli_held_edge(rod, i - 1);
+        return 0.5 * needle->entering;
+    sum += i == first ? needle->entering : ndli_held_edge(rod, i - 1);
     sum += i + 1 < rod->node_count ? ndli_held_edge(rod, i) : 0;
     return 0.5 * sum;
 }
@@ -13167,7 +13166,7 @@ static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struc
 }
 
 /* Hold i where it is now, `length` of shaft; *spot: where its material is. */
-static void ndli_held_make(ndl_needle *needle, int i, double length, double entering, ndli_held_spot *spot)
+static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_spot *spot)
 {
     struct ndli_hold *hold = needle->line.holds + i;
     const ndl_rod *rod = needle->rod;
@@ -13175,7 +13174,7 @@ static void ndli_held_make(ndl_needle *needle, int i, double length, double ente
     int is_tip = i == ndli_line_foremost(&needle->line), there = ndli_held_find(needle, ndli_held_arc(needle, i), spot);
     memset(hold, 0, sizeof *hold);
     if (i < needle->line.first)
-        hold->share = 1 - entering / ndli_held_edge(rod, i);
+        hold->share = 1 - needle->entering / ndli_held_edge(rod, i);
     hold->tangent = hold->share > 0 ? rod->tangent[i] : ndli_held_tangent(rod, i);
     needle->stretch[i] = spot->stretch;
     if (!there || !(length > 0 || is_tip))
@@ -13220,15 +13219,15 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     int last = ndli_line_foremost(line), first = ndli_line_rearmost(line);
-    double entering = line->count > 0 ? ndli_held_entering(needle) : 0;
     line->cutting = 0;
+    ndli_held_measure_entering(needle);
     for (int j = 0; j < sbi_min_int(first, rod->node_count - 1); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
     for (int i = first; i <= last; i++) {
-        double length = ndli_held_length(needle, i, entering), edge;
+        double length = ndli_held_length(needle, i), edge;
         const ndl_friction *friction = NULL;
         ndli_held_spot spot;
-        ndli_held_make(needle, i, length, entering, &spot);
+        ndli_held_make(needle, i, length, &spot);
         if (spot.row.count)
             friction = ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &spot.row));
         line->friction[i] = friction ? length * (double)friction->friction : 0;
@@ -13237,7 +13236,7 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
             ndli_held_resist_tip(needle, &spot.row, friction);
             continue;
         }
-        edge = i < line->first ? entering : ndli_held_edge(rod, i);
+        edge = i < line->first ? needle->entering : ndli_held_edge(rod, i);
         ndl_rod_set_grip(rod, i, friction ? (sb_real)(edge * (double)friction->twist_stiffness) : 0,
                          friction ? (sb_real)(edge * (double)friction->twist_friction) : 0);
     }
@@ -13342,6 +13341,7 @@ NDLI_API void ndli_held_leave(ndl_needle *needle)
     needle->line.first = needle->rod->node_count;
     needle->line.count = 0;
     needle->track.count = 0;
+    needle->entering = 0;
 }
 
 /* Nodes that have come in, or gone out again. */
@@ -13362,6 +13362,7 @@ static void ndli_held_count(ndl_needle *needle)
         line->contact[next - 1] = ndli_v(0, 0, 0);
     }
     line->count = rod->node_count - line->first;
+    ndli_held_measure_entering(needle);
 }
 
 /* Nodes come to where they have slipped to; none passes the next. */
@@ -14308,7 +14309,10 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         if (result != SB_OK)
             return result;
         ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, left);
-        ndli_needle_resist(needle);
+        if (s->site->embeds)
+            ndli_held_resist(needle);
+        else
+            ndli_needle_resist(needle);
         needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
     }
     s->info->seconds_needle += ndli_step_now(s->site) - begin;

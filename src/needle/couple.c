@@ -61,9 +61,13 @@ static void ndli_couple_precondition(void *user, const double *r, double *z)
 
 static int ndli_couple_factor(const ndli_couple *c)
 {
-    for (int k = 0; k < c->count; k++)
-        if (!ndli_line_factor(c->lines[k], c->matrix))
+    for (int k = 0; k < c->count; k++) {
+        ndli_line_fill(c->lines[k], c->matrix);
+        if (c->rows)
+            ndli_rows_add_band(c->lines[k]);
+        if (!ndli_line_factor(c->lines[k]))
             return 0;
+    }
     return 1;
 }
 

@@ -1,5 +1,5 @@
 /* couple_line: see couple_line.h. */
-#include "couple_rows.h"
+#include "couple_line.h"
 
 #include "band.h"
 
@@ -248,7 +248,7 @@ NDLI_API void ndli_line_add_to_band(ndli_line *line, int a, int b, double factor
             line->band[ndli_line_band_at(a, r, b, c)] += factor * k->m[r][c];
 }
 
-NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
+NDLI_API void ndli_line_fill(ndli_line *line, const sb_matrix *matrix)
 {
     enum { N = NDLI_LINE_UNKNOWNS };
     int n = N * line->rod->node_count;
@@ -262,9 +262,11 @@ NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
                 for (int c = 0; c < N && (k > 0 || c <= r); c++)
                     line->band[ndli_line_band_at(i, r, i - k, c)] = block[r][c];
         }
-    if (line->holds)
-        ndli_rows_add_band(line);
-    return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
+}
+
+NDLI_API int ndli_line_factor(ndli_line *line)
+{
+    return ndli_band_factor(line->band, ndli_line_unknown_count(line), NDLI_LINE_WIDTH, 1e-14) < 0;
 }
 
 NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, const double *nodes, double *out_unknown,

@@ -87,9 +87,11 @@ SB_INLINE int ndli_line_unknown_count(const ndli_line *line) { return NDLI_LINE_
 NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step);
 /* unknown[4 nodes] = where a solve starts: the rod goes on as it goes, nothing slips. */
 NDLI_API void ndli_line_start(const ndli_line *line, double *unknown);
-/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states,
- * factored; matrix: the body's. 0: not positive definite. */
-NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix);
+/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states;
+ * matrix: the body's. */
+NDLI_API void ndli_line_fill(ndli_line *line, const sb_matrix *matrix);
+/* Factors it. 0: not positive definite. */
+NDLI_API int ndli_line_factor(ndli_line *line);
 /* Before a step: the contact forces are those at its start. */
 NDLI_API void ndli_line_keep_contact(ndli_line *line);
 

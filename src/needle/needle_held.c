@@ -4,7 +4,6 @@
  * A rod node in the tissue is at an arc of the track, which grows by what the node slips; that is all there is to
  * remember: how far the rod is past the tissue follows from where both are. The node before the first in the tissue has
  * a hold on its edge, where that goes in, so that forces do not jump when it follows. */
-#include "couple_rows.h"
 #include "needle_private.h"
 
 #include <string.h>
@@ -132,21 +131,22 @@ static double ndli_held_reach(const ndl_needle *needle, double *stretch)
     return spot.stretch * needle->arc[first] + wound - fmin(fmax(wound, -slack), slack);
 }
 
-NDLI_API double ndli_held_entering(const ndl_needle *needle)
+static void ndli_held_measure_entering(ndl_needle *needle)
 {
-    double stretch, reach = ndli_held_reach(needle, &stretch);
-    return fmin(fmax(reach, 0), ndli_held_edge(needle->rod, needle->line.first - 1));
+    double stretch, reach = needle->line.count > 0 ? ndli_held_reach(needle, &stretch) : 0;
+    needle->entering =
+        needle->line.count > 0 ? fmin(fmax(reach, 0), ndli_held_edge(needle->rod, needle->line.first - 1)) : 0;
 }
 
 /* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
-static double ndli_held_length(const ndl_needle *needle, int i, double entering)
+static double ndli_held_length(const ndl_needle *needle, int i)
 {
     const ndl_rod *rod = needle->rod;
     int first = needle->line.first;
     double sum = 0;
     if (i < first)
-        return 0.5 * entering;
-    sum += i == first ? entering : ndli_held_edge(rod, i - 1);
+        return 0.5 * needle->entering;
+    sum += i == first ? needle->entering : ndli_held_edge(rod, i - 1);
     sum += i + 1 < rod->node_count ? ndli_held_edge(rod, i) : 0;
     return 0.5 * sum;
 }
@@ -178,7 +178,7 @@ static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struc
 }
 
 /* Hold i where it is now, `length` of shaft; *spot: where its material is. */
-static void ndli_held_make(ndl_needle *needle, int i, double length, double entering, ndli_held_spot *spot)
+static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_spot *spot)
 {
     struct ndli_hold *hold = needle->line.holds + i;
     const ndl_rod *rod = needle->rod;
@@ -186,7 +186,7 @@ static void ndli_held_make(ndl_needle *needle, int i, double length, double ente
     int is_tip = i == ndli_line_foremost(&needle->line), there = ndli_held_find(needle, ndli_held_arc(needle, i), spot);
     memset(hold, 0, sizeof *hold);
     if (i < needle->line.first)
-        hold->share = 1 - entering / ndli_held_edge(rod, i);
+        hold->share = 1 - needle->entering / ndli_held_edge(rod, i);
     hold->tangent = hold->share > 0 ? rod->tangent[i] : ndli_held_tangent(rod, i);
     needle->stretch[i] = spot->stretch;
     if (!there || !(length > 0 || is_tip))
@@ -231,15 +231,15 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
     int last = ndli_line_foremost(line), first = ndli_line_rearmost(line);
-    double entering = line->count > 0 ? ndli_held_entering(needle) : 0;
     line->cutting = 0;
+    ndli_held_measure_entering(needle);
     for (int j = 0; j < sbi_min_int(first, rod->node_count - 1); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
     for (int i = first; i <= last; i++) {
-        double length = ndli_held_length(needle, i, entering), edge;
+        double length = ndli_held_length(needle, i), edge;
         const ndl_friction *friction = NULL;
         ndli_held_spot spot;
-        ndli_held_make(needle, i, length, entering, &spot);
+        ndli_held_make(needle, i, length, &spot);
         if (spot.row.count)
             friction = ndli_needle_friction(needle, ndli_bed_region(&needle->site->bed, &spot.row));
         line->friction[i] = friction ? length * (double)friction->friction : 0;
@@ -248,7 +248,7 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
             ndli_held_resist_tip(needle, &spot.row, friction);
             continue;
         }
-        edge = i < line->first ? entering : ndli_held_edge(rod, i);
+        edge = i < line->first ? needle->entering : ndli_held_edge(rod, i);
         ndl_rod_set_grip(rod, i, friction ? (sb_real)(edge * (double)friction->twist_stiffness) : 0,
                          friction ? (sb_real)(edge * (double)friction->twist_friction) : 0);
     }
@@ -353,6 +353,7 @@ NDLI_API void ndli_held_leave(ndl_needle *needle)
     needle->line.first = needle->rod->node_count;
     needle->line.count = 0;
     needle->track.count = 0;
+    needle->entering = 0;
 }
 
 /* Nodes that have come in, or gone out again. */
@@ -373,6 +374,7 @@ static void ndli_held_count(ndl_needle *needle)
         line->contact[next - 1] = ndli_v(0, 0, 0);
     }
     line->count = rod->node_count - line->first;
+    ndli_held_measure_entering(needle);
 }
 
 /* Nodes come to where they have slipped to; none passes the next. */

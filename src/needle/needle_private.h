@@ -6,7 +6,7 @@
 #define NDL_NEEDLE_PRIVATE_H
 
 #include "bed.h"
-#include "couple_line.h"
+#include "couple_rows.h"
 #include "needle.h"
 #include "rod_state.h"
 #include "track.h"
@@ -49,6 +49,7 @@ struct ndl_needle {
     int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
     double radius;           /* m */
     ndli_track track;        /* of a needle that is held by rows, as what follows */
+    double entering;         /* m of the edge before its first node in the tissue that are in it */
     double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */
     double *stretch;         /* [capacity] of the tissue along it there, in the present substep */
@@ -119,8 +120,6 @@ NDLI_API void ndli_held_resist(ndl_needle *needle);
 NDLI_API void ndli_held_forget(struct ndli_site *site);
 /* After a substep: the tip enters, goes on, or back. What cannot be done holds it. */
 NDLI_API void ndli_held_follow_tip(ndl_needle *needle);
-/* How much of the edge before its first node in the tissue is in it (m). */
-NDLI_API double ndli_held_entering(const ndl_needle *needle);
 /* It is outside. */
 NDLI_API void ndli_held_leave(ndl_needle *needle);
 /* Length (m) of the bends that a side load makes of a needle in tissue of such a modulus (Pa): (4 EI / k)^(1/4). */

@@ -71,9 +71,7 @@ NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
         return 0;
     for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
         sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
-    if (needle->site->embeds && needle->line.count > 0)
-        sum += ndli_held_entering(needle);
-    return (sb_real)sum;
+    return (sb_real)(sum + needle->entering);
 }
 
 NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }

@@ -228,7 +228,7 @@ static void ndli_resist_tip(ndl_needle *needle, int tip, double table)
 
 /* ---- all of it ---- */
 
-static void ndli_resist_nodes(ndl_needle *needle)
+NDLI_API void ndli_needle_resist(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
@@ -254,12 +254,4 @@ static void ndli_resist_nodes(ndl_needle *needle)
     }
     for (int j = 0; j < sbi_min_int(line->first, ends); j++)
         ndl_rod_set_grip(rod, j, 0, 0);
-}
-
-NDLI_API void ndli_needle_resist(ndl_needle *needle)
-{
-    if (needle->site->embeds)
-        ndli_held_resist(needle);
-    else
-        ndli_resist_nodes(needle);
 }

@@ -18,7 +18,7 @@ typedef struct ndli_site_head {
     unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
 } ndli_site_head;
 
-enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 4 };
+enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 5 };
 
 typedef struct ndli_needle_head {
     uint64_t make; /* hash of what its def says beside the rod */
@@ -32,7 +32,7 @@ typedef struct ndli_needle_head {
 static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS], ndli_v3 *vectors[NDLI_HEAD_VECTORS])
 {
     reals[0] = &needle->edge_length, reals[1] = &needle->fed, reals[2] = &needle->advance;
-    reals[3] = &needle->line.cutting;
+    reals[3] = &needle->line.cutting, reals[4] = &needle->entering;
     vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
     vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
     vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
@@ -85,6 +85,7 @@ static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_need
     h->base_given = needle->base_given;
     h->hold_steps = needle->hold_steps;
     h->points = h->count > 0 ? needle->track.count : 0;
+    h->reals[4] = h->count > 0 ? h->reals[4] : 0;
 }
 
 static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
@@ -184,7 +185,7 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
         h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) || h->points < 0 ||
         h->points > needle->track.capacity || (h->points > 0) != (h->count > 0 && needle->site->embeds) ||
         (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
-        !(h->reals[0] > 0))
+        !(h->reals[0] > 0) || !(h->reals[4] >= 0) || (h->reals[4] > 0 && h->points == 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
     return SB_OK;
 }

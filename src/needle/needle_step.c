@@ -171,7 +171,10 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         if (result != SB_OK)
             return result;
         ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, left);
-        ndli_needle_resist(needle);
+        if (s->site->embeds)
+            ndli_held_resist(needle);
+        else
+            ndli_needle_resist(needle);
         needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
     }
     s->info->seconds_needle += ndli_step_now(s->site) - begin;
