@@ -56709,7 +56709,8 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
     if (result != SB_OK)
         return result;
     memcpy(made->row_start, rows->start, ((size_t)rows->rows + 1) * sizeof(int));
-    memcpy(made->nodes, rows->nodes, (size_t)rows->entries * sizeof(int));
+    if (rows->entries > 0) /* a load that has lost all of its faces has none */
+        memcpy(made->nodes, rows->nodes, (size_t)rows->entries * sizeof(int));
     made->id = load->id;
     made->balanced = load->balanced;
     made->pressure = load->pressure;

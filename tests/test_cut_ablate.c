@@ -114,7 +114,7 @@ static void test_way(void)
     b = block_make(&options);
     whole = volume_of(&b);
     for (int k = 0; k <= STEPS; k++) {
-        sb_vec3 at = sb_v3(REAL(0.0183 + length * k / STEPS), block_size.y / 2, block_size.z / 2);
+        sb_vec3 at = sb_v3(REAL(0.0183 + length * k / (int)STEPS), block_size.y / 2, block_size.z / 2);
         taken += (double)block_ablate(&b, at, radius).removed_volume;
     }
     check_pieces(&b);

@@ -188,7 +188,7 @@ static void cut_stroke(stress *s, int kind, unsigned long long *seed)
     sb_cut_info info;
     sb_error error;
     for (int i = 0; i <= FRAMES; i++) {
-        double at = 2.0 * i / FRAMES - 1;
+        double at = 2.0 * i / (int)FRAMES - 1;
         at = kind == 1 ? 1 - 2 * fabs(at) : at;
         if (kind == 2 && i == FRAMES / 2)
             middle = sb_v3_add(middle, sb_v3_scale(REAL(2 * s->size), random_direction(seed)));
