@@ -68,6 +68,8 @@ static int make_mesh(work *w)
         status = organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
     if (!status)
         status = cut_scene_raise(&w->c, s->quadratic);
+    if (!status)
+        status = cut_scene_check(&w->c);
     return status ? status : organ_make_skin(o);
 }
 

@@ -59,6 +59,14 @@ static inline int cut_scene_raise(cut_scene *c, int quadratic)
     return 0;
 }
 
+static inline int cut_scene_check(const cut_scene *c)
+{
+    if (c->scene.mesh.element_type == SB_TET4 || c->scene.mesh.element_type == SB_TET10)
+        return 0;
+    return organ_complain(&c->scene, "the organ", "is cut as tet4 or tet10 only: load a mesh of tetrahedra",
+                          ORGAN_USAGE);
+}
+
 /* A body of the organ's mesh, and what cuts it; strokes: at once. */
 static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lattice, sb_cut_front front, int strokes)
 {
@@ -66,9 +74,9 @@ static inline int cut_scene_make(cut_scene *c, const sb_body_def *given, int lat
     sb_cut_def cut = sb_default_cut_def();
     sb_error error;
     int status;
-    if (c->scene.mesh.element_type != SB_TET4 && c->scene.mesh.element_type != SB_TET10)
-        return organ_complain(&c->scene, "the organ", "is cut as tet4 or tet10 only: load a mesh of tetrahedra",
-                              ORGAN_USAGE);
+    status = cut_scene_check(c);
+    if (status)
+        return status;
     def.slack = (sb_real)0.5;
     status = organ_make_body(&c->scene, &def, NULL);
     if (status)

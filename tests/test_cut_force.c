@@ -400,6 +400,7 @@ static void test_bad_states(void)
     CHECK(b.cut->strokes[stroke].debts.count > 0 && b.body->live->push_count > 0);
     state = (unsigned char *)state_of(&b, &size);
     damaged = (unsigned char *)malloc(size);
+    check_bad_numbers();
     for (int k = 0; k < rounds; k++) {
         size_t at = size - 8 - (size_t)(check_random(&seed) * 3000); /* what forces have comes last */
         memcpy(damaged, state, size);

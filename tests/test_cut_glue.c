@@ -570,6 +570,7 @@ static void test_bad_states(void)
     b = half_cut(&options, 5);
     state = (unsigned char *)state_of(&b, &size);
     damaged = (unsigned char *)malloc(size);
+    check_bad_numbers();
     for (int k = 0; k < rounds; k++) {
         size_t at = 16 + (size_t)(check_random(&seed) * (double)(size - 32));
         memcpy(damaged, state, size);
