@@ -1077,7 +1077,9 @@ typedef enum ndl_follow {
                      * rod is ahead of its material points, by 1 mm of 20 N/m and 3 mm at a tip of 0.5 N in 50 kPa,
                      * which is how far tissue about a needle is drawn along. A tip bends as the bevel's curvature says,
                      * but its way leaves the shaft's direction by 0.1 rad at most. Limits: needles do not go in through
-                     * the lips of a cut, nor from a piece into another where these stand apart; entry_slip is not read */
+                     * the lips of a cut, and are stopped as by a wall where a piece stands apart from the next; the
+                     * sb_cut that cut the body has to stay as long as they do: without it they are out of the tissue,
+                     * as where others change the mesh; entry_slip is not read */
 } ndl_follow;
 
 /* What a needle is made from. Start from ndl_default_needle_def(), set body, base and direction. */
@@ -11064,10 +11066,20 @@ static ndli_v3 ndli_rows_way(const ndli_line *line, int i, const double *nodes)
     return way;
 }
 
-/* Stiffness along (N/m) in the present state of friction. */
+/* Of what a hold's spring takes up, the share that slip does not, for its viscous friction: 1 without such. */
+static double ndli_rows_give(const ndli_line *line, int i)
+{
+    double k = line->holds[i].along;
+    return k > 0 ? k / (k + ndli_line_viscosity(line, i)) : 0;
+}
+
+/* Stiffness along (N/m) in the present state of friction: of a slipping hold that of viscous friction behind its
+ * spring. */
 static double ndli_rows_along(const ndli_line *line, int i)
 {
-    return ndli_line_is_slipping(line, i) ? ndli_line_viscosity(line, i) : line->holds[i].along;
+    if (!ndli_line_is_slipping(line, i))
+        return line->holds[i].along;
+    return ndli_rows_give(line, i) * ndli_line_viscosity(line, i);
 }
 
 static ndli_v3 ndli_rows_spring(const ndli_line *line, int i, ndli_v3 s)
@@ -11082,13 +11094,12 @@ static ndli_v3 ndli_rows_spring(const ndli_line *line, int i, ndli_v3 s)
 static ndli_v3 ndli_rows_force(const ndli_line *line, int i, ndli_v3 way)
 {
     const struct ndli_hold *hold = line->holds + i;
-    ndli_v3 force = ndli_rows_spring(line, i, way), known;
+    ndli_v3 force = ndli_rows_spring(line, i, ndli_add(hold->offset, way));
     if (hold->count == 0)
         return ndli_v(0, 0, 0);
-    if (!ndli_line_is_slipping(line, i))
-        return ndli_add(force, ndli_rows_spring(line, i, hold->offset));
-    known = ndli_madd(hold->offset, -ndli_dot(hold->offset, hold->tangent), hold->tangent);
-    return ndli_madd(ndli_madd(force, -hold->across, known), ndli_line_drag(line, i), hold->tangent);
+    if (ndli_line_is_slipping(line, i))
+        force = ndli_madd(force, ndli_rows_give(line, i) * ndli_line_drag(line, i), hold->tangent);
+    return force;
 }
 
 NDLI_API void ndli_rows_apply(ndli_line *line, int loads, const double *nodes, double *out_unknown, double *out_nodes)
@@ -11145,8 +11156,10 @@ NDLI_API void ndli_rows_read(ndli_line *line, const double *nodes)
         ndli_v3 way = ndli_rows_way(line, i, nodes), force = ndli_rows_force(line, i, way);
         double along = ndli_dot(hold->tangent, ndli_add(hold->offset, way));
         line->contact[i] = force;
-        if (ndli_line_is_slipping(line, i)) /* what the spring is wound by does not slip */
-            line->slip[i] = along + (hold->along > 0 ? ndli_dot(hold->tangent, force) / hold->along : 0);
+        if (hold->count == 0) /* nothing is there: it goes on as the rod does */
+            line->slip[i] = ndli_dot(hold->tangent, way);
+        else if (ndli_line_is_slipping(line, i)) /* what the spring is wound by does not slip */
+            line->slip[i] = along + ndli_dot(hold->tangent, force) / hold->along;
         for (int e = 0; e < ends.count; e++)
             if (line->rod->held[ends.node[e]])
                 line->reaction[ends.node[e]] = ndli_madd(line->reaction[ends.node[e]], -ends.share[e], force);
@@ -11499,7 +11512,7 @@ NDLI_API void ndli_bed_free(ndli_bed *bed)
 NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
 {
     sbi_embed_hit hit;
-    sbi_embed_closest(&bed->volume, X, hint, &hit);
+    sbi_embed_closest(&bed->volume, X, sbi_min_int(hint, bed->mesh.element_count - 1), &hit);
     place->element = hit.element;
     memcpy(place->xi, hit.xi, sizeof place->xi);
     return !(hit.distance2 > 0);
@@ -11509,6 +11522,17 @@ NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_plac
 static int ndli_bed_holder(const ndli_bed *bed, const ndli_place *place)
 {
     return sb_body_find_cell(bed->body, bed->cells[place->element], place->xi);
+}
+
+/* 1: the row is of the place's material. A cell whose material was taken away leaves its slot to others. */
+static int ndli_bed_is_row_of(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row)
+{
+    const int *nodes = bed->mesh.elements + (size_t)place->element * (size_t)row->count;
+    const sb_vec3 *X = sb_body_rest_positions(bed->body);
+    ndli_v3 gap = ndli_v(0, 0, 0);
+    for (int a = 0; a < row->count; a++)
+        gap = ndli_madd(gap, row->weights[a], ndli_from(sb_v3_sub(X[row->nodes[a]], bed->mesh.nodes[nodes[a]])));
+    return ndli_norm(gap) < 1e-3 * bed->mean_edge;
 }
 
 NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_bed_row *row)
@@ -11526,7 +11550,7 @@ NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_
         row->nodes[a] = nodes[a];
         row->weights[a] = (double)shape[a];
     }
-    return 1;
+    return ndli_bed_is_row_of(bed, place, row);
 }
 
 NDLI_API ndli_v3 ndli_bed_at(const ndli_bed *bed, const ndli_bed_row *row)
@@ -11657,11 +11681,12 @@ NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_pl
 NDLI_API int ndli_bed_holds_in_space(const ndli_bed *bed, sb_vec3 x)
 {
     const sb_vec3 *nodes = sb_body_positions(bed->body);
-    sb_vec3 far_off = x;
+    sb_vec3 far_off;
+    sb_real size = (sb_real)bed->mean_edge;
     int layers = 0;
     for (int i = 0; i < sb_body_node_count(bed->body); i++)
-        far_off.x = sb_max(far_off.x, nodes[i].x);
-    far_off.x += (sb_real)bed->mean_edge;
+        size = sb_max(size, sb_v3_norm(sb_v3_sub(nodes[i], x)));
+    far_off = sb_v3_madd(x, 2 * size, sb_v3((sb_real)0.793, (sb_real)0.471, (sb_real)0.387)); /* along no edges */
     for (int f = 0; f < bed->volume.boundary.surface.element_count; f++)
         for (int part = 0; part < bed->volume.face.corners - 2; part++) {
             ndli_bed_triangle t = ndli_bed_triangle_of(bed, f, part);
@@ -11715,12 +11740,17 @@ static void ndli_track_put(ndli_track *track, int k, ndli_v3 X, int element)
     track->count = k + 1;
 }
 
+/* Pieces are longer than this (m). */
+static double ndli_track_least(const ndli_track *track) { return 1e-9 * track->spacing; }
+
 NDLI_API void ndli_track_begin(ndli_track *track, ndli_v3 X, int element) { ndli_track_put(track, 0, X, element); }
 
 NDLI_API int ndli_track_extend(ndli_track *track, ndli_v3 X, int element)
 {
     int last = track->count - 1;
     int moves = last > 0 && ndli_norm(ndli_sub(X, track->X[last - 1])) < track->spacing;
+    if (!(ndli_norm(ndli_sub(X, track->X[moves ? last - 1 : last])) > ndli_track_least(track)))
+        return 1;
     if (!moves && track->count == track->capacity)
         return 0;
     ndli_track_put(track, moves ? last : track->count, X, element);
@@ -11768,7 +11798,7 @@ NDLI_API void ndli_track_shorten(ndli_track *track, double arc)
     if (!(arc < ndli_track_length(track)))
         return;
     track->count = k + 1;
-    if (arc > track->arc[k])
+    if (arc - track->arc[k] > ndli_track_least(track))
         ndli_track_put(track, k + 1, end.X, end.element);
 }
 
@@ -11818,6 +11848,7 @@ struct ndl_needle {
     int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
     double radius;           /* m */
     ndli_track track;        /* of a needle that is held by rows, as what follows */
+    int lost;                /* 1: the mesh has changed about it, and it is not out of that yet */
     double entering;         /* m of the edge before its first node in the tissue that are in it */
     double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */
@@ -12236,7 +12267,8 @@ typedef struct ndli_needle_head {
     double reals[NDLI_HEAD_REALS];
     ndli_v3 vectors[NDLI_HEAD_VECTORS];
     int node_count, first, count, shallow, base_given, hold_steps;
-    int points, padding; /* of its track */
+    int points; /* of its track */
+    int lost;
 } ndli_needle_head;
 
 /* The fields that go from step to step, in the order of the head. */
@@ -12296,6 +12328,7 @@ static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_need
     h->base_given = needle->base_given;
     h->hold_steps = needle->hold_steps;
     h->points = h->count > 0 ? needle->track.count : 0;
+    h->lost = needle->lost || (stale && needle->line.count > 0);
     h->reals[4] = h->count > 0 ? h->reals[4] : 0;
 }
 
@@ -12312,6 +12345,8 @@ static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
     needle->line.count = h->count;
     needle->shallow = h->shallow;
     needle->track.count = h->points;
+    needle->track.spacing = needle->edge_length / (int)NDLI_TRACK_POINTS;
+    needle->lost = h->lost;
     needle->base_given = h->base_given;
     needle->hold_steps = h->hold_steps;
     needle->blocked = needle->limited = 0;
@@ -12382,6 +12417,8 @@ static int ndli_state_is_number(const double *values, size_t count)
     return good;
 }
 
+static int ndli_state_is_unit(ndli_v3 v) { return fabs(ndli_norm(v) - 1) < 1e-6; }
+
 static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_needle_head *h, sb_error *error)
 {
     if (h->make != ndli_needle_make(needle))
@@ -12394,9 +12431,11 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
                         h->node_count, needle->rod->capacity);
     if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
         h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) || h->points < 0 ||
-        h->points > needle->track.capacity || (h->points > 0) != (h->count > 0 && needle->site->embeds) ||
-        (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
-        !(h->reals[0] > 0) || !(h->reals[4] >= 0) || (h->reals[4] > 0 && h->points == 0))
+        h->points > needle->track.capacity || (h->lost != 0 && h->lost != 1) || !ndli_state_is_unit(h->vectors[1]) ||
+        (h->points > 0 && !ndli_state_is_unit(h->vectors[5])) ||
+        (h->points > 0) != (h->count > 0 && needle->site->embeds) || (h->shallow != 0 && h->shallow != 1) ||
+        (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 || !(h->reals[0] > 0) || !(h->reals[4] >= 0) ||
+        (h->reals[4] > 0 && h->points == 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
     return SB_OK;
 }
@@ -13300,7 +13339,13 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     ndli_place place;
     sb_mat3 f, inverse;
     (void)ndli_bed_locate(bed, ndli_to(end.X), end.element, &place);
-    if (!ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
+    if (!ndli_bed_row_at(bed, &place, &row)) { /* where material was taken away it goes straight on */
+        X = ndli_madd(end.X, advance, needle->heading);
+        if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_track_extend(track, X, place.element))
+            ndli_held_block(needle);
+        return;
+    }
+    if (!(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
         ndli_held_block(needle);
         return;
     }
@@ -13333,7 +13378,7 @@ static void ndli_held_draw_back(ndl_needle *needle, double arc)
     ndli_track_shorten(&needle->track, fmax(arc, 0));
     needle->hold_steps = 0;
     if (needle->track.count > 1)
-        needle->heading = ndli_track_at(&needle->track, arc).tangent;
+        needle->heading = ndli_track_at(&needle->track, ndli_track_length(&needle->track)).tangent;
 }
 
 NDLI_API void ndli_held_leave(ndl_needle *needle)
@@ -13356,8 +13401,12 @@ static void ndli_held_count(ndl_needle *needle)
         line->first++;
     }
     while (line->first > 2 && (more = ndli_held_reach(needle, &stretch) - ndli_held_edge(rod, line->first - 1)) > 0) {
-        int next = --line->first;
-        needle->arc[next] = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
+        int next = line->first - 1;
+        double arc = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
+        if (!(arc > 0)) /* the rod is ahead of its material by more than it is in */
+            break;
+        line->first = next;
+        needle->arc[next] = arc;
         line->state[next - 1] = line->state[next];
         line->contact[next - 1] = ndli_v(0, 0, 0);
     }
@@ -13388,8 +13437,12 @@ static void ndli_held_enter(ndl_needle *needle)
     ndli_place place;
     sb_vec3 at, X;
     sb_mat3 f;
-    if (!ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at) ||
-        !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
+    int hits = ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at);
+    if (needle->lost) { /* it was in another mesh, and has to come out of this one first */
+        needle->lost = hits || ndli_bed_holds_in_space(bed, ndli_to(rod->x[last]));
+        return;
+    }
+    if (!hits || !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
         return;
     X = sbi_embed_map(&bed->mesh, place.element, place.xi, NULL);
     ndli_track_begin(&needle->track, ndli_from(X), place.element);
@@ -14130,8 +14183,11 @@ NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
 {
     int stale = ndli_site_is_stale(site);
     sb_result result = ndli_site_look(site, error);
+    if (result == SB_OK && !ndli_site_reserve_places(site)) /* a cut may have made the body larger */
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the nodes of a body that has grown");
     for (int i = 0; i < NDL_MAX_NEEDLES && stale && result == SB_OK; i++)
         if (site->needles[i]) {
+            site->needles[i]->lost |= site->needles[i]->line.count > 0;
             ndli_held_leave(site->needles[i]);
             site->needles[i]->shallow = 0;
         }
@@ -14736,7 +14792,7 @@ static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **si
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the body's other needles are held the other way: see def.follow");
     if (made) {
         *site = made;
-        return ndli_site_look(made, error);
+        return ndli_needle_look(made, error);
     }
     made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
     if (!made)

@@ -293,6 +293,89 @@ static void test_cut_states(void)
     needle_scene_free(&b);
 }
 
+/* Cuts that ask for more than the body's slack while a needle is in it. */
+static void test_growing_body(void)
+{
+    needle_scene s = cut_scene();
+    s.body_def.slack = REAL(0.01);
+    if (needle_scene_make(&s)) {
+        sb_cut *cut = make_cut(&s);
+        int nodes = sb_body_node_count(s.body);
+        needle_scene_run(&s, dt, 90, needle_command(speed, 0));
+        for (int k = 0; k < 3; k++) {
+            cut_across(cut, 0.012 + 0.009 * k, 0.03);
+            needle_scene_run(&s, dt, 4, needle_command(speed, 0));
+        }
+        CHECK(sb_body_node_count(s.body) > nodes + nodes / 10 && needle_scene_is_sound(&s));
+        CHECK_NEAR(needle_push(&s), law(&s, 0), 0.15 * law(&s, 0));
+        sb_cut_destroy(cut);
+    }
+    needle_scene_free(&s);
+}
+
+/* A ball is burnt out about the shaft: what is left holds the needle, and it comes out. */
+static void test_ablation(void)
+{
+    needle_scene s = cut_scene();
+    if (needle_scene_make(&s)) {
+        sb_cut *cut = make_cut(&s);
+        double before;
+        needle_scene_run(&s, dt, 130, needle_command(speed, 0));
+        before = (double)ndl_needle_depth(s.needles[0]);
+        CHECK_OK(sb_cut_ablate(cut, sb_v3(s.needle_def.base.x, s.needle_def.base.y, REAL(0.025)), REAL(0.009), NULL,
+                               &s.error));
+        needle_scene_run(&s, dt, 10, needle_command(speed, 0));
+        CHECK(ndl_needle_depth(s.needles[0]) > REAL(before) && needle_push(&s) < law(&s, 0));
+        needle_scene_run(&s, dt, 180, needle_command(-speed, 0));
+        CHECK(ndl_needle_depth(s.needles[0]) == 0);
+        CHECK_NEAR(needle_push(&s), 0, 1e-6);
+        sb_cut_destroy(cut);
+    }
+    needle_scene_free(&s);
+}
+
+/* Viscous friction acts behind the springs: a step is a convex problem whatever there is of it. */
+static void test_viscous(void)
+{
+    for (int k = 0; k < 3; k++) {
+        needle_scene s = held_scene(SB_TET4);
+        s.frictions[0].viscous = REAL(100 * pow(10, k));
+        if (!needle_scene_make(&s))
+            return;
+        for (int i = 0; i < 140 && needle_scene_run(&s, dt, 1, needle_command(speed, 0)); i++)
+            CHECK(s.info.consistent);
+        if (k == 0) {
+            double drag = 100 * speed * (double)ndl_needle_depth(s.needles[0]);
+            CHECK_NEAR(needle_push(&s), law(&s, 0) + drag, 0.05 * law(&s, 0));
+        }
+        needle_scene_free(&s);
+    }
+}
+
+/* In soft tissue the rod is far ahead of its material; each state on the way loads. */
+static void test_states_in_soft_tissue(void)
+{
+    needle_scene s = held_scene(SB_TET4);
+    s.materials[0].young = 5000;
+    s.frictions[0].cutting = 1;
+    if (needle_scene_make(&s))
+        for (int i = 0; i < 60; i++) {
+            size_t size;
+            void *image;
+            unsigned long long bits;
+            if (!needle_scene_run(&s, dt, 1, needle_command(i < 40 ? 4 * speed : -4 * speed, 0)))
+                break;
+            size = sb_body_state_size(s.body);
+            image = malloc(size);
+            bits = needle_scene_bits(&s);
+            CHECK_OK(sb_body_state_save(s.body, image, size));
+            CHECK_OK(sb_body_state_load(s.body, image, size, &s.error));
+            CHECK(needle_scene_bits(&s) == bits);
+            free(image);
+        }
+    needle_scene_free(&s);
+}
+
 /* ---- failures ---- */
 
 static void test_bad_definitions(void)
@@ -410,5 +493,6 @@ static void test_random_use(void)
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"neighbours", test_neighbours},
             {"balance", test_balance}, {"membranes", test_membranes}, {"cut across a needle", test_cut_across_needle},
             {"into a cut body", test_into_cut_body}, {"states of cut bodies", test_cut_states},
-            {"bad definitions", test_bad_definitions}, {"memory", test_memory}, {"far side", test_far_side},
-            {"random use", test_random_use});
+            {"a body that grows", test_growing_body}, {"ablation", test_ablation}, {"viscous friction", test_viscous},
+            {"soft tissue's states", test_states_in_soft_tissue}, {"bad definitions", test_bad_definitions},
+            {"memory", test_memory}, {"far side", test_far_side}, {"random use", test_random_use});

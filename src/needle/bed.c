@@ -62,7 +62,7 @@ NDLI_API void ndli_bed_free(ndli_bed *bed)
 NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_place *place)
 {
     sbi_embed_hit hit;
-    sbi_embed_closest(&bed->volume, X, hint, &hit);
+    sbi_embed_closest(&bed->volume, X, sbi_min_int(hint, bed->mesh.element_count - 1), &hit);
     place->element = hit.element;
     memcpy(place->xi, hit.xi, sizeof place->xi);
     return !(hit.distance2 > 0);
@@ -72,6 +72,17 @@ NDLI_API int ndli_bed_locate(const ndli_bed *bed, sb_vec3 X, int hint, ndli_plac
 static int ndli_bed_holder(const ndli_bed *bed, const ndli_place *place)
 {
     return sb_body_find_cell(bed->body, bed->cells[place->element], place->xi);
+}
+
+/* 1: the row is of the place's material. A cell whose material was taken away leaves its slot to others. */
+static int ndli_bed_is_row_of(const ndli_bed *bed, const ndli_place *place, const ndli_bed_row *row)
+{
+    const int *nodes = bed->mesh.elements + (size_t)place->element * (size_t)row->count;
+    const sb_vec3 *X = sb_body_rest_positions(bed->body);
+    ndli_v3 gap = ndli_v(0, 0, 0);
+    for (int a = 0; a < row->count; a++)
+        gap = ndli_madd(gap, row->weights[a], ndli_from(sb_v3_sub(X[row->nodes[a]], bed->mesh.nodes[nodes[a]])));
+    return ndli_norm(gap) < 1e-3 * bed->mean_edge;
 }
 
 NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_bed_row *row)
@@ -89,7 +100,7 @@ NDLI_API int ndli_bed_row_at(const ndli_bed *bed, const ndli_place *place, ndli_
         row->nodes[a] = nodes[a];
         row->weights[a] = (double)shape[a];
     }
-    return 1;
+    return ndli_bed_is_row_of(bed, place, row);
 }
 
 NDLI_API ndli_v3 ndli_bed_at(const ndli_bed *bed, const ndli_bed_row *row)
@@ -220,11 +231,12 @@ NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_pl
 NDLI_API int ndli_bed_holds_in_space(const ndli_bed *bed, sb_vec3 x)
 {
     const sb_vec3 *nodes = sb_body_positions(bed->body);
-    sb_vec3 far_off = x;
+    sb_vec3 far_off;
+    sb_real size = (sb_real)bed->mean_edge;
     int layers = 0;
     for (int i = 0; i < sb_body_node_count(bed->body); i++)
-        far_off.x = sb_max(far_off.x, nodes[i].x);
-    far_off.x += (sb_real)bed->mean_edge;
+        size = sb_max(size, sb_v3_norm(sb_v3_sub(nodes[i], x)));
+    far_off = sb_v3_madd(x, 2 * size, sb_v3((sb_real)0.793, (sb_real)0.471, (sb_real)0.387)); /* along no edges */
     for (int f = 0; f < bed->volume.boundary.surface.element_count; f++)
         for (int part = 0; part < bed->volume.face.corners - 2; part++) {
             ndli_bed_triangle t = ndli_bed_triangle_of(bed, f, part);

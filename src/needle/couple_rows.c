@@ -32,10 +32,20 @@ static ndli_v3 ndli_rows_way(const ndli_line *line, int i, const double *nodes)
     return way;
 }
 
-/* Stiffness along (N/m) in the present state of friction. */
+/* Of what a hold's spring takes up, the share that slip does not, for its viscous friction: 1 without such. */
+static double ndli_rows_give(const ndli_line *line, int i)
+{
+    double k = line->holds[i].along;
+    return k > 0 ? k / (k + ndli_line_viscosity(line, i)) : 0;
+}
+
+/* Stiffness along (N/m) in the present state of friction: of a slipping hold that of viscous friction behind its
+ * spring. */
 static double ndli_rows_along(const ndli_line *line, int i)
 {
-    return ndli_line_is_slipping(line, i) ? ndli_line_viscosity(line, i) : line->holds[i].along;
+    if (!ndli_line_is_slipping(line, i))
+        return line->holds[i].along;
+    return ndli_rows_give(line, i) * ndli_line_viscosity(line, i);
 }
 
 static ndli_v3 ndli_rows_spring(const ndli_line *line, int i, ndli_v3 s)
@@ -50,13 +60,12 @@ static ndli_v3 ndli_rows_spring(const ndli_line *line, int i, ndli_v3 s)
 static ndli_v3 ndli_rows_force(const ndli_line *line, int i, ndli_v3 way)
 {
     const struct ndli_hold *hold = line->holds + i;
-    ndli_v3 force = ndli_rows_spring(line, i, way), known;
+    ndli_v3 force = ndli_rows_spring(line, i, ndli_add(hold->offset, way));
     if (hold->count == 0)
         return ndli_v(0, 0, 0);
-    if (!ndli_line_is_slipping(line, i))
-        return ndli_add(force, ndli_rows_spring(line, i, hold->offset));
-    known = ndli_madd(hold->offset, -ndli_dot(hold->offset, hold->tangent), hold->tangent);
-    return ndli_madd(ndli_madd(force, -hold->across, known), ndli_line_drag(line, i), hold->tangent);
+    if (ndli_line_is_slipping(line, i))
+        force = ndli_madd(force, ndli_rows_give(line, i) * ndli_line_drag(line, i), hold->tangent);
+    return force;
 }
 
 NDLI_API void ndli_rows_apply(ndli_line *line, int loads, const double *nodes, double *out_unknown, double *out_nodes)
@@ -113,8 +122,10 @@ NDLI_API void ndli_rows_read(ndli_line *line, const double *nodes)
         ndli_v3 way = ndli_rows_way(line, i, nodes), force = ndli_rows_force(line, i, way);
         double along = ndli_dot(hold->tangent, ndli_add(hold->offset, way));
         line->contact[i] = force;
-        if (ndli_line_is_slipping(line, i)) /* what the spring is wound by does not slip */
-            line->slip[i] = along + (hold->along > 0 ? ndli_dot(hold->tangent, force) / hold->along : 0);
+        if (hold->count == 0) /* nothing is there: it goes on as the rod does */
+            line->slip[i] = ndli_dot(hold->tangent, way);
+        else if (ndli_line_is_slipping(line, i)) /* what the spring is wound by does not slip */
+            line->slip[i] = along + ndli_dot(hold->tangent, force) / hold->along;
         for (int e = 0; e < ends.count; e++)
             if (line->rod->held[ends.node[e]])
                 line->reaction[ends.node[e]] = ndli_madd(line->reaction[ends.node[e]], -ends.share[e], force);

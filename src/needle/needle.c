@@ -155,7 +155,7 @@ static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **si
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the body's other needles are held the other way: see def.follow");
     if (made) {
         *site = made;
-        return ndli_site_look(made, error);
+        return ndli_needle_look(made, error);
     }
     made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
     if (!made)

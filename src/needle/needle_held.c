@@ -312,7 +312,13 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
     ndli_place place;
     sb_mat3 f, inverse;
     (void)ndli_bed_locate(bed, ndli_to(end.X), end.element, &place);
-    if (!ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
+    if (!ndli_bed_row_at(bed, &place, &row)) { /* where material was taken away it goes straight on */
+        X = ndli_madd(end.X, advance, needle->heading);
+        if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_track_extend(track, X, place.element))
+            ndli_held_block(needle);
+        return;
+    }
+    if (!(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
         ndli_held_block(needle);
         return;
     }
@@ -345,7 +351,7 @@ static void ndli_held_draw_back(ndl_needle *needle, double arc)
     ndli_track_shorten(&needle->track, fmax(arc, 0));
     needle->hold_steps = 0;
     if (needle->track.count > 1)
-        needle->heading = ndli_track_at(&needle->track, arc).tangent;
+        needle->heading = ndli_track_at(&needle->track, ndli_track_length(&needle->track)).tangent;
 }
 
 NDLI_API void ndli_held_leave(ndl_needle *needle)
@@ -368,8 +374,12 @@ static void ndli_held_count(ndl_needle *needle)
         line->first++;
     }
     while (line->first > 2 && (more = ndli_held_reach(needle, &stretch) - ndli_held_edge(rod, line->first - 1)) > 0) {
-        int next = --line->first;
-        needle->arc[next] = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
+        int next = line->first - 1;
+        double arc = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
+        if (!(arc > 0)) /* the rod is ahead of its material by more than it is in */
+            break;
+        line->first = next;
+        needle->arc[next] = arc;
         line->state[next - 1] = line->state[next];
         line->contact[next - 1] = ndli_v(0, 0, 0);
     }
@@ -400,8 +410,12 @@ static void ndli_held_enter(ndl_needle *needle)
     ndli_place place;
     sb_vec3 at, X;
     sb_mat3 f;
-    if (!ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at) ||
-        !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
+    int hits = ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at);
+    if (needle->lost) { /* it was in another mesh, and has to come out of this one first */
+        needle->lost = hits || ndli_bed_holds_in_space(bed, ndli_to(rod->x[last]));
+        return;
+    }
+    if (!hits || !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
         return;
     X = sbi_embed_map(&bed->mesh, place.element, place.xi, NULL);
     ndli_track_begin(&needle->track, ndli_from(X), place.element);

@@ -49,6 +49,7 @@ struct ndl_needle {
     int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
     double radius;           /* m */
     ndli_track track;        /* of a needle that is held by rows, as what follows */
+    int lost;                /* 1: the mesh has changed about it, and it is not out of that yet */
     double entering;         /* m of the edge before its first node in the tissue that are in it */
     double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */

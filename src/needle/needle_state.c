@@ -25,7 +25,8 @@ typedef struct ndli_needle_head {
     double reals[NDLI_HEAD_REALS];
     ndli_v3 vectors[NDLI_HEAD_VECTORS];
     int node_count, first, count, shallow, base_given, hold_steps;
-    int points, padding; /* of its track */
+    int points; /* of its track */
+    int lost;
 } ndli_needle_head;
 
 /* The fields that go from step to step, in the order of the head. */
@@ -85,6 +86,7 @@ static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_need
     h->base_given = needle->base_given;
     h->hold_steps = needle->hold_steps;
     h->points = h->count > 0 ? needle->track.count : 0;
+    h->lost = needle->lost || (stale && needle->line.count > 0);
     h->reals[4] = h->count > 0 ? h->reals[4] : 0;
 }
 
@@ -101,6 +103,8 @@ static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
     needle->line.count = h->count;
     needle->shallow = h->shallow;
     needle->track.count = h->points;
+    needle->track.spacing = needle->edge_length / (int)NDLI_TRACK_POINTS;
+    needle->lost = h->lost;
     needle->base_given = h->base_given;
     needle->hold_steps = h->hold_steps;
     needle->blocked = needle->limited = 0;
@@ -171,6 +175,8 @@ static int ndli_state_is_number(const double *values, size_t count)
     return good;
 }
 
+static int ndli_state_is_unit(ndli_v3 v) { return fabs(ndli_norm(v) - 1) < 1e-6; }
+
 static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_needle_head *h, sb_error *error)
 {
     if (h->make != ndli_needle_make(needle))
@@ -183,9 +189,11 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
                         h->node_count, needle->rod->capacity);
     if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
         h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) || h->points < 0 ||
-        h->points > needle->track.capacity || (h->points > 0) != (h->count > 0 && needle->site->embeds) ||
-        (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
-        !(h->reals[0] > 0) || !(h->reals[4] >= 0) || (h->reals[4] > 0 && h->points == 0))
+        h->points > needle->track.capacity || (h->lost != 0 && h->lost != 1) || !ndli_state_is_unit(h->vectors[1]) ||
+        (h->points > 0 && !ndli_state_is_unit(h->vectors[5])) ||
+        (h->points > 0) != (h->count > 0 && needle->site->embeds) || (h->shallow != 0 && h->shallow != 1) ||
+        (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 || !(h->reals[0] > 0) || !(h->reals[4] >= 0) ||
+        (h->reals[4] > 0 && h->points == 0))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
     return SB_OK;
 }

@@ -148,8 +148,11 @@ NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
 {
     int stale = ndli_site_is_stale(site);
     sb_result result = ndli_site_look(site, error);
+    if (result == SB_OK && !ndli_site_reserve_places(site)) /* a cut may have made the body larger */
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the nodes of a body that has grown");
     for (int i = 0; i < NDL_MAX_NEEDLES && stale && result == SB_OK; i++)
         if (site->needles[i]) {
+            site->needles[i]->lost |= site->needles[i]->line.count > 0;
             ndli_held_leave(site->needles[i]);
             site->needles[i]->shallow = 0;
         }

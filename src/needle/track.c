@@ -9,12 +9,17 @@ static void ndli_track_put(ndli_track *track, int k, ndli_v3 X, int element)
     track->count = k + 1;
 }
 
+/* Pieces are longer than this (m). */
+static double ndli_track_least(const ndli_track *track) { return 1e-9 * track->spacing; }
+
 NDLI_API void ndli_track_begin(ndli_track *track, ndli_v3 X, int element) { ndli_track_put(track, 0, X, element); }
 
 NDLI_API int ndli_track_extend(ndli_track *track, ndli_v3 X, int element)
 {
     int last = track->count - 1;
     int moves = last > 0 && ndli_norm(ndli_sub(X, track->X[last - 1])) < track->spacing;
+    if (!(ndli_norm(ndli_sub(X, track->X[moves ? last - 1 : last])) > ndli_track_least(track)))
+        return 1;
     if (!moves && track->count == track->capacity)
         return 0;
     ndli_track_put(track, moves ? last : track->count, X, element);
@@ -62,6 +67,6 @@ NDLI_API void ndli_track_shorten(ndli_track *track, double arc)
     if (!(arc < ndli_track_length(track)))
         return;
     track->count = k + 1;
-    if (arc > track->arc[k])
+    if (arc - track->arc[k] > ndli_track_least(track))
         ndli_track_put(track, k + 1, end.X, end.element);
 }
