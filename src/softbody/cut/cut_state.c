@@ -10,12 +10,12 @@
 #include "../base/bytes.h"
 
 enum {
-    SBI_CUT_STATE_VERSION = 3,
+    SBI_CUT_STATE_VERSION = 4,
     SBI_CUT_LINK_BYTES = 5 * 4 + 8,
     SBI_CUT_LOST_BYTES = 3 * 4,
     SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8,
-    SBI_CUT_DEBT_BYTES = 3 * 4 + 6 * 8,
-    SBI_CUT_PUSH_BYTES = 4 + 3 * 8
+    SBI_CUT_DEBT_BYTES = 3 * 4 + 9 * 8,
+    SBI_CUT_PUSH_BYTES = 4 + 4 * 8
 };
 
 /* ---- numbers ---- */
@@ -163,6 +163,7 @@ static void sbi_cut_save_debts(const sbi_cut_debts *debts, sbi_state_out *out)
             sbi_cut_put_real(out, debt->at[a]);
         sbi_cut_put_real(out, debt->area);
         sbi_cut_put_real(out, debt->way);
+        sbi_cut_put_vector(out, debt->place);
     }
 }
 
@@ -176,6 +177,7 @@ static void sbi_cut_save_force(const sb_cut *cut, sbi_state_out *out)
     for (int i = 0; i < live->push_count; i++) {
         sbi_cut_put_int(out, live->pushes[i].node);
         sbi_cut_put_vector(out, live->pushes[i].force);
+        sbi_cut_put_real(out, live->pushes[i].stiffness);
     }
 }
 
@@ -458,6 +460,7 @@ static sbi_cut_debt sbi_cut_get_debt(sbi_cut_in *in)
         debt.at[a] = sbi_cut_get_real(in);
     debt.area = sbi_cut_get_real(in);
     debt.way = sbi_cut_get_real(in);
+    debt.place = sbi_cut_get_vector(in);
     return debt;
 }
 
@@ -489,7 +492,7 @@ static sb_result sbi_cut_check_force(const sb_cut *cut, const sb_body *body, sbi
     for (int i = 0; i < count; i++) {
         int node = sbi_cut_get_int(in);
         (void)sbi_cut_get_vector(in);
-        in->bad |= node < 0 || node >= sb_body_node_count(body);
+        in->bad |= node < 0 || node >= sb_body_node_count(body) || !(sbi_cut_get_real(in) >= 0);
     }
     return in->bad ? sbi_cut_damaged("forces", error) : SB_OK;
 }
@@ -586,7 +589,8 @@ static void sbi_cut_load_force(const sb_cut *cut, sbi_cut_in *in)
     }
     for (int count = sbi_cut_get_int(in); count > 0; count--) {
         int node = sbi_cut_get_int(in);
-        sbi_live_push(cut->body, node, sbi_cut_get_vector(in));
+        sb_vec3 force = sbi_cut_get_vector(in);
+        sbi_live_push(cut->body, node, force, sbi_cut_get_real(in));
     }
 }
 
