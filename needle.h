@@ -1050,7 +1050,9 @@ typedef struct ndl_friction {
 } ndl_friction;
 
 /* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the region's
- * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. */
+ * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. A step
+ * is divided where a tip comes into that or out of it, so that what a hand feels depends neither on dt nor on speed:
+ * peaks to 5 %, with steps of up to 0.1 s in which it goes 30 times the thickness. */
 typedef struct ndl_membrane {
     int regions[2];    /* on its two sides; -1: outside of the tissue (the skin) */
     sb_real strength;  /* N, >= 0 */
@@ -1151,7 +1153,10 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
 
 /* What a step did, over all needles and substeps. */
 typedef struct ndl_step_info {
-    int substeps;     /* a step is cut where a tip would go further than about half an edge of the tissue */
+    int substeps;     /* a step is cut where a tip would go further than about half an edge of the tissue, and where it
+                       * comes into a membrane or out of it */
+    sb_real peak_base; /* N, largest force on a base at the end of a substep: what a membrane asked for that gave way
+                        * within the step */
     int trials;       /* largest number of a substep */
     int consistent;   /* 1: friction states came out as they were taken, in all substeps */
     int iterations;   /* of conjugate gradients, in all */
@@ -11804,9 +11809,10 @@ NDLI_API void ndli_track_shorten(ndli_track *track, double arc)
 
 /* ==== src/needle/needle_private.h ==== */
 /* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is
- * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's
- * resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes
- * a step back, needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
+ * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_membrane.c is membranes,
+ * needle_resist.c the tissue's resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the
+ * rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them, needle_step.c makes a step,
+ * needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -11907,8 +11913,8 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
 /* ---- needle_sleeve ---- */
 
-/* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
-NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left);
+/* Targets of the nodes in the sleeve, turn and feed of a substep of dt, which is `share` of what is left of the step. */
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share);
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 
@@ -11925,6 +11931,18 @@ NDLI_API void ndli_held_leave(ndl_needle *needle);
 /* Length (m) of the bends that a side load makes of a needle in tissue of such a modulus (Pa): (4 EI / k)^(1/4). */
 NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess);
 
+/* ---- needle_membrane ---- */
+
+/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
+/* What they add (N) to what cutting at X takes. */
+NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X);
+/* Share of the way between two points of the material at which what they add changes, or a little more; 1: nowhere but
+ * at its very end. */
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to);
+/* The same of the way of a tip that has just come through the skin, where that is one of them; `way` (m) long. */
+NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way);
+
 /* ---- needle_resist ---- */
 
 /* What a region does to a needle, or NULL. */
@@ -11932,8 +11950,6 @@ NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int 
 /* Force (N) to cut at X of a region, `table` its friction's. */
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table);
 
-/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
-NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
 /* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
 NDLI_API void ndli_needle_resist(ndl_needle *needle);
 
@@ -12712,13 +12728,13 @@ NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis)
                            ndli_dot(m1, needle->given_director));
 }
 
-/* Where the sleeve is after a substep, and how far it turns the needle; `left` substeps, this one counted. */
+/* Where the sleeve is after a substep, and how far it turns the needle. */
 typedef struct ndli_sleeve {
     ndli_v3 outlet, axis;
     double turn;
 } ndli_sleeve;
 
-static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, int left)
+static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, double share)
 {
     ndli_v3 spin = ndli_from(command->angular_velocity), swing;
     ndli_sleeve sleeve;
@@ -12728,7 +12744,6 @@ static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command
     sleeve.axis = ndli_sleeve_turned(needle->axis, ndli_scale(dt, swing));
     sleeve.turn = dt * ((double)command->twist + along);
     if (needle->base_given) {
-        double share = 1.0 / left;
         ndli_v3 axis = ndli_add(sleeve.axis, ndli_scale(share, ndli_sub(needle->given_axis, sleeve.axis)));
         sleeve.outlet = ndli_madd(sleeve.outlet, share, ndli_sub(needle->given_outlet, sleeve.outlet));
         sleeve.axis = axis;
@@ -12753,10 +12768,10 @@ static void ndli_sleeve_feed(ndl_needle *needle, double length)
     needle->fed += length;
 }
 
-NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left)
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share)
 {
     ndl_rod *rod = needle->rod;
-    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, left);
+    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, share);
     double length = dt * (double)command->insertion;
     needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
     ndli_sleeve_feed(needle, length);
@@ -12767,27 +12782,29 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
     needle->axis = sleeve.axis;
 }
 
-/* ==== src/needle/needle_resist.c ==== */
-/* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
+/* ==== src/needle/needle_membrane.c ==== */
+/* needle_membrane: faces between regions that take more force to puncture: where they are, what they add to what the
+ * tip has to cut, and where on its way that changes. A step ends a substep there: a tip that runs through a membrane
+ * within one step would never feel it. */
 
 #include <string.h>
 
-/* ---- membranes ---- */
+/* ---- the faces ---- */
 
 /* The undeformed mesh that membranes lie in. */
-typedef struct ndli_resist_mesh {
+typedef struct ndli_membrane_mesh {
     const struct ndli_site *site;
     sb_element_type type;
     int count, node_count;
     const int *elements, *neighbours;
     sb_vec3 *X; /* read only */
-} ndli_resist_mesh;
+} ndli_membrane_mesh;
 
-static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
+static ndli_membrane_mesh ndli_membrane_get_mesh(const struct ndli_site *site)
 {
     const ndli_topology *topology = site->mesh;
     const sb_mesh *rest = &site->bed.mesh;
-    ndli_resist_mesh mesh;
+    ndli_membrane_mesh mesh;
     mesh.site = site;
     mesh.type = topology ? SB_TET4 : rest->element_type;
     mesh.count = topology ? topology->original_tets : rest->element_count;
@@ -12798,7 +12815,7 @@ static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
     return mesh;
 }
 
-static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
+static int ndli_membrane_region(const ndli_membrane_mesh *mesh, int element)
 {
     const struct ndli_site *site = mesh->site;
     if (element < 0)
@@ -12807,11 +12824,11 @@ static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
 }
 
 /* 1 when the membrane lies on a face; each inner face is looked at from its lower element. */
-static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int element, int face)
+static int ndli_membrane_holds(const ndli_membrane_mesh *mesh, const ndl_membrane *membrane, int element, int face)
 {
     int faces = sb_element_face_count(mesh->type);
     int other = mesh->neighbours[(size_t)faces * (size_t)element + (size_t)face];
-    int a = ndli_resist_region(mesh, element), b = ndli_resist_region(mesh, other);
+    int a = ndli_membrane_region(mesh, element), b = ndli_membrane_region(mesh, other);
     if (other > element)
         return 0;
     return (a == membrane->regions[0] && b == membrane->regions[1]) ||
@@ -12819,7 +12836,7 @@ static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *m
 }
 
 /* Corners of a face, as who numbered the neighbours has them; returns how many. */
-static int ndli_resist_face(const ndli_resist_mesh *mesh, int face, int local[SB_MAX_FACE_NODES])
+static int ndli_membrane_face(const ndli_membrane_mesh *mesh, int face, int local[SB_MAX_FACE_NODES])
 {
     static const int opposite[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* of the topology */
     sb_element_type type;
@@ -12832,16 +12849,16 @@ static int ndli_resist_face(const ndli_resist_mesh *mesh, int face, int local[SB
 }
 
 /* Faces of the membrane, as triangles between their corners: written to `triangles` when that is not NULL. */
-static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int *triangles)
+static int ndli_membrane_gather(const ndli_membrane_mesh *mesh, const ndl_membrane *membrane, int *triangles)
 {
     size_t width = (size_t)sb_element_node_count(mesh->type);
     int count = 0;
     for (int e = 0; e < mesh->count; e++)
         for (int face = 0; face < sb_element_face_count(mesh->type); face++) {
             int local[SB_MAX_FACE_NODES], parts;
-            if (!ndli_resist_holds(mesh, membrane, e, face))
+            if (!ndli_membrane_holds(mesh, membrane, e, face))
                 continue;
-            parts = ndli_resist_face(mesh, face, local) - 2;
+            parts = ndli_membrane_face(mesh, face, local) - 2;
             for (int part = 0; part < parts; part++, count++)
                 for (int c = 0; c < 3 && triangles; c++)
                     triangles[3 * (size_t)count + (size_t)c] =
@@ -12850,12 +12867,12 @@ static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *
     return count;
 }
 
-static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
+static sb_result ndli_membrane_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
 {
-    ndli_resist_mesh mesh = ndli_resist_get_mesh(needle->site);
+    ndli_membrane_mesh mesh = ndli_membrane_get_mesh(needle->site);
     sb_mesh faces;
     sb_result result;
-    int count = ndli_resist_gather(&mesh, membrane, NULL);
+    int count = ndli_membrane_gather(&mesh, membrane, NULL);
     if (count == 0)
         return SB_ERROR_ARGUMENT;
     memset(&faces, 0, sizeof faces);
@@ -12865,7 +12882,7 @@ static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_me
     faces.elements = (int *)sbi_alloc(&needle->allocator, (size_t)count, 3 * sizeof(int));
     if (!faces.elements)
         return SB_ERROR_MEMORY;
-    faces.element_count = ndli_resist_gather(&mesh, membrane, faces.elements);
+    faces.element_count = ndli_membrane_gather(&mesh, membrane, faces.elements);
     result = sb_surface_create(&faces, &needle->allocator, surface, NULL);
     sbi_free(&needle->allocator, faces.elements);
     return result;
@@ -12875,7 +12892,7 @@ NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *m
 {
     *bad = -1;
     for (int i = 0; i < count; i++) {
-        sb_result result = ndli_resist_make_surface(needle, membranes + i, &needle->capsules[i].surface);
+        sb_result result = ndli_membrane_make_surface(needle, membranes + i, &needle->capsules[i].surface);
         if (result != SB_OK) {
             *bad = result == SB_ERROR_MEMORY ? -1 : i;
             return 0;
@@ -12885,6 +12902,90 @@ NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *m
     }
     return 1;
 }
+
+/* ---- what they ask for ---- */
+
+/* How far X is outside of where the membrane is felt (m), negative within; `reach` where it is farther than that. */
+static double ndli_membrane_clearance(const ndli_capsule *capsule, ndli_v3 X, double reach)
+{
+    double half = 0.5 * (double)capsule->def.thickness;
+    sb_surface_hit hit;
+    if (!sb_surface_closest(capsule->surface, ndli_to(X), (sb_real)(half + reach), &hit))
+        return reach;
+    return (double)hit.distance - half;
+}
+
+NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X)
+{
+    double sum = 0;
+    for (int i = 0; i < needle->capsule_count; i++)
+        if (sb_surface_closest(needle->capsules[i].surface, X, needle->capsules[i].def.thickness / 2, NULL))
+            sum += (double)needle->capsules[i].def.strength;
+    return sum;
+}
+
+/* Of a membrane's thickness, or of the way where that is much longer: how far past the edge of one a tip may be found. */
+static const double ndli_membrane_slack = 0.02, ndli_membrane_least_stride = 1.0 / 64;
+
+/* The way at which the tip comes into, or out of, where this one is felt (m, a little past it); `length`: nowhere. The
+ * distance to a surface changes by no more than one goes: by so much one may go on. */
+static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3 way, double length)
+{
+    double slack = fmax(ndli_membrane_slack * (double)capsule->def.thickness, ndli_membrane_least_stride * length);
+    double clear = ndli_membrane_clearance(capsule, X, length), gone = 0;
+    int within = clear <= 0;
+    while (gone < length && (clear <= 0) == within) {
+        gone += fmax(fabs(clear), slack);
+        clear = ndli_membrane_clearance(capsule, ndli_madd(X, gone / length, way), length);
+    }
+    return gone + slack < length ? gone : length;
+}
+
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to)
+{
+    ndli_v3 X = ndli_from(from), way = ndli_sub(ndli_from(to), X);
+    double length = ndli_norm(way), least = length;
+    for (int i = 0; i < needle->capsule_count && length > 0; i++)
+        least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
+    return least < length ? least / length : 1;
+}
+
+/* Where the skin is now that the tip went through. */
+static ndli_v3 ndli_membrane_entry(const ndl_needle *needle)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track_point begin;
+    ndli_place place;
+    ndli_bed_row row;
+    if (!needle->site->embeds)
+        return ndli_from(needle->site->mesh->x[needle->path[0]]);
+    begin = ndli_track_at(&needle->track, 0);
+    (void)ndli_bed_locate(bed, ndli_to(begin.X), begin.element, &place);
+    if (!ndli_bed_row_at(bed, &place, &row))
+        return needle->rod->x[needle->rod->node_count - 1];
+    return ndli_bed_at(bed, &row);
+}
+
+NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    double slack = -1, past;
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndl_membrane *membrane = &needle->capsules[i].def;
+        if (membrane->regions[0] < 0 || membrane->regions[1] < 0)
+            slack = ndli_membrane_slack * (double)membrane->thickness;
+    }
+    if (slack < 0)
+        return 1;
+    past = ndli_dot(ndli_sub(rod->x[last], ndli_membrane_entry(needle)), rod->tangent[last - 1]);
+    return past > 2 * slack && past < way ? 1 - (past - slack) / way : 1;
+}
+
+/* ==== src/needle/needle_resist.c ==== */
+/* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
+
+#include <string.h>
 
 /* ---- friction ---- */
 
@@ -12938,25 +13039,13 @@ static int ndli_resist_region_ahead(const ndl_needle *needle, int tip)
     return region;
 }
 
-static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
-{
-    double sum = 0;
-    for (int i = 0; i < needle->capsule_count; i++) {
-        const ndli_capsule *capsule = needle->capsules + i;
-        sb_surface_hit hit;
-        if (sb_surface_closest(capsule->surface, X, capsule->def.thickness / 2, &hit))
-            sum += (double)capsule->def.strength;
-    }
-    return sum;
-}
-
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table)
 {
     if (needle->cutting_at) {
         sb_real force = needle->cutting_at(needle->cutting_user, X, region);
         return force > 0 && sb_is_finite(force) ? (double)force : 0;
     }
-    return table + ndli_resist_membranes(needle, X);
+    return table + ndli_needle_membranes_at(needle, X);
 }
 
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
@@ -14354,7 +14443,7 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     return result;
 }
 
-static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
+static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double share)
 {
     static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
     double begin = ndli_step_now(s->site);
@@ -14364,7 +14453,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
         if (result != SB_OK)
             return result;
-        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, left);
+        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, share);
         if (s->site->embeds)
             ndli_held_resist(needle);
         else
@@ -14407,15 +14496,96 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     return result;
 }
 
-static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
+/* dt is `share` of what is left of the step. */
+static sb_result ndli_step_substep(const ndli_stepping *s, double dt, double share)
 {
-    sb_result result = ndli_step_prepare(s, dt, left);
+    sb_result result = ndli_step_prepare(s, dt, share);
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
     if (result == SB_OK)
         result = ndli_site_look(s->site, s->error);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        s->info->peak_base = sb_max(s->info->peak_base, (sb_real)ndli_norm(s->needles[k]->base_force));
+    return result;
+}
+
+/* ---- membranes within a step ---- */
+
+/* Where the tips of needles with membranes are in the material. */
+typedef struct ndli_step_tips {
+    sb_vec3 X[NDL_MAX_NEEDLES];
+    int within[NDL_MAX_NEEDLES]; /* 1: in the tissue */
+} ndli_step_tips;
+
+static void ndli_step_find_tips(const ndli_stepping *s, ndli_step_tips *tips)
+{
+    for (int k = 0; k < s->count; k++)
+        tips->within[k] = s->needles[k]->capsule_count > 0 && ndl_needle_tip_material(s->needles[k], tips->X + k);
+}
+
+/* Substeps get no shorter than that share of one: their rounding would be felt. */
+static const double ndli_step_shortest = 1e-3;
+
+/* Share of a substep of dt in which the first tip came to where a membrane begins or ends; 1: none did. */
+static double ndli_step_share_to_edge(const ndli_stepping *s, const ndli_step_tips *before, double dt)
+{
+    double least = 1;
+    for (int k = 0; k < s->count; k++) {
+        const ndl_needle *needle = s->needles[k];
+        sb_vec3 X;
+        if (needle->capsule_count == 0 || !ndl_needle_tip_material(needle, &X))
+            continue;
+        if (!before->within[k])
+            least = fmin(least, ndli_needle_share_to_skin(
+                                    needle, dt * ndli_norm(needle->rod->v[needle->rod->node_count - 1])));
+        else if (needle->advance > 0)
+            least = fmin(least, ndli_needle_share_to_edge(needle, before->X[k], X));
+    }
+    return least < 1 - ndli_step_shortest ? fmax(least, ndli_step_shortest) : 1;
+}
+
+/* Ends of a step's substeps, in units of the first guess of them, which are all 1 long; sorted. */
+enum { NDLI_STEP_EDGES = 12 };
+typedef struct ndli_step_ends {
+    double edges[NDLI_STEP_EDGES]; /* where tips come to edges of membranes */
+    int edge_count, substeps;
+} ndli_step_ends;
+
+static double ndli_step_end_after(const ndli_step_ends *ends, double t)
+{
+    double next = floor(t) + 1;
+    for (int i = 0; i < ends->edge_count; i++)
+        if (ends->edges[i] > t)
+            next = fmin(next, ends->edges[i]);
+    return next;
+}
+
+/* Substeps up to the first that a tip runs through the edge of a membrane in, which is *edge then, else 0. */
+static sb_result ndli_step_run_to_edge(const ndli_stepping *s, double dt, const ndli_step_ends *ends, double *edge)
+{
+    sb_result result = SB_OK;
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    *edge = 0;
+    for (double t = 0, end; t < ends->substeps && result == SB_OK; t = end) {
+        double length, share;
+        ndli_step_tips before;
+        end = ndli_step_end_after(ends, t);
+        length = (end - t) * (dt / ends->substeps);
+        ndli_step_find_tips(s, &before);
+        result = ndli_step_substep(s, length, (end - t) / (ends->substeps - t));
+        s->info->substeps++;
+        if (result != SB_OK || ends->edge_count == NDLI_STEP_EDGES || end - t < 2 * ndli_step_shortest)
+            continue;
+        share = ndli_step_share_to_edge(s, &before, length);
+        *edge = t + share * (end - t);
+        if (share < 1)
+            return SB_OK;
+    }
+    *edge = 0;
     return result;
 }
 
@@ -14522,18 +14692,25 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     return torn;
 }
 
+/* In substeps, and anew from its beginning with one more wherever a tip ran through an edge of a membrane: what it has
+ * to cut is one force in a substep. */
 static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 {
-    sb_result result = SB_OK;
-    memset(s->info, 0, sizeof *s->info);
-    s->info->consistent = 1;
-    s->info->worst_quality = 1;
-    s->info->substeps = substeps;
-    for (int i = 0; i < substeps && result == SB_OK; i++)
-        result = ndli_step_substep(s, dt / substeps, substeps - i);
-    if (result != SB_OK && ndli_needle_undo(s->site, s->error) != SB_OK)
-        return SB_ERROR_MEMORY;
-    return result;
+    ndli_step_ends ends;
+    sb_result result;
+    double edge;
+    memset(&ends, 0, sizeof ends);
+    ends.substeps = substeps;
+    for (;;) {
+        result = ndli_step_run_to_edge(s, dt, &ends, &edge);
+        if (result == SB_OK && edge == 0)
+            return SB_OK;
+        if (ndli_needle_undo(s->site, s->error) != SB_OK)
+            return SB_ERROR_MEMORY;
+        if (result != SB_OK)
+            return result;
+        ends.edges[ends.edge_count++] = edge;
+    }
 }
 
 /* A step that is sound in its arguments. */
