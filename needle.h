@@ -11427,11 +11427,16 @@ typedef struct ndli_bed {
     double mean_edge; /* m */
     int was_cut;      /* 1: when this was made */
     int version;      /* of the body's mesh, then */
-    int is_lost;      /* 1: others than an sb_cut have changed that since */
+    uint64_t hash;    /* of what it is made from: cells, their nodes and where these are */
+    int is_lost;      /* 1: others than an sb_cut have changed the body's mesh since */
 } ndli_bed;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error);
+/* From the mesh of `mesh_of`, which the body has, or will have. */
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
+                                   sb_error *error);
+/* It becomes `next`, which is zeros then. */
+NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next);
 NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */
 
 /* Where X (m, at rest) is; `hint` is an element to start from. 0: outside, and *place is the nearest. */
@@ -11458,14 +11463,25 @@ NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_pl
 
 #include <string.h>
 
+
 /* ---- creation ---- */
 
-static void ndli_bed_list_cells(ndli_bed *bed)
+static void ndli_bed_list_cells(ndli_bed *bed, const sb_body *body)
 {
     int count = 0;
-    for (int cell = 0; cell < sb_body_element_count(bed->body); cell++)
-        if (sb_body_cell_in_use(bed->body, cell))
+    for (int cell = 0; cell < sb_body_element_count(body); cell++)
+        if (sb_body_cell_in_use(body, cell))
             bed->cells[count++] = cell;
+}
+
+static uint64_t ndli_bed_hash(const ndli_bed *bed)
+{
+    size_t elements = (size_t)bed->mesh.element_count, corners = elements * (size_t)sb_mesh_element_width(&bed->mesh);
+    uint64_t hash = ndli_image_hash(elements, bed->cells, elements * sizeof(int));
+    hash = ndli_image_hash(hash, bed->mesh.elements, corners * sizeof(int));
+    for (size_t i = 0; i < corners; i++)
+        hash = ndli_image_hash(hash, bed->mesh.nodes + bed->mesh.elements[i], sizeof(sb_vec3));
+    return hash;
 }
 
 /* Faces of tets are equilateral triangles where the mesh is even, those of hexes squares. */
@@ -11474,17 +11490,18 @@ static double ndli_bed_edge_of(const ndli_bed *bed, double volume)
     return cbrt(bed->volume.is_box ? volume : 6 * sqrt(2.0) * volume);
 }
 
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error)
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
+                                   sb_error *error)
 {
     sb_result result;
     memset(bed, 0, sizeof *bed);
     bed->body = body;
     bed->allocator = *allocator;
-    bed->version = sb_body_mesh_version(body);
-    bed->was_cut = sbi_body_has_pieces(body);
-    if (sbi_body_mesh(body).element_type == SB_CUSTOM)
+    bed->version = sb_body_mesh_version(mesh_of);
+    bed->was_cut = sbi_body_has_pieces(mesh_of);
+    if (sbi_body_mesh(mesh_of).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles do not go into elements of your own (SB_CUSTOM)");
-    result = sbi_body_copy_mesh(body, allocator, &bed->mesh, error);
+    result = sbi_body_copy_mesh(mesh_of, allocator, &bed->mesh, error);
     if (result == SB_OK)
         result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
     if (result != SB_OK)
@@ -11497,7 +11514,8 @@ NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator,
         ndli_bed_free(bed);
         return result;
     }
-    ndli_bed_list_cells(bed);
+    ndli_bed_list_cells(bed, mesh_of);
+    bed->hash = ndli_bed_hash(bed);
     bed->mean_edge = ndli_bed_edge_of(bed, (double)sb_mesh_volume(&bed->mesh) / bed->mesh.element_count);
     return SB_OK;
 }
@@ -11510,6 +11528,14 @@ NDLI_API void ndli_bed_free(ndli_bed *bed)
         sbi_free(&bed->allocator, bed->cells);
     sb_mesh_free(&bed->mesh);
     memset(bed, 0, sizeof *bed);
+}
+
+NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next)
+{
+    ndli_bed_free(bed);
+    *bed = *next;
+    bed->volume.mesh = &bed->mesh;
+    memset(next, 0, sizeof *next);
 }
 
 /* ---- places ---- */
@@ -11878,6 +11904,7 @@ struct ndli_site {
     int listener; /* its number at the body */
     int embeds;   /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
     ndli_bed bed;
+    ndli_bed next_bed; /* of a state that is being loaded, where it is another */
     ndl_remesh *remesh;
     const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
@@ -12067,6 +12094,7 @@ NDLI_API void ndli_site_free(struct ndli_site *site)
         sb_body_unlisten(site->body, site->listener);
     ndl_remesh_destroy(site->remesh);
     ndli_bed_free(&site->bed);
+    ndli_bed_free(&site->next_bed);
     sbi_free(&allocator, site->node_place);
     sbi_free(&allocator, site->coupled);
     sbi_free(&allocator, site->unknown);
@@ -12098,12 +12126,10 @@ NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
         return ndli_remesh_look(site->remesh, error);
     if (!ndli_site_is_stale(site))
         return SB_OK;
-    result = ndli_bed_create(site->body, &site->allocator, &fresh, error);
+    result = ndli_bed_create(site->body, site->body, &site->allocator, &fresh, error);
     if (result != SB_OK)
         return result;
-    ndli_bed_free(&site->bed);
-    site->bed = fresh;
-    site->bed.volume.mesh = &site->bed.mesh;
+    ndli_bed_replace(&site->bed, &fresh);
     return SB_OK;
 }
 
@@ -12266,12 +12292,13 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 
 /* By its name it comes behind the remesher's, which it is checked against. */
 static const char ndli_needle_name[] = "needles";
-enum { NDLI_NEEDLE_VERSION = 2 };
+enum { NDLI_NEEDLE_VERSION = 3 };
 
 /* ---- the image ---- */
 
 typedef struct ndli_site_head {
     double mean_edge;
+    uint64_t bed; /* hash of what needles that are held have their tracks in; 0: none is in */
     int order, count;
     unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
 } ndli_site_head;
@@ -12391,10 +12418,11 @@ static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli
     ndli_image_part(image, needle->track.elements, points, sizeof(int));
 }
 
-static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
+static void ndli_site_fill_head(const struct ndli_site *site, int stale, ndli_site_head *h)
 {
     memset(h, 0, sizeof *h);
     h->mean_edge = site->mean_edge;
+    h->bed = stale ? 0 : site->bed.hash;
     h->order = NDLI_IMAGE_ORDER;
     h->count = site->count;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
@@ -12409,7 +12437,7 @@ static void ndli_site_save(const void *user, sbi_state_out *out)
     ndli_image image;
     memset(&image, 0, sizeof image);
     image.state = out;
-    ndli_site_fill_head(site, &head);
+    ndli_site_fill_head(site, stale, &head);
     ndli_image_part(&image, &head, 1, sizeof head);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
@@ -12492,7 +12520,7 @@ static int ndli_image_rises(const unsigned char *reals, size_t count, double *la
 }
 
 /* The track is one in the bed, and the rod's nodes are on it in their order. */
-static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char *arcs, const ndli_needle_head *h)
+static int ndli_needle_track_holds(const ndli_bed *bed, const unsigned char *arcs, const ndli_needle_head *h)
 {
     size_t nodes = (size_t)h->count, points = (size_t)h->points;
     const unsigned char *X = arcs + ndli_image_room(nodes * sizeof(double));
@@ -12501,7 +12529,7 @@ static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char
     double tip = 0, last = 0;
     for (size_t i = 0; i < points; i++) {
         int element = ndli_image_int(elements, i);
-        if (element < 0 || element >= needle->site->bed.mesh.element_count)
+        if (element < 0 || element >= bed->mesh.element_count)
             return 0;
     }
     if (!ndli_image_is_number(X, 3 * points) || !ndli_image_rises(at, points, &tip))
@@ -12509,9 +12537,9 @@ static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char
     return ndli_image_rises(arcs, nodes, &last) && (points == 0 || (last == tip && ndli_image_real(at, 0) == 0));
 }
 
-/* The needle at in[size]; used: its bytes. */
-static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
-                                         sb_error *error)
+/* The needle at in[size], its track in this bed; used: its bytes. */
+static sb_result ndli_needle_check_image(const ndl_needle *needle, const ndli_bed *bed, const unsigned char *in,
+                                         size_t size, size_t *used, sb_error *error)
 {
     ndl_needle none = *needle;
     ndli_needle_head h;
@@ -12538,7 +12566,7 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
     for (size_t i = 0; i < count; i++)
         good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
     if (!good || !ndli_image_is_number(contacts, 3 * count) ||
-        !(needle->site->embeds ? ndli_needle_track_holds(needle, rest, &h)
+        !(needle->site->embeds ? ndli_needle_track_holds(bed, rest, &h)
                                : ndli_needle_path_holds(needle, rest, h.count)))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
     result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
@@ -12564,28 +12592,66 @@ static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_s
     return SB_OK;
 }
 
+/* The bed of a state: the one that there is, or one that is made from the state's mesh; of needles that are in a body
+ * which was cut it is the one of the mesh before, which nobody makes anew. */
+static sb_result ndli_site_check_bed(struct ndli_site *site, const sb_body *body, const ndli_site_head *h,
+                                     const ndli_bed **bed, sb_error *error)
+{
+    sb_result result;
+    *bed = &site->bed;
+    ndli_bed_free(&site->next_bed);
+    if (!h->bed || h->bed == site->bed.hash || !site->embeds)
+        return SB_OK;
+    *bed = &site->next_bed;
+    result = ndli_bed_create(site->body, body, &site->allocator, &site->next_bed, error);
+    if (result != SB_OK || h->bed == site->next_bed.hash)
+        return result;
+    ndli_bed_free(&site->next_bed);
+    return sbi_fail(error, SB_ERROR_STATE,
+                    "the state's needles went into another mesh than those of the body know: load it into a body that "
+                    "was made as its body was");
+}
+
 static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
                                  sb_error *error)
 {
-    const struct ndli_site *site = (const struct ndli_site *)user;
+    struct ndli_site *site = (struct ndli_site *)user;
+    const ndli_bed *bed = NULL;
     ndli_site_head head;
     size_t at = ndli_image_room(sizeof head);
     sb_result result;
-    (void)body;
     if (size < at)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles end in their head");
     memcpy(&head, bytes, sizeof head);
     result = ndli_site_check_head(site, &head, error);
+    if (result == SB_OK)
+        result = ndli_site_check_bed(site, body, &head, &bed, error);
     for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
         if (site->needles[i]) {
             size_t used = 0;
-            result = ndli_needle_check_image(site->needles[i], bytes + at, size - at, &used, error);
+            result = ndli_needle_check_image(site->needles[i], bed, bytes + at, size - at, &used, error);
             at += used;
         }
     if (result == SB_OK && at != size)
         result =
             sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+    if (result != SB_OK)
+        ndli_bed_free(&site->next_bed);
     return result;
+}
+
+static void ndli_site_give_up(void *user) { ndli_bed_free(&((struct ndli_site *)user)->next_bed); }
+
+/* The body has the mesh that the tracks are in again, or one that was cut from it; hash 0: none is in. */
+static void ndli_site_load_bed(struct ndli_site *site, uint64_t hash)
+{
+    if (!site->embeds)
+        return;
+    if (site->next_bed.cells)
+        ndli_bed_replace(&site->bed, &site->next_bed);
+    site->bed.is_lost = !hash;
+    if (hash)
+        site->bed.version = sb_body_mesh_version(site->body);
 }
 
 static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
@@ -12599,6 +12665,7 @@ static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
     ndli_image_part(&image, &head, 1, sizeof head);
     site->mean_edge = head.mean_edge;
     site->undo_waits = 0;
+    ndli_site_load_bed(site, head.bed);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_needle *needle = site->needles[i];
@@ -12622,6 +12689,7 @@ NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
     part.save = ndli_site_save;
     part.check = ndli_site_check;
     part.load = ndli_site_load;
+    part.give_up = ndli_site_give_up;
     return part;
 }
 
@@ -14935,7 +15003,7 @@ static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 
 static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
 {
-    sb_result result = ndli_bed_create(site->body, &site->allocator, &site->bed, error);
+    sb_result result = ndli_bed_create(site->body, site->body, &site->allocator, &site->bed, error);
     if (result == SB_OK)
         site->mean_edge = site->bed.mean_edge;
     return result;

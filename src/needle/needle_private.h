@@ -74,6 +74,7 @@ struct ndli_site {
     int listener; /* its number at the body */
     int embeds;   /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
     ndli_bed bed;
+    ndli_bed next_bed; /* of a state that is being loaded, where it is another */
     ndl_remesh *remesh;
     const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
