@@ -1153,15 +1153,15 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
 
 /* What a step did, over all needles and substeps. */
 typedef struct ndl_step_info {
-    int substeps;     /* a step is cut where a tip would go further than about half an edge of the tissue, and where it
-                       * comes into a membrane or out of it */
+    int substeps;      /* a step is cut where a tip would go further than about half an edge of the tissue, and where it
+                        * comes into a membrane or out of it */
     sb_real peak_base; /* N, largest force on a base at the end of a substep: what a membrane asked for that gave way
                         * within the step */
-    int trials;       /* largest number of a substep */
-    int consistent;   /* 1: friction states came out as they were taken, in all substeps */
-    int iterations;   /* of conjugate gradients, in all */
-    int capped;       /* 1: their cap was hit */
-    sb_real residual; /* largest of a substep */
+    int trials;        /* largest number of a substep */
+    int consistent;    /* 1: friction states came out as they were taken, in all substeps */
+    int iterations;    /* of conjugate gradients, in all */
+    int capped;        /* 1: their cap was hit */
+    sb_real residual;  /* largest of a substep */
     int static_nodes, dynamic_nodes; /* at the end */
     int operations;                  /* of the remesher */
     sb_real worst_quality;           /* of tets about the tips; 1: none */
@@ -11940,7 +11940,8 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
 /* ---- needle_sleeve ---- */
 
-/* Targets of the nodes in the sleeve, turn and feed of a substep of dt, which is `share` of what is left of the step. */
+/* Targets of the nodes in the sleeve, turn and feed of a substep of dt, which is `share` of what is left of the step.
+ */
 NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share);
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
@@ -12935,7 +12936,8 @@ static int ndli_membrane_gather(const ndli_membrane_mesh *mesh, const ndl_membra
     return count;
 }
 
-static sb_result ndli_membrane_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
+static sb_result ndli_membrane_make_surface(const ndl_needle *needle, const ndl_membrane *membrane,
+                                            sb_surface **surface)
 {
     ndli_membrane_mesh mesh = ndli_membrane_get_mesh(needle->site);
     sb_mesh faces;
@@ -12992,7 +12994,8 @@ NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X)
     return sum;
 }
 
-/* Of a membrane's thickness, or of the way where that is much longer: how far past the edge of one a tip may be found. */
+/* Of a membrane's thickness, or of the way where that is much longer: how far past the edge of one a tip may be found.
+ */
 static const double ndli_membrane_slack = 0.02, ndli_membrane_least_stride = 1.0 / 64;
 
 /* The way at which the tip comes into, or out of, where this one is felt (m, a little past it); `length`: nowhere. The
@@ -14606,8 +14609,8 @@ static double ndli_step_share_to_edge(const ndli_stepping *s, const ndli_step_ti
         if (needle->capsule_count == 0 || !ndl_needle_tip_material(needle, &X))
             continue;
         if (!before->within[k])
-            least = fmin(least, ndli_needle_share_to_skin(
-                                    needle, dt * ndli_norm(needle->rod->v[needle->rod->node_count - 1])));
+            least = fmin(
+                least, ndli_needle_share_to_skin(needle, dt * ndli_norm(needle->rod->v[needle->rod->node_count - 1])));
         else if (needle->advance > 0)
             least = fmin(least, ndli_needle_share_to_edge(needle, before->X[k], X));
     }
