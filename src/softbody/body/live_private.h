@@ -33,6 +33,7 @@ typedef int sbi_cell_find(void *user, int cell, const sb_real xi[3]);
 
 typedef struct sbi_listener {
     int id;
+    int leads; /* 1: comes before those that do not, whenever it was registered: these may read it */
     sb_body_listener calls;
 } sbi_listener;
 
@@ -98,6 +99,8 @@ SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
 SBI_API void sbi_live_free(sb_body *body);
+/* sb_body_listen for one that leads or does not. */
+SBI_API sb_result sbi_live_listen(sb_body *body, const sb_body_listener *listener, int leads, int *id, sb_error *error);
 /* Tells all who listen that the body ends, and ends the change under way. */
 SBI_API void sbi_live_end(sb_body *body);
 SBI_API void sbi_change_destroy(sb_body_change *change); /* NULL is fine */
