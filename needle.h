@@ -1063,7 +1063,9 @@ typedef struct ndl_friction {
 } ndl_friction;
 
 /* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the region's
- * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. */
+ * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. A step
+ * is divided where a tip comes into that or out of it, so that what a hand feels depends neither on dt nor on speed:
+ * peaks to 5 %, with steps of up to 0.1 s in which it goes 30 times the thickness. */
 typedef struct ndl_membrane {
     int regions[2];    /* on its two sides; -1: outside of the tissue (the skin) */
     sb_real strength;  /* N, >= 0 */
@@ -1164,12 +1166,15 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
 
 /* What a step did, over all needles and substeps. */
 typedef struct ndl_step_info {
-    int substeps;     /* a step is cut where a tip would go further than about half an edge of the tissue */
-    int trials;       /* largest number of a substep */
-    int consistent;   /* 1: friction states came out as they were taken, in all substeps */
-    int iterations;   /* of conjugate gradients, in all */
-    int capped;       /* 1: their cap was hit */
-    sb_real residual; /* largest of a substep */
+    int substeps;      /* a step is cut where a tip would go further than about half an edge of the tissue, and where it
+                        * comes into a membrane or out of it */
+    sb_real peak_base; /* N, largest force on a base at the end of a substep: what a membrane asked for that gave way
+                        * within the step */
+    int trials;        /* largest number of a substep */
+    int consistent;    /* 1: friction states came out as they were taken, in all substeps */
+    int iterations;    /* of conjugate gradients, in all */
+    int capped;        /* 1: their cap was hit */
+    sb_real residual;  /* largest of a substep */
     int static_nodes, dynamic_nodes; /* at the end */
     int operations;                  /* of the remesher */
     sb_real worst_quality;           /* of tets about the tips; 1: none */
@@ -11436,11 +11441,16 @@ typedef struct ndli_bed {
     double mean_edge; /* m */
     int was_cut;      /* 1: when this was made */
     int version;      /* of the body's mesh, then */
-    int is_lost;      /* 1: others than an sb_cut have changed that since */
+    uint64_t hash;    /* of what it is made from: cells, their nodes and where these are */
+    int is_lost;      /* 1: others than an sb_cut have changed the body's mesh since */
 } ndli_bed;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error);
+/* From the mesh of `mesh_of`, which the body has, or will have. */
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
+                                   sb_error *error);
+/* It becomes `next`, which is zeros then. */
+NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next);
 NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */
 
 /* Where X (m, at rest) is; `hint` is an element to start from. 0: outside, and *place is the nearest. */
@@ -11467,14 +11477,25 @@ NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_pl
 
 #include <string.h>
 
+
 /* ---- creation ---- */
 
-static void ndli_bed_list_cells(ndli_bed *bed)
+static void ndli_bed_list_cells(ndli_bed *bed, const sb_body *body)
 {
     int count = 0;
-    for (int cell = 0; cell < sb_body_element_count(bed->body); cell++)
-        if (sb_body_cell_in_use(bed->body, cell))
+    for (int cell = 0; cell < sb_body_element_count(body); cell++)
+        if (sb_body_cell_in_use(body, cell))
             bed->cells[count++] = cell;
+}
+
+static uint64_t ndli_bed_hash(const ndli_bed *bed)
+{
+    size_t elements = (size_t)bed->mesh.element_count, corners = elements * (size_t)sb_mesh_element_width(&bed->mesh);
+    uint64_t hash = ndli_image_hash(elements, bed->cells, elements * sizeof(int));
+    hash = ndli_image_hash(hash, bed->mesh.elements, corners * sizeof(int));
+    for (size_t i = 0; i < corners; i++)
+        hash = ndli_image_hash(hash, bed->mesh.nodes + bed->mesh.elements[i], sizeof(sb_vec3));
+    return hash;
 }
 
 /* Faces of tets are equilateral triangles where the mesh is even, those of hexes squares. */
@@ -11483,17 +11504,18 @@ static double ndli_bed_edge_of(const ndli_bed *bed, double volume)
     return cbrt(bed->volume.is_box ? volume : 6 * sqrt(2.0) * volume);
 }
 
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error)
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
+                                   sb_error *error)
 {
     sb_result result;
     memset(bed, 0, sizeof *bed);
     bed->body = body;
     bed->allocator = *allocator;
-    bed->version = sb_body_mesh_version(body);
-    bed->was_cut = sbi_body_has_pieces(body);
-    if (sbi_body_mesh(body).element_type == SB_CUSTOM)
+    bed->version = sb_body_mesh_version(mesh_of);
+    bed->was_cut = sbi_body_has_pieces(mesh_of);
+    if (sbi_body_mesh(mesh_of).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles do not go into elements of your own (SB_CUSTOM)");
-    result = sbi_body_copy_mesh(body, allocator, &bed->mesh, error);
+    result = sbi_body_copy_mesh(mesh_of, allocator, &bed->mesh, error);
     if (result == SB_OK)
         result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
     if (result != SB_OK)
@@ -11506,7 +11528,8 @@ NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator,
         ndli_bed_free(bed);
         return result;
     }
-    ndli_bed_list_cells(bed);
+    ndli_bed_list_cells(bed, mesh_of);
+    bed->hash = ndli_bed_hash(bed);
     bed->mean_edge = ndli_bed_edge_of(bed, (double)sb_mesh_volume(&bed->mesh) / bed->mesh.element_count);
     return SB_OK;
 }
@@ -11519,6 +11542,14 @@ NDLI_API void ndli_bed_free(ndli_bed *bed)
         sbi_free(&bed->allocator, bed->cells);
     sb_mesh_free(&bed->mesh);
     memset(bed, 0, sizeof *bed);
+}
+
+NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next)
+{
+    ndli_bed_free(bed);
+    *bed = *next;
+    bed->volume.mesh = &bed->mesh;
+    memset(next, 0, sizeof *next);
 }
 
 /* ---- places ---- */
@@ -11819,9 +11850,9 @@ NDLI_API void ndli_track_shorten(ndli_track *track, double arc)
 /* ==== src/needle/needle_private.h ==== */
 /* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is
  * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_bevel.c bends their ways,
- * needle_resist.c is the tissue's resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the
- * rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them, needle_step.c makes a step,
- * needle.c makes and ends needles. */
+ * needle_membrane.c is membranes, needle_resist.c the tissue's resistance, needle_tip.c leads the remesher after the
+ * tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them,
+ * needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -11890,6 +11921,7 @@ struct ndli_site {
     int listener; /* its number at the body */
     int embeds;   /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
     ndli_bed bed;
+    ndli_bed next_bed; /* of a state that is being loaded, where it is another */
     ndl_remesh *remesh;
     const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
@@ -11925,8 +11957,9 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
 /* ---- needle_sleeve ---- */
 
-/* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
-NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left);
+/* Targets of the nodes in the sleeve, turn and feed of a substep of dt, which is `share` of what is left of the step.
+ */
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share);
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 
@@ -11956,6 +11989,18 @@ NDLI_API void ndli_held_leave(ndl_needle *needle);
  * a modulus (Pa): (4 EI / k)^(1/4). */
 NDLI_API double ndli_held_wave(double bending, double radius, double young, double guess);
 
+/* ---- needle_membrane ---- */
+
+/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
+/* What they add (N) to what cutting at X takes. */
+NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X);
+/* Share of the way between two points of the material at which what they add changes, or a little more; 1: nowhere but
+ * at its very end. */
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to);
+/* The same of the way of a tip that has just come through the skin, where that is one of them; `way` (m) long. */
+NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way);
+
 /* ---- needle_resist ---- */
 
 /* What a region does to a needle, or NULL. */
@@ -11963,8 +12008,6 @@ NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int 
 /* Force (N) to cut at X of a region, `table` its friction's. */
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table);
 
-/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
-NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
 /* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
 NDLI_API void ndli_needle_resist(ndl_needle *needle);
 
@@ -12082,6 +12125,7 @@ NDLI_API void ndli_site_free(struct ndli_site *site)
         sb_body_unlisten(site->body, site->listener);
     ndl_remesh_destroy(site->remesh);
     ndli_bed_free(&site->bed);
+    ndli_bed_free(&site->next_bed);
     sbi_free(&allocator, site->node_place);
     sbi_free(&allocator, site->coupled);
     sbi_free(&allocator, site->unknown);
@@ -12113,12 +12157,10 @@ NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
         return ndli_remesh_look(site->remesh, error);
     if (!ndli_site_is_stale(site))
         return SB_OK;
-    result = ndli_bed_create(site->body, &site->allocator, &fresh, error);
+    result = ndli_bed_create(site->body, site->body, &site->allocator, &fresh, error);
     if (result != SB_OK)
         return result;
-    ndli_bed_free(&site->bed);
-    site->bed = fresh;
-    site->bed.volume.mesh = &site->bed.mesh;
+    ndli_bed_replace(&site->bed, &fresh);
     return SB_OK;
 }
 
@@ -12365,6 +12407,7 @@ enum { NDLI_NEEDLE_VERSION = 3 };
 
 typedef struct ndli_site_head {
     double mean_edge;
+    uint64_t bed; /* hash of what needles that are held have their tracks in; 0: none is in */
     int order, count;
     unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
 } ndli_site_head;
@@ -12485,10 +12528,11 @@ static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli
     ndli_image_part(image, needle->track.elements, points, sizeof(int));
 }
 
-static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
+static void ndli_site_fill_head(const struct ndli_site *site, int stale, ndli_site_head *h)
 {
     memset(h, 0, sizeof *h);
     h->mean_edge = site->mean_edge;
+    h->bed = stale ? 0 : site->bed.hash;
     h->order = NDLI_IMAGE_ORDER;
     h->count = site->count;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
@@ -12503,7 +12547,7 @@ static void ndli_site_save(const void *user, sbi_state_out *out)
     ndli_image image;
     memset(&image, 0, sizeof image);
     image.state = out;
-    ndli_site_fill_head(site, &head);
+    ndli_site_fill_head(site, stale, &head);
     ndli_image_part(&image, &head, 1, sizeof head);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
@@ -12586,7 +12630,7 @@ static int ndli_image_rises(const unsigned char *reals, size_t count, double *la
 }
 
 /* The track is one in the bed, and the rod's nodes are on it in their order. */
-static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char *arcs, const ndli_needle_head *h)
+static int ndli_needle_track_holds(const ndli_bed *bed, const unsigned char *arcs, const ndli_needle_head *h)
 {
     size_t nodes = (size_t)h->count, points = (size_t)h->points;
     const unsigned char *X = arcs + ndli_image_room(nodes * sizeof(double));
@@ -12595,7 +12639,7 @@ static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char
     double tip = 0, last = 0;
     for (size_t i = 0; i < points; i++) {
         int element = ndli_image_int(elements, i);
-        if (element < 0 || element >= needle->site->bed.mesh.element_count)
+        if (element < 0 || element >= bed->mesh.element_count)
             return 0;
     }
     if (!ndli_image_is_number(X, 3 * points) || !ndli_image_rises(at, points, &tip))
@@ -12603,9 +12647,9 @@ static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char
     return ndli_image_rises(arcs, nodes, &last) && (points == 0 || (last == tip && ndli_image_real(at, 0) == 0));
 }
 
-/* The needle at in[size]; used: its bytes. */
-static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
-                                         sb_error *error)
+/* The needle at in[size], its track in this bed; used: its bytes. */
+static sb_result ndli_needle_check_image(const ndl_needle *needle, const ndli_bed *bed, const unsigned char *in,
+                                         size_t size, size_t *used, sb_error *error)
 {
     ndl_needle none = *needle;
     ndli_needle_head h;
@@ -12632,7 +12676,7 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
     for (size_t i = 0; i < count; i++)
         good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
     if (!good || !ndli_image_is_number(contacts, 3 * count) ||
-        !(needle->site->embeds ? ndli_needle_track_holds(needle, rest, &h)
+        !(needle->site->embeds ? ndli_needle_track_holds(bed, rest, &h)
                                : ndli_needle_path_holds(needle, rest, h.count)))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
     result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
@@ -12658,28 +12702,66 @@ static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_s
     return SB_OK;
 }
 
+/* The bed of a state: the one that there is, or one that is made from the state's mesh; of needles that are in a body
+ * which was cut it is the one of the mesh before, which nobody makes anew. */
+static sb_result ndli_site_check_bed(struct ndli_site *site, const sb_body *body, const ndli_site_head *h,
+                                     const ndli_bed **bed, sb_error *error)
+{
+    sb_result result;
+    *bed = &site->bed;
+    ndli_bed_free(&site->next_bed);
+    if (!h->bed || h->bed == site->bed.hash || !site->embeds)
+        return SB_OK;
+    *bed = &site->next_bed;
+    result = ndli_bed_create(site->body, body, &site->allocator, &site->next_bed, error);
+    if (result != SB_OK || h->bed == site->next_bed.hash)
+        return result;
+    ndli_bed_free(&site->next_bed);
+    return sbi_fail(error, SB_ERROR_STATE,
+                    "the state's needles went into another mesh than those of the body know: load it into a body that "
+                    "was made as its body was");
+}
+
 static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
                                  sb_error *error)
 {
-    const struct ndli_site *site = (const struct ndli_site *)user;
+    struct ndli_site *site = (struct ndli_site *)user;
+    const ndli_bed *bed = NULL;
     ndli_site_head head;
     size_t at = ndli_image_room(sizeof head);
     sb_result result;
-    (void)body;
     if (size < at)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles end in their head");
     memcpy(&head, bytes, sizeof head);
     result = ndli_site_check_head(site, &head, error);
+    if (result == SB_OK)
+        result = ndli_site_check_bed(site, body, &head, &bed, error);
     for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
         if (site->needles[i]) {
             size_t used = 0;
-            result = ndli_needle_check_image(site->needles[i], bytes + at, size - at, &used, error);
+            result = ndli_needle_check_image(site->needles[i], bed, bytes + at, size - at, &used, error);
             at += used;
         }
     if (result == SB_OK && at != size)
         result =
             sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+    if (result != SB_OK)
+        ndli_bed_free(&site->next_bed);
     return result;
+}
+
+static void ndli_site_give_up(void *user) { ndli_bed_free(&((struct ndli_site *)user)->next_bed); }
+
+/* The body has the mesh that the tracks are in again, or one that was cut from it; hash 0: none is in. */
+static void ndli_site_load_bed(struct ndli_site *site, uint64_t hash)
+{
+    if (!site->embeds)
+        return;
+    if (site->next_bed.cells)
+        ndli_bed_replace(&site->bed, &site->next_bed);
+    site->bed.is_lost = !hash;
+    if (hash)
+        site->bed.version = sb_body_mesh_version(site->body);
 }
 
 static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
@@ -12693,6 +12775,7 @@ static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
     ndli_image_part(&image, &head, 1, sizeof head);
     site->mean_edge = head.mean_edge;
     site->undo_waits = 0;
+    ndli_site_load_bed(site, head.bed);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_needle *needle = site->needles[i];
@@ -12716,6 +12799,7 @@ NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
     part.save = ndli_site_save;
     part.check = ndli_site_check;
     part.load = ndli_site_load;
+    part.give_up = ndli_site_give_up;
     return part;
 }
 
@@ -12822,13 +12906,13 @@ NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis)
                            ndli_dot(m1, needle->given_director));
 }
 
-/* Where the sleeve is after a substep, and how far it turns the needle; `left` substeps, this one counted. */
+/* Where the sleeve is after a substep, and how far it turns the needle. */
 typedef struct ndli_sleeve {
     ndli_v3 outlet, axis;
     double turn;
 } ndli_sleeve;
 
-static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, int left)
+static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, double share)
 {
     ndli_v3 spin = ndli_from(command->angular_velocity), swing;
     ndli_sleeve sleeve;
@@ -12838,7 +12922,6 @@ static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command
     sleeve.axis = ndli_sleeve_turned(needle->axis, ndli_scale(dt, swing));
     sleeve.turn = dt * ((double)command->twist + along);
     if (needle->base_given) {
-        double share = 1.0 / left;
         ndli_v3 axis = ndli_add(sleeve.axis, ndli_scale(share, ndli_sub(needle->given_axis, sleeve.axis)));
         sleeve.outlet = ndli_madd(sleeve.outlet, share, ndli_sub(needle->given_outlet, sleeve.outlet));
         sleeve.axis = axis;
@@ -12863,10 +12946,10 @@ static void ndli_sleeve_feed(ndl_needle *needle, double length)
     needle->fed += length;
 }
 
-NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left)
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share)
 {
     ndl_rod *rod = needle->rod;
-    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, left);
+    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, share);
     double length = dt * (double)command->insertion;
     needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
     ndli_sleeve_feed(needle, length);
@@ -12877,27 +12960,29 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
     needle->axis = sleeve.axis;
 }
 
-/* ==== src/needle/needle_resist.c ==== */
-/* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
+/* ==== src/needle/needle_membrane.c ==== */
+/* needle_membrane: faces between regions that take more force to puncture: where they are, what they add to what the
+ * tip has to cut, and where on its way that changes. A step ends a substep there: a tip that runs through a membrane
+ * within one step would never feel it. */
 
 #include <string.h>
 
-/* ---- membranes ---- */
+/* ---- the faces ---- */
 
 /* The undeformed mesh that membranes lie in. */
-typedef struct ndli_resist_mesh {
+typedef struct ndli_membrane_mesh {
     const struct ndli_site *site;
     sb_element_type type;
     int count, node_count;
     const int *elements, *neighbours;
     sb_vec3 *X; /* read only */
-} ndli_resist_mesh;
+} ndli_membrane_mesh;
 
-static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
+static ndli_membrane_mesh ndli_membrane_get_mesh(const struct ndli_site *site)
 {
     const ndli_topology *topology = site->mesh;
     const sb_mesh *rest = &site->bed.mesh;
-    ndli_resist_mesh mesh;
+    ndli_membrane_mesh mesh;
     mesh.site = site;
     mesh.type = topology ? SB_TET4 : rest->element_type;
     mesh.count = topology ? topology->original_tets : rest->element_count;
@@ -12908,7 +12993,7 @@ static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
     return mesh;
 }
 
-static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
+static int ndli_membrane_region(const ndli_membrane_mesh *mesh, int element)
 {
     const struct ndli_site *site = mesh->site;
     if (element < 0)
@@ -12917,11 +13002,11 @@ static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
 }
 
 /* 1 when the membrane lies on a face; each inner face is looked at from its lower element. */
-static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int element, int face)
+static int ndli_membrane_holds(const ndli_membrane_mesh *mesh, const ndl_membrane *membrane, int element, int face)
 {
     int faces = sb_element_face_count(mesh->type);
     int other = mesh->neighbours[(size_t)faces * (size_t)element + (size_t)face];
-    int a = ndli_resist_region(mesh, element), b = ndli_resist_region(mesh, other);
+    int a = ndli_membrane_region(mesh, element), b = ndli_membrane_region(mesh, other);
     if (other > element)
         return 0;
     return (a == membrane->regions[0] && b == membrane->regions[1]) ||
@@ -12929,7 +13014,7 @@ static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *m
 }
 
 /* Corners of a face, as who numbered the neighbours has them; returns how many. */
-static int ndli_resist_face(const ndli_resist_mesh *mesh, int face, int local[SB_MAX_FACE_NODES])
+static int ndli_membrane_face(const ndli_membrane_mesh *mesh, int face, int local[SB_MAX_FACE_NODES])
 {
     static const int opposite[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* of the topology */
     sb_element_type type;
@@ -12942,16 +13027,16 @@ static int ndli_resist_face(const ndli_resist_mesh *mesh, int face, int local[SB
 }
 
 /* Faces of the membrane, as triangles between their corners: written to `triangles` when that is not NULL. */
-static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int *triangles)
+static int ndli_membrane_gather(const ndli_membrane_mesh *mesh, const ndl_membrane *membrane, int *triangles)
 {
     size_t width = (size_t)sb_element_node_count(mesh->type);
     int count = 0;
     for (int e = 0; e < mesh->count; e++)
         for (int face = 0; face < sb_element_face_count(mesh->type); face++) {
             int local[SB_MAX_FACE_NODES], parts;
-            if (!ndli_resist_holds(mesh, membrane, e, face))
+            if (!ndli_membrane_holds(mesh, membrane, e, face))
                 continue;
-            parts = ndli_resist_face(mesh, face, local) - 2;
+            parts = ndli_membrane_face(mesh, face, local) - 2;
             for (int part = 0; part < parts; part++, count++)
                 for (int c = 0; c < 3 && triangles; c++)
                     triangles[3 * (size_t)count + (size_t)c] =
@@ -12960,12 +13045,13 @@ static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *
     return count;
 }
 
-static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
+static sb_result ndli_membrane_make_surface(const ndl_needle *needle, const ndl_membrane *membrane,
+                                            sb_surface **surface)
 {
-    ndli_resist_mesh mesh = ndli_resist_get_mesh(needle->site);
+    ndli_membrane_mesh mesh = ndli_membrane_get_mesh(needle->site);
     sb_mesh faces;
     sb_result result;
-    int count = ndli_resist_gather(&mesh, membrane, NULL);
+    int count = ndli_membrane_gather(&mesh, membrane, NULL);
     if (count == 0)
         return SB_ERROR_ARGUMENT;
     memset(&faces, 0, sizeof faces);
@@ -12975,7 +13061,7 @@ static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_me
     faces.elements = (int *)sbi_alloc(&needle->allocator, (size_t)count, 3 * sizeof(int));
     if (!faces.elements)
         return SB_ERROR_MEMORY;
-    faces.element_count = ndli_resist_gather(&mesh, membrane, faces.elements);
+    faces.element_count = ndli_membrane_gather(&mesh, membrane, faces.elements);
     result = sb_surface_create(&faces, &needle->allocator, surface, NULL);
     sbi_free(&needle->allocator, faces.elements);
     return result;
@@ -12985,7 +13071,7 @@ NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *m
 {
     *bad = -1;
     for (int i = 0; i < count; i++) {
-        sb_result result = ndli_resist_make_surface(needle, membranes + i, &needle->capsules[i].surface);
+        sb_result result = ndli_membrane_make_surface(needle, membranes + i, &needle->capsules[i].surface);
         if (result != SB_OK) {
             *bad = result == SB_ERROR_MEMORY ? -1 : i;
             return 0;
@@ -12995,6 +13081,91 @@ NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *m
     }
     return 1;
 }
+
+/* ---- what they ask for ---- */
+
+/* How far X is outside of where the membrane is felt (m), negative within; `reach` where it is farther than that. */
+static double ndli_membrane_clearance(const ndli_capsule *capsule, ndli_v3 X, double reach)
+{
+    double half = 0.5 * (double)capsule->def.thickness;
+    sb_surface_hit hit;
+    if (!sb_surface_closest(capsule->surface, ndli_to(X), (sb_real)(half + reach), &hit))
+        return reach;
+    return (double)hit.distance - half;
+}
+
+NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X)
+{
+    double sum = 0;
+    for (int i = 0; i < needle->capsule_count; i++)
+        if (sb_surface_closest(needle->capsules[i].surface, X, needle->capsules[i].def.thickness / 2, NULL))
+            sum += (double)needle->capsules[i].def.strength;
+    return sum;
+}
+
+/* Of a membrane's thickness, or of the way where that is much longer: how far past the edge of one a tip may be found.
+ */
+static const double ndli_membrane_slack = 0.02, ndli_membrane_least_stride = 1.0 / 64;
+
+/* The way at which the tip comes into, or out of, where this one is felt (m, a little past it); `length`: nowhere. The
+ * distance to a surface changes by no more than one goes: by so much one may go on. */
+static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3 way, double length)
+{
+    double slack = fmax(ndli_membrane_slack * (double)capsule->def.thickness, ndli_membrane_least_stride * length);
+    double clear = ndli_membrane_clearance(capsule, X, length), gone = 0;
+    int within = clear <= 0;
+    while (gone < length && (clear <= 0) == within) {
+        gone += fmax(fabs(clear), slack);
+        clear = ndli_membrane_clearance(capsule, ndli_madd(X, gone / length, way), length);
+    }
+    return gone + slack < length ? gone : length;
+}
+
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to)
+{
+    ndli_v3 X = ndli_from(from), way = ndli_sub(ndli_from(to), X);
+    double length = ndli_norm(way), least = length;
+    for (int i = 0; i < needle->capsule_count && length > 0; i++)
+        least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
+    return least < length ? least / length : 1;
+}
+
+/* Where the skin is now that the tip went through. */
+static ndli_v3 ndli_membrane_entry(const ndl_needle *needle)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track_point begin;
+    ndli_place place;
+    ndli_bed_row row;
+    if (!needle->site->embeds)
+        return ndli_from(needle->site->mesh->x[needle->path[0]]);
+    begin = ndli_track_at(&needle->track, 0);
+    (void)ndli_bed_locate(bed, ndli_to(begin.X), begin.element, &place);
+    if (!ndli_bed_row_at(bed, &place, &row))
+        return needle->rod->x[needle->rod->node_count - 1];
+    return ndli_bed_at(bed, &row);
+}
+
+NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    double slack = -1, past;
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndl_membrane *membrane = &needle->capsules[i].def;
+        if (membrane->regions[0] < 0 || membrane->regions[1] < 0)
+            slack = ndli_membrane_slack * (double)membrane->thickness;
+    }
+    if (slack < 0)
+        return 1;
+    past = ndli_dot(ndli_sub(rod->x[last], ndli_membrane_entry(needle)), rod->tangent[last - 1]);
+    return past > 2 * slack && past < way ? 1 - (past - slack) / way : 1;
+}
+
+/* ==== src/needle/needle_resist.c ==== */
+/* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
+
+#include <string.h>
 
 /* ---- friction ---- */
 
@@ -13048,25 +13219,13 @@ static int ndli_resist_region_ahead(const ndl_needle *needle, int tip)
     return region;
 }
 
-static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
-{
-    double sum = 0;
-    for (int i = 0; i < needle->capsule_count; i++) {
-        const ndli_capsule *capsule = needle->capsules + i;
-        sb_surface_hit hit;
-        if (sb_surface_closest(capsule->surface, X, capsule->def.thickness / 2, &hit))
-            sum += (double)capsule->def.strength;
-    }
-    return sum;
-}
-
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table)
 {
     if (needle->cutting_at) {
         sb_real force = needle->cutting_at(needle->cutting_user, X, region);
         return force > 0 && sb_is_finite(force) ? (double)force : 0;
     }
-    return table + ndli_resist_membranes(needle, X);
+    return table + ndli_needle_membranes_at(needle, X);
 }
 
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
@@ -14439,7 +14598,7 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     return result;
 }
 
-static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
+static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double share)
 {
     static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
     double begin = ndli_step_now(s->site);
@@ -14450,7 +14609,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         if (result != SB_OK)
             return result;
         ndli_bevel_begin(needle);
-        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, left);
+        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, share);
         if (s->site->embeds)
             ndli_held_resist(needle);
         else
@@ -14493,15 +14652,96 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     return result;
 }
 
-static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
+/* dt is `share` of what is left of the step. */
+static sb_result ndli_step_substep(const ndli_stepping *s, double dt, double share)
 {
-    sb_result result = ndli_step_prepare(s, dt, left);
+    sb_result result = ndli_step_prepare(s, dt, share);
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
     if (result == SB_OK)
         result = ndli_site_look(s->site, s->error);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        s->info->peak_base = sb_max(s->info->peak_base, (sb_real)ndli_norm(s->needles[k]->base_force));
+    return result;
+}
+
+/* ---- membranes within a step ---- */
+
+/* Where the tips of needles with membranes are in the material. */
+typedef struct ndli_step_tips {
+    sb_vec3 X[NDL_MAX_NEEDLES];
+    int within[NDL_MAX_NEEDLES]; /* 1: in the tissue */
+} ndli_step_tips;
+
+static void ndli_step_find_tips(const ndli_stepping *s, ndli_step_tips *tips)
+{
+    for (int k = 0; k < s->count; k++)
+        tips->within[k] = s->needles[k]->capsule_count > 0 && ndl_needle_tip_material(s->needles[k], tips->X + k);
+}
+
+/* Substeps get no shorter than that share of one: their rounding would be felt. */
+static const double ndli_step_shortest = 1e-3;
+
+/* Share of a substep of dt in which the first tip came to where a membrane begins or ends; 1: none did. */
+static double ndli_step_share_to_edge(const ndli_stepping *s, const ndli_step_tips *before, double dt)
+{
+    double least = 1;
+    for (int k = 0; k < s->count; k++) {
+        const ndl_needle *needle = s->needles[k];
+        sb_vec3 X;
+        if (needle->capsule_count == 0 || !ndl_needle_tip_material(needle, &X))
+            continue;
+        if (!before->within[k])
+            least = fmin(
+                least, ndli_needle_share_to_skin(needle, dt * ndli_norm(needle->rod->v[needle->rod->node_count - 1])));
+        else if (needle->advance > 0)
+            least = fmin(least, ndli_needle_share_to_edge(needle, before->X[k], X));
+    }
+    return least < 1 - ndli_step_shortest ? fmax(least, ndli_step_shortest) : 1;
+}
+
+/* Ends of a step's substeps, in units of the first guess of them, which are all 1 long; sorted. */
+enum { NDLI_STEP_EDGES = 12 };
+typedef struct ndli_step_ends {
+    double edges[NDLI_STEP_EDGES]; /* where tips come to edges of membranes */
+    int edge_count, substeps;
+} ndli_step_ends;
+
+static double ndli_step_end_after(const ndli_step_ends *ends, double t)
+{
+    double next = floor(t) + 1;
+    for (int i = 0; i < ends->edge_count; i++)
+        if (ends->edges[i] > t)
+            next = fmin(next, ends->edges[i]);
+    return next;
+}
+
+/* Substeps up to the first that a tip runs through the edge of a membrane in, which is *edge then, else 0. */
+static sb_result ndli_step_run_to_edge(const ndli_stepping *s, double dt, const ndli_step_ends *ends, double *edge)
+{
+    sb_result result = SB_OK;
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    *edge = 0;
+    for (double t = 0, end; t < ends->substeps && result == SB_OK; t = end) {
+        double length, share;
+        ndli_step_tips before;
+        end = ndli_step_end_after(ends, t);
+        length = (end - t) * (dt / ends->substeps);
+        ndli_step_find_tips(s, &before);
+        result = ndli_step_substep(s, length, (end - t) / (ends->substeps - t));
+        s->info->substeps++;
+        if (result != SB_OK || ends->edge_count == NDLI_STEP_EDGES || end - t < 2 * ndli_step_shortest)
+            continue;
+        share = ndli_step_share_to_edge(s, &before, length);
+        *edge = t + share * (end - t);
+        if (share < 1)
+            return SB_OK;
+    }
+    *edge = 0;
     return result;
 }
 
@@ -14608,18 +14848,25 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     return torn;
 }
 
+/* In substeps, and anew from its beginning with one more wherever a tip ran through an edge of a membrane: what it has
+ * to cut is one force in a substep. */
 static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 {
-    sb_result result = SB_OK;
-    memset(s->info, 0, sizeof *s->info);
-    s->info->consistent = 1;
-    s->info->worst_quality = 1;
-    s->info->substeps = substeps;
-    for (int i = 0; i < substeps && result == SB_OK; i++)
-        result = ndli_step_substep(s, dt / substeps, substeps - i);
-    if (result != SB_OK && ndli_needle_undo(s->site, s->error) != SB_OK)
-        return SB_ERROR_MEMORY;
-    return result;
+    ndli_step_ends ends;
+    sb_result result;
+    double edge;
+    memset(&ends, 0, sizeof ends);
+    ends.substeps = substeps;
+    for (;;) {
+        result = ndli_step_run_to_edge(s, dt, &ends, &edge);
+        if (result == SB_OK && edge == 0)
+            return SB_OK;
+        if (ndli_needle_undo(s->site, s->error) != SB_OK)
+            return SB_ERROR_MEMORY;
+        if (result != SB_OK)
+            return result;
+        ends.edges[ends.edge_count++] = edge;
+    }
 }
 
 /* A step that is sound in its arguments. */
@@ -14852,7 +15099,7 @@ static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 
 static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
 {
-    sb_result result = ndli_bed_create(site->body, &site->allocator, &site->bed, error);
+    sb_result result = ndli_bed_create(site->body, site->body, &site->allocator, &site->bed, error);
     if (result == SB_OK)
         site->mean_edge = site->bed.mean_edge;
     return result;

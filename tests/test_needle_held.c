@@ -305,6 +305,37 @@ static void test_cut_states(void)
     needle_scene_free(&b);
 }
 
+/* Others change the mesh, and the needle is out; a state from before takes it back in, whether a step was between. */
+static void test_states_before_a_change(void)
+{
+    for (int steps = 0; steps < 2; steps++) {
+        needle_scene s = cut_scene();
+        size_t size;
+        void *image;
+        unsigned long long bits, end;
+        if (!needle_scene_make(&s))
+            return;
+        needle_scene_run(&s, dt, 60, needle_command(speed, 0));
+        size = sb_body_state_size(s.body);
+        image = malloc(size);
+        CHECK_OK(sb_body_state_save(s.body, image, size));
+        bits = needle_scene_bits(&s);
+        needle_scene_run(&s, dt, 10, needle_command(speed, 0));
+        end = needle_scene_bits(&s);
+        scene_remove_cells(s.body);
+        if (steps) {
+            needle_scene_run(&s, dt, 1, needle_command(0, 0));
+            CHECK(ndl_needle_depth(s.needles[0]) == 0);
+        }
+        CHECK_OK(sb_body_state_load(s.body, image, size, &s.error));
+        CHECK(needle_scene_bits(&s) == bits);
+        needle_scene_run(&s, dt, 10, needle_command(speed, 0));
+        CHECK(ndl_needle_depth(s.needles[0]) > 0 && needle_scene_bits(&s) == end);
+        free(image);
+        needle_scene_free(&s);
+    }
+}
+
 /* Cuts that ask for more than the body's slack while a needle is in it. */
 static void test_growing_body(void)
 {
@@ -505,6 +536,7 @@ static void test_random_use(void)
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"neighbours", test_neighbours},
             {"balance", test_balance}, {"membranes", test_membranes}, {"cut across a needle", test_cut_across_needle},
             {"into a cut body", test_into_cut_body}, {"states of cut bodies", test_cut_states},
-            {"a body that grows", test_growing_body}, {"ablation", test_ablation}, {"viscous friction", test_viscous},
+            {"states before a change", test_states_before_a_change}, {"a body that grows", test_growing_body},
+            {"ablation", test_ablation}, {"viscous friction", test_viscous},
             {"soft tissue's states", test_states_in_soft_tissue}, {"bad definitions", test_bad_definitions},
             {"memory", test_memory}, {"far side", test_far_side}, {"random use", test_random_use});

@@ -1,8 +1,8 @@
 /* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is
  * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_bevel.c bends their ways,
- * needle_resist.c is the tissue's resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the
- * rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them, needle_step.c makes a step,
- * needle.c makes and ends needles. */
+ * needle_membrane.c is membranes, needle_resist.c the tissue's resistance, needle_tip.c leads the remesher after the
+ * tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them,
+ * needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -79,6 +79,7 @@ struct ndli_site {
     int listener; /* its number at the body */
     int embeds;   /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
     ndli_bed bed;
+    ndli_bed next_bed; /* of a state that is being loaded, where it is another */
     ndl_remesh *remesh;
     const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
@@ -114,8 +115,9 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
 /* ---- needle_sleeve ---- */
 
-/* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
-NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left);
+/* Targets of the nodes in the sleeve, turn and feed of a substep of dt, which is `share` of what is left of the step.
+ */
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share);
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 
@@ -145,6 +147,18 @@ NDLI_API void ndli_held_leave(ndl_needle *needle);
  * a modulus (Pa): (4 EI / k)^(1/4). */
 NDLI_API double ndli_held_wave(double bending, double radius, double young, double guess);
 
+/* ---- needle_membrane ---- */
+
+/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
+/* What they add (N) to what cutting at X takes. */
+NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X);
+/* Share of the way between two points of the material at which what they add changes, or a little more; 1: nowhere but
+ * at its very end. */
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to);
+/* The same of the way of a tip that has just come through the skin, where that is one of them; `way` (m) long. */
+NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way);
+
 /* ---- needle_resist ---- */
 
 /* What a region does to a needle, or NULL. */
@@ -152,8 +166,6 @@ NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int 
 /* Force (N) to cut at X of a region, `table` its friction's. */
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table);
 
-/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
-NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
 /* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
 NDLI_API void ndli_needle_resist(ndl_needle *needle);
 
