@@ -69,6 +69,8 @@ typedef struct sbi_step {
     int lagged_damping; /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
                          * has it in A already */
     int has_velocity;   /* v may differ from 0 at the current u */
+    int pushed;         /* 1: live_push.c holds something in this step, */
+    sb_real push;       /* and its factor in A; 0: there is none */
 
     /* where it is */
     int moves_supports;      /* the present increment moves supported nodes or closes gaps of constraints */
