@@ -67,6 +67,7 @@ typedef struct sbi_contact_entry {
     sb_vec3 traction;             /* t (Pa) on the body */
     sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
     sbi_contact_answer answer;    /* of the law, for its stiffness; not saved: 0 where it was loaded */
+    uint64_t name;                /* of the triangle of a skin, while it waits for that (sbi_contact_skin) */
 } sbi_contact_entry;
 
 enum { SBI_CONTACT_MOST_CORNERS = 4 }; /* of any face */
