@@ -282,6 +282,7 @@ static sb_result sbi_step_start(sbi_step *step)
     sb_body *b = step->body;
     sb_result result = SB_OK;
     sbi_step_dead_loads(b);
+    step->pushed = sbi_live_hold_pushes(b, step->dt);
     if (!step->linearised && b->damping_stiffness > 0)
         result = sbi_step_keep_damping(step);
     sbi_step_look_back(step);
@@ -290,6 +291,7 @@ static sb_result sbi_step_start(sbi_step *step)
     if (result != SB_OK)
         return result;
     sbi_step_scheme(step);
+    step->push = step->pushed ? 1 / step->level : 0;
     sbi_step_enter(b, step->level * step->dt);
     step->info->newton_iterations = step->info->pcg_iterations = 0;
     return sbi_step_linearise(step);

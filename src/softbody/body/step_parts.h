@@ -71,6 +71,8 @@ typedef struct sbi_step {
     int has_velocity;       /* v may differ from 0 at the current u */
     int needs_acceleration; /* 1: the step first solves M a = f */
     int keeps_acceleration; /* 1: it leaves the acceleration that it found */
+    int pushed;             /* 1: live_push.c holds something in this step, */
+    sb_real push;           /* and its factor in A; 0: there is none */
 
     /* where it is */
     int moves_supports;      /* the present increment moves supported nodes or closes gaps of constraints */

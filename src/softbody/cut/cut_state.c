@@ -10,12 +10,12 @@
 #include "../base/bytes.h"
 
 enum {
-    SBI_CUT_STATE_VERSION = 3,
+    SBI_CUT_STATE_VERSION = 4,
     SBI_CUT_LINK_BYTES = 5 * 4 + 8,
     SBI_CUT_LOST_BYTES = 3 * 4,
     SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8,
-    SBI_CUT_DEBT_BYTES = 3 * 4 + 6 * 8,
-    SBI_CUT_PUSH_BYTES = 4 + 3 * 8
+    SBI_CUT_DEBT_BYTES = 3 * 4 + 9 * 8,
+    SBI_CUT_PUSH_BYTES = 4 + 4 * 8
 };
 
 /* ---- numbers ---- */
@@ -115,6 +115,7 @@ static void sbi_cut_save_debts(const sbi_cut_debts *debts, sbi_state_out *out)
         sbi_part_put_reals(out, debt->at, 4);
         sbi_cut_put_real(out, debt->area);
         sbi_cut_put_real(out, debt->way);
+        sbi_cut_put_vector(out, debt->place);
     }
 }
 
@@ -128,6 +129,7 @@ static void sbi_cut_save_force(const sb_cut *cut, sbi_state_out *out)
     for (int i = 0; i < live->push_count; i++) {
         sbi_part_put_int(out, live->pushes[i].node);
         sbi_cut_put_vector(out, live->pushes[i].force);
+        sbi_cut_put_real(out, live->pushes[i].stiffness);
     }
 }
 
@@ -407,6 +409,7 @@ static sbi_cut_debt sbi_cut_get_debt(sbi_part_in *in)
     sbi_part_get_reals(in, debt.at, 4);
     debt.area = sbi_cut_get_real(in);
     debt.way = sbi_cut_get_real(in);
+    debt.place = sbi_cut_get_vector(in);
     return debt;
 }
 
@@ -438,7 +441,7 @@ static sb_result sbi_cut_check_force(const sb_cut *cut, const sb_body *body, sbi
     for (int i = 0; i < count; i++) {
         int node = sbi_part_get_int(in);
         (void)sbi_cut_get_vector(in);
-        in->bad |= node < 0 || node >= sb_body_node_count(body);
+        in->bad |= node < 0 || node >= sb_body_node_count(body) || !(sbi_cut_get_real(in) >= 0);
     }
     return in->bad ? sbi_cut_damaged("forces", error) : SB_OK;
 }
@@ -532,7 +535,8 @@ static void sbi_cut_load_force(const sb_cut *cut, sbi_part_in *in)
     }
     for (int count = sbi_part_get_int(in); count > 0; count--) {
         int node = sbi_part_get_int(in);
-        sbi_live_push(cut->body, node, sbi_cut_get_vector(in));
+        sb_vec3 force = sbi_cut_get_vector(in);
+        sbi_live_push(cut->body, node, force, sbi_cut_get_real(in));
     }
 }
 
