@@ -164,6 +164,30 @@ static void test_soft(void)
     }
 }
 
+/* How far aside a tip comes does not depend on the mesh's edges. */
+static void test_meshes(void)
+{
+    static const double edges[3] = {0.02, 0.0145, 0.01};
+    double least = 1, most = 0;
+    unsigned long long seed = 1;
+    for (int i = 0; i < (check_quick() ? 2 : 3); i++) {
+        bevel_case c = random_case(NDL_EMBED, 1e4, &seed);
+        sb_vec3 places[3];
+        for (int k = 0; k < 3; k++)
+            c.scene.cells[k] = (int)((k < 2 ? 0.09 : 0.11) / edges[i] + 0.5);
+        c.dt = 0.04, c.advance = 0.0008;
+        c.scene.needle_def.bevel.curvature = 8;
+        if (insert(&c, 0.08, places)) {
+            ndl_tip_pose pose = entry_pose(&c);
+            double aside = (double)sb_v3_dot(sb_v3_sub(places[2], pose.position), pose.frame.m2);
+            least = fmin(least, aside), most = fmax(most, aside);
+        }
+        needle_scene_free(&c.scene);
+    }
+    CHECK_NEAR(most, 0.0138, 0.001);
+    CHECK(most < 1.05 * least);
+}
+
 /* Turned in place between steps, a bevel bends the way from there on. */
 static void test_turn_in_place(void)
 {
@@ -216,5 +240,5 @@ static void test_bad_bevels(void)
 }
 
 CHECK_SUITE(needle_bevel, {"both laws in rigid tissue", test_rigid}, {"a bevel that spins", test_spin},
-            {"both laws in soft tissue", test_soft}, {"turned in place", test_turn_in_place},
+            {"both laws in soft tissue", test_soft}, {"meshes", test_meshes}, {"turned in place", test_turn_in_place},
             {"bad bevels", test_bad_bevels});
