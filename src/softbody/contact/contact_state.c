@@ -3,6 +3,7 @@
  * they are of: numbers may be others where it is made anew. */
 #include <string.h>
 
+#include "../base/bytes.h"
 #include "contact_private.h"
 
 enum { SBI_CONTACT_VERSION = 6 }; /* 3: springs of tools; 4: skins; 5: integers of four bytes; 6: names of triangles */
