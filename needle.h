@@ -751,21 +751,33 @@ NDL_API ndl_tip_pose ndl_tip_turn(const ndl_tip_pose *start, sb_real angle);
 NDL_API sb_real ndl_helix_radius(sb_real curvature, sb_real twist);
 NDL_API sb_real ndl_helix_pitch(sb_real curvature, sb_real twist);
 
-/* ---- what a bevel does in a mesh of tissue ----
- * When the tip node advances by d along t, its material point is put aside by an offset h against which the needle then
- * bends: X <- X(x_tip) + F^-1 h m2. */
+/* ---- what a bevel does in tissue ----
+ * The way of a tip turns by a curvature as it goes on, towards m2. A needle (needle.h) that follows it in rigid tissue
+ * goes in circles of that curvature. Soft tissue gives way, and the shaft bends over a length lam = (4 EI / k)^(1/4), k
+ * its stiffness across (N/m^2): the way leaves the shaft's direction by an angle `lag` at most, which gives a curvature
+ * of lag/lam there, whatever the mesh (with NDL_REMESH and NDL_BEVEL_CURVATURE the mesh's edges set that limit). A
+ * turning bevel draws the helix of its turn (ndl_helix_pose), also from the skin on and with a turn of radians in a
+ * step: its axis leaves the straight way by curvature/twist.
+ *
+ * For tips in meshes of your own: one that advances by d along t has its material point put aside by an offset h
+ * against which the needle then bends: X <- X(x_tip) + F^-1 h m2. */
 
 typedef enum ndl_bevel_law {
-    NDL_BEVEL_ANGLE = 1,    /* h = d tan(angle), as the thesis has it: the curvature depends on the edge length */
-    NDL_BEVEL_CURVATURE = 2 /* h = d tan(curvature (l + d)/2): circles of that curvature in rigid tissue for any edge
-                             * length l and step d; softer tissue gives less */
+    NDL_BEVEL_ANGLE = 1,    /* the curvature is 2 tan(angle)/guide, the lag the angle. h = d tan(angle) */
+    NDL_BEVEL_CURVATURE = 2 /* h = d tan(curvature (l + d)/2): circles in rigid tissue for any edge length l and step d;
+                             * softer tissue gives less */
 } ndl_bevel_law;
 
+/* Of a needle, start from ndl_default_needle_def. */
 typedef struct ndl_bevel {
     ndl_bevel_law law;
-    sb_real angle;     /* rad, |angle| < 1.5; for NDL_BEVEL_ANGLE. With edges of mm an effective angle of few degrees,
-                        * not the ground one: 2 tan(angle)/l is the curvature in rigid tissue */
+    sb_real angle;     /* rad, |angle| < 1.5; for NDL_BEVEL_ANGLE: between what the tip cuts and the shaft behind it. An
+                        * effective angle of few degrees, not the ground one */
     sb_real curvature; /* 1/m, for NDL_BEVEL_CURVATURE. Measured: radii of 5 to 50 cm are usual; 0: symmetric tip */
+    sb_real guide;     /* m, > 0, for NDL_BEVEL_ANGLE of a needle: length of shaft that guides the tip in rigid tissue.
+                        * A needle's default 0.005 */
+    sb_real lag;       /* rad, > 0, for NDL_BEVEL_CURVATURE of a needle. It can be measured in one soft gel: curvature
+                        * times lam. A needle's default 0.1 */
 } ndl_bevel;
 
 /* Offset h (m) for an advance d (m) of a tip whose last edge is edge_length (m) long; 0 for d <= 0 (retraction).
@@ -776,7 +788,8 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
  * averaged by volume over the tip's star (that of one element jumps). SB_ERROR_INVERTED when det F <= 0,
  * SB_ERROR_NOT_FINITE; *shift is then untouched. */
 NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *deformation, sb_vec3 *shift);
-/* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). */
+/* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). That of
+ * a needle has advance 0, edge_length the bevel's guide. */
 NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature);
 
 /* ---- obstacles ---- */
@@ -1050,7 +1063,9 @@ typedef struct ndl_friction {
 } ndl_friction;
 
 /* A face between regions, as of a capsule, which must be punctured: the tip needs `strength` beside the region's
- * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. */
+ * cutting force while it is within half of `thickness` of that face (in the undeformed tissue), and none beyond. A step
+ * is divided where a tip comes into that or out of it, so that what a hand feels depends neither on dt nor on speed:
+ * peaks to 5 %, with steps of up to 0.1 s in which it goes 30 times the thickness. */
 typedef struct ndl_membrane {
     int regions[2];    /* on its two sides; -1: outside of the tissue (the skin) */
     sb_real strength;  /* N, >= 0 */
@@ -1071,10 +1086,11 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * times), 0 to 3 % from that of a mesh graded to the needle's radius (nitinol; steel 10 %), 7 % in one that is uneven
  * and distorted. Needles enter where they meet the skin: of 200 into random ellipsoids none felt 0.02 N more than
  * friction and cutting in any step. Under load the rod is ahead of its material points, by 1 mm of 20 N/m and 3 mm at a
- * tip of 0.5 N in 50 kPa, which is how far tissue about a needle is drawn along. A tip bends as the bevel's curvature
- * says, but its way leaves the shaft's direction by 0.1 rad at most. Limits: needles do not go in through the lips of a
- * cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that cut the body has to stay
- * as long as they do: without it they are out of the tissue, as where others change the mesh; entry_slip is not read.
+ * tip of 0.5 N in 50 kPa, which is how far tissue about a needle is drawn along. A tip bends as its bevel says: after 8
+ * cm in 10 to 50 kPa it is aside by the same to 3 % with edges from 20 to 7 mm. Limits: needles do not go in through
+ * the lips of a cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that cut the
+ * body has to stay as long as they do: without it they are out of the tissue, as where others change the mesh;
+ * entry_slip is not read.
  */
 typedef enum ndl_follow {
     NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no
@@ -1151,12 +1167,15 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
 
 /* What a step did, over all needles and substeps. */
 typedef struct ndl_step_info {
-    int substeps;     /* a step is cut where a tip would go further than about half an edge of the tissue */
-    int trials;       /* largest number of a substep */
-    int consistent;   /* 1: friction states came out as they were taken, in all substeps */
-    int iterations;   /* of conjugate gradients, in all */
-    int capped;       /* 1: their cap was hit */
-    sb_real residual; /* largest of a substep */
+    int substeps;      /* a step is cut where a tip would go further than about half an edge of the tissue, and where it
+                        * comes into a membrane or out of it */
+    sb_real peak_base; /* N, largest force on a base at the end of a substep: what a membrane asked for that gave way
+                        * within the step */
+    int trials;        /* largest number of a substep */
+    int consistent;    /* 1: friction states came out as they were taken, in all substeps */
+    int iterations;    /* of conjugate gradients, in all */
+    int capped;        /* 1: their cap was hit */
+    sb_real residual;  /* largest of a substep */
     int static_nodes, dynamic_nodes; /* at the end */
     int operations;                  /* of the remesher */
     sb_real worst_quality;           /* of tets about the tips; 1: none */
@@ -9190,7 +9209,8 @@ static sb_result ndli_bevel_check(const ndl_bevel *bevel, double d, double l)
 {
     if (!bevel)
         return SB_ERROR_ARGUMENT;
-    if (!sb_is_finite(bevel->angle) || !sb_is_finite(bevel->curvature) || !ndli_is_finite(d) || !ndli_is_finite(l))
+    if (!sb_is_finite(bevel->angle) || !sb_is_finite(bevel->curvature) || !sb_is_finite(bevel->guide) ||
+        !sb_is_finite(bevel->lag) || !ndli_is_finite(d) || !ndli_is_finite(l))
         return SB_ERROR_NOT_FINITE;
     if (!(l > 0))
         return SB_ERROR_ARGUMENT;
@@ -11422,11 +11442,16 @@ typedef struct ndli_bed {
     double mean_edge; /* m */
     int was_cut;      /* 1: when this was made */
     int version;      /* of the body's mesh, then */
-    int is_lost;      /* 1: others than an sb_cut have changed that since */
+    uint64_t hash;    /* of what it is made from: cells, their nodes and where these are */
+    int is_lost;      /* 1: others than an sb_cut have changed the body's mesh since */
 } ndli_bed;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error);
+/* From the mesh of `mesh_of`, which the body has, or will have. */
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
+                                   sb_error *error);
+/* It becomes `next`, which is zeros then. */
+NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next);
 NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */
 
 /* Where X (m, at rest) is; `hint` is an element to start from. 0: outside, and *place is the nearest. */
@@ -11453,14 +11478,25 @@ NDLI_API int ndli_bed_hit(const ndli_bed *bed, sb_vec3 from, sb_vec3 to, ndli_pl
 
 #include <string.h>
 
+
 /* ---- creation ---- */
 
-static void ndli_bed_list_cells(ndli_bed *bed)
+static void ndli_bed_list_cells(ndli_bed *bed, const sb_body *body)
 {
     int count = 0;
-    for (int cell = 0; cell < sb_body_element_count(bed->body); cell++)
-        if (sb_body_cell_in_use(bed->body, cell))
+    for (int cell = 0; cell < sb_body_element_count(body); cell++)
+        if (sb_body_cell_in_use(body, cell))
             bed->cells[count++] = cell;
+}
+
+static uint64_t ndli_bed_hash(const ndli_bed *bed)
+{
+    size_t elements = (size_t)bed->mesh.element_count, corners = elements * (size_t)sb_mesh_element_width(&bed->mesh);
+    uint64_t hash = ndli_image_hash(elements, bed->cells, elements * sizeof(int));
+    hash = ndli_image_hash(hash, bed->mesh.elements, corners * sizeof(int));
+    for (size_t i = 0; i < corners; i++)
+        hash = ndli_image_hash(hash, bed->mesh.nodes + bed->mesh.elements[i], sizeof(sb_vec3));
+    return hash;
 }
 
 /* Faces of tets are equilateral triangles where the mesh is even, those of hexes squares. */
@@ -11469,17 +11505,18 @@ static double ndli_bed_edge_of(const ndli_bed *bed, double volume)
     return cbrt(bed->volume.is_box ? volume : 6 * sqrt(2.0) * volume);
 }
 
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error)
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
+                                   sb_error *error)
 {
     sb_result result;
     memset(bed, 0, sizeof *bed);
     bed->body = body;
     bed->allocator = *allocator;
-    bed->version = sb_body_mesh_version(body);
-    bed->was_cut = sbi_body_has_pieces(body);
-    if (sbi_body_mesh(body).element_type == SB_CUSTOM)
+    bed->version = sb_body_mesh_version(mesh_of);
+    bed->was_cut = sbi_body_has_pieces(mesh_of);
+    if (sbi_body_mesh(mesh_of).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles do not go into elements of your own (SB_CUSTOM)");
-    result = sbi_body_copy_mesh(body, allocator, &bed->mesh, error);
+    result = sbi_body_copy_mesh(mesh_of, allocator, &bed->mesh, error);
     if (result == SB_OK)
         result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
     if (result != SB_OK)
@@ -11492,7 +11529,8 @@ NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator,
         ndli_bed_free(bed);
         return result;
     }
-    ndli_bed_list_cells(bed);
+    ndli_bed_list_cells(bed, mesh_of);
+    bed->hash = ndli_bed_hash(bed);
     bed->mean_edge = ndli_bed_edge_of(bed, (double)sb_mesh_volume(&bed->mesh) / bed->mesh.element_count);
     return SB_OK;
 }
@@ -11505,6 +11543,14 @@ NDLI_API void ndli_bed_free(ndli_bed *bed)
         sbi_free(&bed->allocator, bed->cells);
     sb_mesh_free(&bed->mesh);
     memset(bed, 0, sizeof *bed);
+}
+
+NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next)
+{
+    ndli_bed_free(bed);
+    *bed = *next;
+    bed->volume.mesh = &bed->mesh;
+    memset(next, 0, sizeof *next);
 }
 
 /* ---- places ---- */
@@ -11804,9 +11850,10 @@ NDLI_API void ndli_track_shorten(ndli_track *track, double arc)
 
 /* ==== src/needle/needle_private.h ==== */
 /* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is
- * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's
- * resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes
- * a step back, needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
+ * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_bevel.c bends their ways,
+ * needle_membrane.c is membranes, needle_resist.c the tissue's resistance, needle_tip.c leads the remesher after the
+ * tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them,
+ * needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -11842,6 +11889,8 @@ struct ndl_needle {
     double fed, advance; /* m */
     ndli_v3 heading;     /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
                           * chord of it, which lags behind by an angle that remeshing changes */
+    ndli_v3 aside;       /* m in the material: of a shallow tip, how far its way has bent from the straight one */
+    double wave;         /* m: length of the bends that the tissue makes of the shaft */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int shallow;             /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                               * there. Tets between such a tip and the skin would be flat */
@@ -11858,6 +11907,7 @@ struct ndl_needle {
     int hold_steps;          /* substeps for which the tip is held because the remesher could not follow it */
 
     /* holds nothing between calls */
+    ndli_v3 side;                     /* in which the bevel looked at the start of the substep */
     ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
     ndli_v3 *old_contact;             /* [capacity] */
     int *old_path;                    /* [capacity] */
@@ -11872,6 +11922,7 @@ struct ndli_site {
     int listener; /* its number at the body */
     int embeds;   /* 1: it has a bed, its needles are held by rows; 0: it has a remesher */
     ndli_bed bed;
+    ndli_bed next_bed; /* of a state that is being loaded, where it is another */
     ndl_remesh *remesh;
     const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
@@ -11907,10 +11958,23 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
 /* ---- needle_sleeve ---- */
 
-/* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
-NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left);
+/* Targets of the nodes in the sleeve, turn and feed of a substep of dt, which is `share` of what is left of the step.
+ */
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share);
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
+
+/* ---- needle_bevel ---- */
+
+NDLI_API double ndli_bevel_curvature(const ndl_bevel *bevel); /* 1/m, of a way in rigid tissue */
+/* Before a substep: from where its bevel turns. */
+NDLI_API void ndli_bevel_begin(ndl_needle *needle);
+NDLI_API double ndli_bevel_lag(const ndl_bevel *bevel); /* rad: how far a way may be from the shaft's direction */
+/* Direction of the shaft at its tip (unit). heading: of the way; chord: of what is cut along the shaft's last edge. */
+NDLI_API ndli_v3 ndli_bevel_shaft(const ndl_needle *needle, ndli_v3 heading, ndli_v3 chord);
+/* After a substep: *heading (unit, in space) turns as the tip advances (m, > 0), but stays within `lag` (rad) of the
+ * shaft; returns the tip's way. */
+NDLI_API ndli_v3 ndli_bevel_go(const ndl_needle *needle, double advance, ndli_v3 shaft, double lag, ndli_v3 *heading);
 
 /* ---- needle_held: of needles that are held by rows ---- */
 
@@ -11922,8 +11986,21 @@ NDLI_API void ndli_held_forget(struct ndli_site *site);
 NDLI_API void ndli_held_follow_tip(ndl_needle *needle);
 /* It is outside. */
 NDLI_API void ndli_held_leave(ndl_needle *needle);
-/* Length (m) of the bends that a side load makes of a needle in tissue of such a modulus (Pa): (4 EI / k)^(1/4). */
-NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess);
+/* Length (m) of the bends that a side load makes of a needle of that stiffness (N m^2) and radius (m) in tissue of such
+ * a modulus (Pa): (4 EI / k)^(1/4). */
+NDLI_API double ndli_held_wave(double bending, double radius, double young, double guess);
+
+/* ---- needle_membrane ---- */
+
+/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
+/* What they add (N) to what cutting at X takes. */
+NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X);
+/* Share of the way between two points of the material at which what they add changes, or a little more; 1: nowhere but
+ * at its very end. */
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to);
+/* The same of the way of a tip that has just come through the skin, where that is one of them; `way` (m) long. */
+NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way);
 
 /* ---- needle_resist ---- */
 
@@ -11932,8 +12009,6 @@ NDLI_API const ndl_friction *ndli_needle_friction(const ndl_needle *needle, int 
 /* Force (N) to cut at X of a region, `table` its friction's. */
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table);
 
-/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
-NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
 /* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
 NDLI_API void ndli_needle_resist(ndl_needle *needle);
 
@@ -12051,6 +12126,7 @@ NDLI_API void ndli_site_free(struct ndli_site *site)
         sb_body_unlisten(site->body, site->listener);
     ndl_remesh_destroy(site->remesh);
     ndli_bed_free(&site->bed);
+    ndli_bed_free(&site->next_bed);
     sbi_free(&allocator, site->node_place);
     sbi_free(&allocator, site->coupled);
     sbi_free(&allocator, site->unknown);
@@ -12082,12 +12158,10 @@ NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
         return ndli_remesh_look(site->remesh, error);
     if (!ndli_site_is_stale(site))
         return SB_OK;
-    result = ndli_bed_create(site->body, &site->allocator, &fresh, error);
+    result = ndli_bed_create(site->body, site->body, &site->allocator, &fresh, error);
     if (result != SB_OK)
         return result;
-    ndli_bed_free(&site->bed);
-    site->bed = fresh;
-    site->bed.volume.mesh = &site->bed.mesh;
+    ndli_bed_replace(&site->bed, &fresh);
     return SB_OK;
 }
 
@@ -12143,6 +12217,84 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
     site->node_room = room;
     site->coupled_room = ndli_site_row_nodes(site, room);
     return 1;
+}
+
+/* ==== src/needle/needle_bevel.c ==== */
+/* needle_bevel: how the way of a tip bends. It turns by the bevel's curvature towards where the bevel looks, while that
+ * turns with the needle: exactly over a step (Webster et al. 2006). How far the way may leave the shaft's direction is
+ * limited; so soft tissue, in which a shaft bends over a length lam, gives that angle over lam in place of the
+ * curvature. */
+
+NDLI_API double ndli_bevel_curvature(const ndl_bevel *bevel)
+{
+    sb_real curvature = bevel->curvature;
+    if (bevel->law == NDL_BEVEL_ANGLE)
+        (void)ndl_bevel_curvature(bevel, 0, bevel->guide, &curvature);
+    return (double)curvature;
+}
+
+NDLI_API double ndli_bevel_lag(const ndl_bevel *bevel)
+{
+    return bevel->law == NDL_BEVEL_ANGLE ? fabs((double)bevel->angle) : (double)bevel->lag;
+}
+
+static ndli_v3 ndli_bevel_side(const ndl_needle *needle)
+{
+    return ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2);
+}
+
+NDLI_API void ndli_bevel_begin(ndl_needle *needle) { needle->side = ndli_bevel_side(needle); }
+
+/* The end of a shaft has no moment: its last edge, turned on by an eighth of the curvature behind it. An edge longer
+ * than the shaft's bends does not show these: there the shaft follows the way that is cut, whose turn within the edge
+ * is no lag. */
+NDLI_API ndli_v3 ndli_bevel_shaft(const ndl_needle *needle, ndli_v3 heading, ndli_v3 chord)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 2;
+    double length = rod->rest_length[last], share = length > needle->wave ? needle->wave / length : 1;
+    ndli_v3 t = rod->tangent[last], shaft = ndli_madd(t, 1 - share, ndli_sub(heading, chord));
+    if (last > 0)
+        shaft = ndli_madd(shaft, share * length / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1]));
+    return ndli_scale(1 / ndli_norm(shaft), shaft);
+}
+
+/* heading, or the nearest to it that is no farther from the shaft than `lag`. */
+static ndli_v3 ndli_bevel_within(ndli_v3 heading, ndli_v3 shaft, double lag)
+{
+    double along = ndli_dot(heading, shaft), size;
+    ndli_v3 aside = ndli_madd(heading, -along, shaft);
+    size = ndli_norm(aside);
+    if (along > 0 && !(size > lag * along))
+        return heading;
+    aside = size > 0 ? ndli_madd(shaft, lag / size, aside) : shaft;
+    return ndli_scale(1 / ndli_norm(aside), aside);
+}
+
+/* A helix from a pose at the origin, as the bevel turns. */
+static ndli_pose ndli_bevel_helix(const ndl_needle *needle, ndli_v3 heading, double advance)
+{
+    ndli_pose pose;
+    ndli_v3 after;
+    double turn;
+    pose.p = ndli_v(0, 0, 0);
+    pose.t = heading;
+    pose.m2 = ndli_rod_across(needle->side, pose.t);
+    pose.m1 = ndli_cross(pose.m2, pose.t);
+    after = ndli_rod_across(ndli_bevel_side(needle), pose.t);
+    turn = sbi_dense_atan2(ndli_dot(ndli_cross(pose.m2, after), pose.t), ndli_dot(pose.m2, after));
+    return ndli_pose_helix(&pose, ndli_bevel_curvature(&needle->bevel), turn / advance, advance);
+}
+
+NDLI_API ndli_v3 ndli_bevel_go(const ndl_needle *needle, double advance, ndli_v3 shaft, double lag, ndli_v3 *heading)
+{
+    ndli_v3 start = ndli_bevel_within(*heading, shaft, lag), way;
+    ndli_pose end = ndli_bevel_helix(needle, start, advance);
+    *heading = ndli_bevel_within(ndli_scale(1 / ndli_norm(end.t), end.t), shaft, lag);
+    if (ndli_dot(*heading, end.t) > (1 - 1e-14) * ndli_norm(end.t))
+        return end.p;
+    way = ndli_add(start, *heading); /* held back by the shaft: on the way, too */
+    return ndli_scale(advance / ndli_norm(way), way);
 }
 
 /* ==== src/needle/needle_read.c ==== */
@@ -12250,17 +12402,18 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 
 /* By its name it comes behind the remesher's, which it is checked against. */
 static const char ndli_needle_name[] = "needles";
-enum { NDLI_NEEDLE_VERSION = 2 };
+enum { NDLI_NEEDLE_VERSION = 3 };
 
 /* ---- the image ---- */
 
 typedef struct ndli_site_head {
     double mean_edge;
+    uint64_t bed; /* hash of what needles that are held have their tracks in; 0: none is in */
     int order, count;
     unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
 } ndli_site_head;
 
-enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 5 };
+enum { NDLI_HEAD_VECTORS = 9, NDLI_HEAD_REALS = 5 };
 
 typedef struct ndli_needle_head {
     uint64_t make; /* hash of what its def says beside the rod */
@@ -12278,7 +12431,7 @@ static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS
     reals[3] = &needle->line.cutting, reals[4] = &needle->entering;
     vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
     vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
-    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
+    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque, vectors[8] = &needle->aside;
 }
 
 static uint64_t ndli_state_hash_real(uint64_t hash, sb_real value)
@@ -12294,6 +12447,7 @@ static uint64_t ndli_needle_make(const ndl_needle *needle)
     hash = sbi_hash_word(hash, (uint64_t)needle->bevel.law + (needle->cutting_at ? 256u : 0u));
     hash = ndli_state_hash_real(hash, needle->bevel.angle);
     hash = ndli_state_hash_real(hash, needle->bevel.curvature);
+    hash = ndli_state_hash_real(ndli_state_hash_real(hash, needle->bevel.guide), needle->bevel.lag);
     for (int i = 0; i < needle->friction_count; i++) {
         const ndl_friction *f = needle->frictions + i;
         hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->friction), f->viscous);
@@ -12375,10 +12529,11 @@ static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli
     ndli_image_part(image, needle->track.elements, points, sizeof(int));
 }
 
-static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
+static void ndli_site_fill_head(const struct ndli_site *site, int stale, ndli_site_head *h)
 {
     memset(h, 0, sizeof *h);
     h->mean_edge = site->mean_edge;
+    h->bed = stale ? 0 : site->bed.hash;
     h->order = NDLI_IMAGE_ORDER;
     h->count = site->count;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
@@ -12393,7 +12548,7 @@ static void ndli_site_save(const void *user, sbi_state_out *out)
     ndli_image image;
     memset(&image, 0, sizeof image);
     image.state = out;
-    ndli_site_fill_head(site, &head);
+    ndli_site_fill_head(site, stale, &head);
     ndli_image_part(&image, &head, 1, sizeof head);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
@@ -12476,7 +12631,7 @@ static int ndli_image_rises(const unsigned char *reals, size_t count, double *la
 }
 
 /* The track is one in the bed, and the rod's nodes are on it in their order. */
-static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char *arcs, const ndli_needle_head *h)
+static int ndli_needle_track_holds(const ndli_bed *bed, const unsigned char *arcs, const ndli_needle_head *h)
 {
     size_t nodes = (size_t)h->count, points = (size_t)h->points;
     const unsigned char *X = arcs + ndli_image_room(nodes * sizeof(double));
@@ -12485,7 +12640,7 @@ static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char
     double tip = 0, last = 0;
     for (size_t i = 0; i < points; i++) {
         int element = ndli_image_int(elements, i);
-        if (element < 0 || element >= needle->site->bed.mesh.element_count)
+        if (element < 0 || element >= bed->mesh.element_count)
             return 0;
     }
     if (!ndli_image_is_number(X, 3 * points) || !ndli_image_rises(at, points, &tip))
@@ -12493,9 +12648,9 @@ static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char
     return ndli_image_rises(arcs, nodes, &last) && (points == 0 || (last == tip && ndli_image_real(at, 0) == 0));
 }
 
-/* The needle at in[size]; used: its bytes. */
-static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
-                                         sb_error *error)
+/* The needle at in[size], its track in this bed; used: its bytes. */
+static sb_result ndli_needle_check_image(const ndl_needle *needle, const ndli_bed *bed, const unsigned char *in,
+                                         size_t size, size_t *used, sb_error *error)
 {
     ndl_needle none = *needle;
     ndli_needle_head h;
@@ -12522,7 +12677,7 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
     for (size_t i = 0; i < count; i++)
         good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
     if (!good || !ndli_image_is_number(contacts, 3 * count) ||
-        !(needle->site->embeds ? ndli_needle_track_holds(needle, rest, &h)
+        !(needle->site->embeds ? ndli_needle_track_holds(bed, rest, &h)
                                : ndli_needle_path_holds(needle, rest, h.count)))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
     result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
@@ -12548,28 +12703,66 @@ static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_s
     return SB_OK;
 }
 
+/* The bed of a state: the one that there is, or one that is made from the state's mesh; of needles that are in a body
+ * which was cut it is the one of the mesh before, which nobody makes anew. */
+static sb_result ndli_site_check_bed(struct ndli_site *site, const sb_body *body, const ndli_site_head *h,
+                                     const ndli_bed **bed, sb_error *error)
+{
+    sb_result result;
+    *bed = &site->bed;
+    ndli_bed_free(&site->next_bed);
+    if (!h->bed || h->bed == site->bed.hash || !site->embeds)
+        return SB_OK;
+    *bed = &site->next_bed;
+    result = ndli_bed_create(site->body, body, &site->allocator, &site->next_bed, error);
+    if (result != SB_OK || h->bed == site->next_bed.hash)
+        return result;
+    ndli_bed_free(&site->next_bed);
+    return sbi_fail(error, SB_ERROR_STATE,
+                    "the state's needles went into another mesh than those of the body know: load it into a body that "
+                    "was made as its body was");
+}
+
 static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
                                  sb_error *error)
 {
-    const struct ndli_site *site = (const struct ndli_site *)user;
+    struct ndli_site *site = (struct ndli_site *)user;
+    const ndli_bed *bed = NULL;
     ndli_site_head head;
     size_t at = ndli_image_room(sizeof head);
     sb_result result;
-    (void)body;
     if (size < at)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles end in their head");
     memcpy(&head, bytes, sizeof head);
     result = ndli_site_check_head(site, &head, error);
+    if (result == SB_OK)
+        result = ndli_site_check_bed(site, body, &head, &bed, error);
     for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
         if (site->needles[i]) {
             size_t used = 0;
-            result = ndli_needle_check_image(site->needles[i], bytes + at, size - at, &used, error);
+            result = ndli_needle_check_image(site->needles[i], bed, bytes + at, size - at, &used, error);
             at += used;
         }
     if (result == SB_OK && at != size)
         result =
             sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+    if (result != SB_OK)
+        ndli_bed_free(&site->next_bed);
     return result;
+}
+
+static void ndli_site_give_up(void *user) { ndli_bed_free(&((struct ndli_site *)user)->next_bed); }
+
+/* The body has the mesh that the tracks are in again, or one that was cut from it; hash 0: none is in. */
+static void ndli_site_load_bed(struct ndli_site *site, uint64_t hash)
+{
+    if (!site->embeds)
+        return;
+    if (site->next_bed.cells)
+        ndli_bed_replace(&site->bed, &site->next_bed);
+    site->bed.is_lost = !hash;
+    if (hash)
+        site->bed.version = sb_body_mesh_version(site->body);
 }
 
 static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
@@ -12583,6 +12776,7 @@ static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
     ndli_image_part(&image, &head, 1, sizeof head);
     site->mean_edge = head.mean_edge;
     site->undo_waits = 0;
+    ndli_site_load_bed(site, head.bed);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_needle *needle = site->needles[i];
@@ -12606,6 +12800,7 @@ NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
     part.save = ndli_site_save;
     part.check = ndli_site_check;
     part.load = ndli_site_load;
+    part.give_up = ndli_site_give_up;
     return part;
 }
 
@@ -12712,13 +12907,13 @@ NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis)
                            ndli_dot(m1, needle->given_director));
 }
 
-/* Where the sleeve is after a substep, and how far it turns the needle; `left` substeps, this one counted. */
+/* Where the sleeve is after a substep, and how far it turns the needle. */
 typedef struct ndli_sleeve {
     ndli_v3 outlet, axis;
     double turn;
 } ndli_sleeve;
 
-static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, int left)
+static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, double share)
 {
     ndli_v3 spin = ndli_from(command->angular_velocity), swing;
     ndli_sleeve sleeve;
@@ -12728,7 +12923,6 @@ static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command
     sleeve.axis = ndli_sleeve_turned(needle->axis, ndli_scale(dt, swing));
     sleeve.turn = dt * ((double)command->twist + along);
     if (needle->base_given) {
-        double share = 1.0 / left;
         ndli_v3 axis = ndli_add(sleeve.axis, ndli_scale(share, ndli_sub(needle->given_axis, sleeve.axis)));
         sleeve.outlet = ndli_madd(sleeve.outlet, share, ndli_sub(needle->given_outlet, sleeve.outlet));
         sleeve.axis = axis;
@@ -12753,10 +12947,10 @@ static void ndli_sleeve_feed(ndl_needle *needle, double length)
     needle->fed += length;
 }
 
-NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left)
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share)
 {
     ndl_rod *rod = needle->rod;
-    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, left);
+    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, share);
     double length = dt * (double)command->insertion;
     needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
     ndli_sleeve_feed(needle, length);
@@ -12767,27 +12961,29 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
     needle->axis = sleeve.axis;
 }
 
-/* ==== src/needle/needle_resist.c ==== */
-/* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
+/* ==== src/needle/needle_membrane.c ==== */
+/* needle_membrane: faces between regions that take more force to puncture: where they are, what they add to what the
+ * tip has to cut, and where on its way that changes. A step ends a substep there: a tip that runs through a membrane
+ * within one step would never feel it. */
 
 #include <string.h>
 
-/* ---- membranes ---- */
+/* ---- the faces ---- */
 
 /* The undeformed mesh that membranes lie in. */
-typedef struct ndli_resist_mesh {
+typedef struct ndli_membrane_mesh {
     const struct ndli_site *site;
     sb_element_type type;
     int count, node_count;
     const int *elements, *neighbours;
     sb_vec3 *X; /* read only */
-} ndli_resist_mesh;
+} ndli_membrane_mesh;
 
-static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
+static ndli_membrane_mesh ndli_membrane_get_mesh(const struct ndli_site *site)
 {
     const ndli_topology *topology = site->mesh;
     const sb_mesh *rest = &site->bed.mesh;
-    ndli_resist_mesh mesh;
+    ndli_membrane_mesh mesh;
     mesh.site = site;
     mesh.type = topology ? SB_TET4 : rest->element_type;
     mesh.count = topology ? topology->original_tets : rest->element_count;
@@ -12798,7 +12994,7 @@ static ndli_resist_mesh ndli_resist_get_mesh(const struct ndli_site *site)
     return mesh;
 }
 
-static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
+static int ndli_membrane_region(const ndli_membrane_mesh *mesh, int element)
 {
     const struct ndli_site *site = mesh->site;
     if (element < 0)
@@ -12807,11 +13003,11 @@ static int ndli_resist_region(const ndli_resist_mesh *mesh, int element)
 }
 
 /* 1 when the membrane lies on a face; each inner face is looked at from its lower element. */
-static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int element, int face)
+static int ndli_membrane_holds(const ndli_membrane_mesh *mesh, const ndl_membrane *membrane, int element, int face)
 {
     int faces = sb_element_face_count(mesh->type);
     int other = mesh->neighbours[(size_t)faces * (size_t)element + (size_t)face];
-    int a = ndli_resist_region(mesh, element), b = ndli_resist_region(mesh, other);
+    int a = ndli_membrane_region(mesh, element), b = ndli_membrane_region(mesh, other);
     if (other > element)
         return 0;
     return (a == membrane->regions[0] && b == membrane->regions[1]) ||
@@ -12819,7 +13015,7 @@ static int ndli_resist_holds(const ndli_resist_mesh *mesh, const ndl_membrane *m
 }
 
 /* Corners of a face, as who numbered the neighbours has them; returns how many. */
-static int ndli_resist_face(const ndli_resist_mesh *mesh, int face, int local[SB_MAX_FACE_NODES])
+static int ndli_membrane_face(const ndli_membrane_mesh *mesh, int face, int local[SB_MAX_FACE_NODES])
 {
     static const int opposite[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* of the topology */
     sb_element_type type;
@@ -12832,16 +13028,16 @@ static int ndli_resist_face(const ndli_resist_mesh *mesh, int face, int local[SB
 }
 
 /* Faces of the membrane, as triangles between their corners: written to `triangles` when that is not NULL. */
-static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *membrane, int *triangles)
+static int ndli_membrane_gather(const ndli_membrane_mesh *mesh, const ndl_membrane *membrane, int *triangles)
 {
     size_t width = (size_t)sb_element_node_count(mesh->type);
     int count = 0;
     for (int e = 0; e < mesh->count; e++)
         for (int face = 0; face < sb_element_face_count(mesh->type); face++) {
             int local[SB_MAX_FACE_NODES], parts;
-            if (!ndli_resist_holds(mesh, membrane, e, face))
+            if (!ndli_membrane_holds(mesh, membrane, e, face))
                 continue;
-            parts = ndli_resist_face(mesh, face, local) - 2;
+            parts = ndli_membrane_face(mesh, face, local) - 2;
             for (int part = 0; part < parts; part++, count++)
                 for (int c = 0; c < 3 && triangles; c++)
                     triangles[3 * (size_t)count + (size_t)c] =
@@ -12850,12 +13046,13 @@ static int ndli_resist_gather(const ndli_resist_mesh *mesh, const ndl_membrane *
     return count;
 }
 
-static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
+static sb_result ndli_membrane_make_surface(const ndl_needle *needle, const ndl_membrane *membrane,
+                                            sb_surface **surface)
 {
-    ndli_resist_mesh mesh = ndli_resist_get_mesh(needle->site);
+    ndli_membrane_mesh mesh = ndli_membrane_get_mesh(needle->site);
     sb_mesh faces;
     sb_result result;
-    int count = ndli_resist_gather(&mesh, membrane, NULL);
+    int count = ndli_membrane_gather(&mesh, membrane, NULL);
     if (count == 0)
         return SB_ERROR_ARGUMENT;
     memset(&faces, 0, sizeof faces);
@@ -12865,7 +13062,7 @@ static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_me
     faces.elements = (int *)sbi_alloc(&needle->allocator, (size_t)count, 3 * sizeof(int));
     if (!faces.elements)
         return SB_ERROR_MEMORY;
-    faces.element_count = ndli_resist_gather(&mesh, membrane, faces.elements);
+    faces.element_count = ndli_membrane_gather(&mesh, membrane, faces.elements);
     result = sb_surface_create(&faces, &needle->allocator, surface, NULL);
     sbi_free(&needle->allocator, faces.elements);
     return result;
@@ -12875,7 +13072,7 @@ NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *m
 {
     *bad = -1;
     for (int i = 0; i < count; i++) {
-        sb_result result = ndli_resist_make_surface(needle, membranes + i, &needle->capsules[i].surface);
+        sb_result result = ndli_membrane_make_surface(needle, membranes + i, &needle->capsules[i].surface);
         if (result != SB_OK) {
             *bad = result == SB_ERROR_MEMORY ? -1 : i;
             return 0;
@@ -12885,6 +13082,91 @@ NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *m
     }
     return 1;
 }
+
+/* ---- what they ask for ---- */
+
+/* How far X is outside of where the membrane is felt (m), negative within; `reach` where it is farther than that. */
+static double ndli_membrane_clearance(const ndli_capsule *capsule, ndli_v3 X, double reach)
+{
+    double half = 0.5 * (double)capsule->def.thickness;
+    sb_surface_hit hit;
+    if (!sb_surface_closest(capsule->surface, ndli_to(X), (sb_real)(half + reach), &hit))
+        return reach;
+    return (double)hit.distance - half;
+}
+
+NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X)
+{
+    double sum = 0;
+    for (int i = 0; i < needle->capsule_count; i++)
+        if (sb_surface_closest(needle->capsules[i].surface, X, needle->capsules[i].def.thickness / 2, NULL))
+            sum += (double)needle->capsules[i].def.strength;
+    return sum;
+}
+
+/* Of a membrane's thickness, or of the way where that is much longer: how far past the edge of one a tip may be found.
+ */
+static const double ndli_membrane_slack = 0.02, ndli_membrane_least_stride = 1.0 / 64;
+
+/* The way at which the tip comes into, or out of, where this one is felt (m, a little past it); `length`: nowhere. The
+ * distance to a surface changes by no more than one goes: by so much one may go on. */
+static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3 way, double length)
+{
+    double slack = fmax(ndli_membrane_slack * (double)capsule->def.thickness, ndli_membrane_least_stride * length);
+    double clear = ndli_membrane_clearance(capsule, X, length), gone = 0;
+    int within = clear <= 0;
+    while (gone < length && (clear <= 0) == within) {
+        gone += fmax(fabs(clear), slack);
+        clear = ndli_membrane_clearance(capsule, ndli_madd(X, gone / length, way), length);
+    }
+    return gone + slack < length ? gone : length;
+}
+
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to)
+{
+    ndli_v3 X = ndli_from(from), way = ndli_sub(ndli_from(to), X);
+    double length = ndli_norm(way), least = length;
+    for (int i = 0; i < needle->capsule_count && length > 0; i++)
+        least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
+    return least < length ? least / length : 1;
+}
+
+/* Where the skin is now that the tip went through. */
+static ndli_v3 ndli_membrane_entry(const ndl_needle *needle)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track_point begin;
+    ndli_place place;
+    ndli_bed_row row;
+    if (!needle->site->embeds)
+        return ndli_from(needle->site->mesh->x[needle->path[0]]);
+    begin = ndli_track_at(&needle->track, 0);
+    (void)ndli_bed_locate(bed, ndli_to(begin.X), begin.element, &place);
+    if (!ndli_bed_row_at(bed, &place, &row))
+        return needle->rod->x[needle->rod->node_count - 1];
+    return ndli_bed_at(bed, &row);
+}
+
+NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    double slack = -1, past;
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndl_membrane *membrane = &needle->capsules[i].def;
+        if (membrane->regions[0] < 0 || membrane->regions[1] < 0)
+            slack = ndli_membrane_slack * (double)membrane->thickness;
+    }
+    if (slack < 0)
+        return 1;
+    past = ndli_dot(ndli_sub(rod->x[last], ndli_membrane_entry(needle)), rod->tangent[last - 1]);
+    return past > 2 * slack && past < way ? 1 - (past - slack) / way : 1;
+}
+
+/* ==== src/needle/needle_resist.c ==== */
+/* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
+
+#include <string.h>
 
 /* ---- friction ---- */
 
@@ -12938,25 +13220,13 @@ static int ndli_resist_region_ahead(const ndl_needle *needle, int tip)
     return region;
 }
 
-static double ndli_resist_membranes(const ndl_needle *needle, sb_vec3 X)
-{
-    double sum = 0;
-    for (int i = 0; i < needle->capsule_count; i++) {
-        const ndli_capsule *capsule = needle->capsules + i;
-        sb_surface_hit hit;
-        if (sb_surface_closest(capsule->surface, X, capsule->def.thickness / 2, &hit))
-            sum += (double)capsule->def.strength;
-    }
-    return sum;
-}
-
 NDLI_API double ndli_needle_cutting_at(const ndl_needle *needle, sb_vec3 X, int region, double table)
 {
     if (needle->cutting_at) {
         sb_real force = needle->cutting_at(needle->cutting_user, X, region);
         return force > 0 && sb_is_finite(force) ? (double)force : 0;
     }
-    return table + ndli_resist_membranes(needle, X);
+    return table + ndli_needle_membranes_at(needle, X);
 }
 
 static double ndli_resist_cutting(const ndl_needle *needle, int tip, double table)
@@ -13073,16 +13343,14 @@ static double ndli_held_tip(const ndl_needle *needle, const ndli_held_tissue *t)
     return 32 * (1 - t->poisson) / (3 - 4 * t->poisson) * t->shear * needle->radius;
 }
 
-NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess)
+NDLI_API double ndli_held_wave(double bending, double radius, double young, double guess)
 {
-    double outer = (double)section->radius, inner = (double)section->inner_radius, wave = guess;
-    double bending =
-        (double)section->young * ndli_held_pi / 4 * (outer * outer * outer * outer - inner * inner * inner * inner);
+    double wave = guess;
     for (int round = 0; round < 4; round++) {
         ndli_held_tissue t;
         t.poisson = 0.45; /* of soft tissue; it matters little */
         t.shear = young / (2 * (1 + t.poisson));
-        t.ratio = log(fmax(wave / outer, ndli_held_least_ratio));
+        t.ratio = log(fmax(wave / radius, ndli_held_least_ratio));
         wave = sqrt(sqrt(4 * bending / ndli_held_across(&t)));
     }
     return wave;
@@ -13283,41 +13551,21 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
 
 /* ---- the tip goes on ---- */
 
-/* rad: how far the way that a tip cuts may leave the direction of the shaft (Chentanez 2010 has no limit; in soft
- * tissue the curvature comes out as this over the length of the shaft's wave in it). */
-static const double ndli_held_most_lag = 0.1;
 enum { NDLI_HELD_HOLD_STEPS = 8 };
 
 static ndli_v3 ndli_held_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
 
-static double ndli_held_curvature(const ndl_needle *needle)
+/* In space, of what is cut along the shaft's last edge to the material at `end`; heading where there is no such edge.
+ */
+static ndli_v3 ndli_held_chord(const ndl_needle *needle, ndli_v3 end, ndli_v3 heading)
 {
-    if (needle->bevel.law == NDL_BEVEL_CURVATURE)
-        return (double)needle->bevel.curvature;
-    return 2 * tan((double)needle->bevel.angle) / needle->edge_length;
-}
-
-/* Direction of the shaft at its tip, whose end has no moment: its last edge, turned on by an eighth of the curvature
- * behind it. */
-static ndli_v3 ndli_held_shaft(const ndl_rod *rod)
-{
-    int last = rod->node_count - 2;
-    ndli_v3 t = rod->tangent[last];
-    if (last < 1)
-        return t;
-    return ndli_held_unit(
-        ndli_madd(t, rod->rest_length[last] / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1])));
-}
-
-/* heading, no farther from the shaft than it may be. */
-static ndli_v3 ndli_held_limited(ndli_v3 heading, ndli_v3 shaft)
-{
-    double along = ndli_dot(heading, shaft), size;
-    ndli_v3 lag = ndli_madd(heading, -along, shaft);
-    size = ndli_norm(lag);
-    if (along > 0 && !(size > ndli_held_most_lag * along))
+    ndli_held_spot spot;
+    ndli_v3 chord;
+    int before = needle->rod->node_count - 2;
+    if (before < needle->line.first || !ndli_held_find(needle, needle->arc[before], &spot))
         return heading;
-    return ndli_held_unit(size > 0 ? ndli_madd(shaft, ndli_held_most_lag / size, lag) : shaft);
+    chord = ndli_sub(end, ndli_bed_at(&needle->site->bed, &spot.row));
+    return ndli_dot(chord, heading) > 0 ? ndli_held_unit(chord) : heading;
 }
 
 /* The tip has nowhere to go: it is held for a while. */
@@ -13327,14 +13575,44 @@ static void ndli_held_block(ndl_needle *needle)
     needle->hold_steps = NDLI_HELD_HOLD_STEPS;
 }
 
+/* A point on the way, `ahead` (m at rest) of its end, or behind it. 0: before the skin. */
+static int ndli_held_beside(const ndl_needle *needle, double ahead, ndli_track_point *point)
+{
+    const ndli_track *track = &needle->track;
+    double length = ndli_track_length(track);
+    *point = ndli_track_at(track, length + fmin(ahead, 0));
+    if (ahead > 0)
+        point->X = ndli_madd(point->X, ahead, needle->heading);
+    return length + ahead >= 0;
+}
+
+/* Deformation gradient about the tip, at place: the mean along its way, over the length of the shaft's bends. In one
+ * element at the end of a load it has no limit as meshes get finer. */
+static sb_mat3 ndli_held_gradient(const ndl_needle *needle, const ndli_place *place, const ndli_bed_row *row)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    sb_mat3 sum = ndli_bed_gradient(bed, place, row);
+    int count = 1;
+    for (int k = -2; k <= 2; k++) {
+        ndli_track_point point;
+        ndli_place there;
+        ndli_bed_row other;
+        if (k == 0 || !ndli_held_beside(needle, 0.25 * k * needle->wave, &point) ||
+            !ndli_bed_locate(bed, ndli_to(point.X), point.element, &there) || !ndli_bed_row_at(bed, &there, &other))
+            continue;
+        sum = sb_m3_add(sum, ndli_bed_gradient(bed, &there, &other));
+        count++;
+    }
+    return sb_m3_scale(1 / (sb_real)count, sum);
+}
+
 /* The track goes on by `advance` (m, in space) from where the tip is. */
 static void ndli_held_cut(ndl_needle *needle, double advance)
 {
     const ndli_bed *bed = &needle->site->bed;
     ndli_track *track = &needle->track;
     ndli_track_point end = ndli_track_at(track, ndli_track_length(track));
-    ndli_v3 side = ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2), heading, way, X, gap;
-    double curvature = ndli_held_curvature(needle);
+    ndli_v3 heading, shaft, way, X, gap;
     ndli_bed_row row, next;
     ndli_place place;
     sb_mat3 f, inverse;
@@ -13345,15 +13623,15 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
             ndli_held_block(needle);
         return;
     }
-    if (!(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
+    f = ndli_held_gradient(needle, &place, &row);
+    if (!(sb_m3_det(f) > 0)) {
         ndli_held_block(needle);
         return;
     }
     inverse = sb_m3_inverse(f);
     heading = ndli_held_unit(ndli_from(sb_m3_apply(f, ndli_to(needle->heading))));
-    way = ndli_scale(advance, ndli_held_unit(ndli_madd(heading, 0.5 * curvature * advance, side)));
-    heading =
-        ndli_held_limited(ndli_held_unit(ndli_madd(heading, curvature * advance, side)), ndli_held_shaft(needle->rod));
+    shaft = ndli_bevel_shaft(needle, heading, ndli_held_chord(needle, ndli_bed_at(bed, &row), heading));
+    way = ndli_bevel_go(needle, advance, shaft, ndli_bevel_lag(&needle->bevel), &heading);
     X = ndli_add(end.X, ndli_from(sb_m3_apply(inverse, ndli_to(way))));
     if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_bed_row_at(bed, &place, &next)) {
         ndli_held_block(needle);
@@ -13508,52 +13786,70 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     int last = rod->node_count - 1;
     ndli_v3 t = rod->tangent[last - 1], ahead;
     sb_mat3 f;
-    if (needle->site->embeds || needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+    if (needle->site->embeds || needle->shallow || needle->line.count == 0)
         return t;
     f = ndli_tip_gradient(needle->site->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_tip_mapped(&f, needle->heading);
     return ndli_dot(ahead, t) > 0 ? ndli_tip_unit(ahead) : t;
 }
 
-/* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
- * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
-static ndli_v3 ndli_tip_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
+/* How far the way may be from the last edge (rad): a chord lags by half its arc's turn, where it is longer than the
+ * shaft's bends, and remeshing moves its nodes. By NDL_BEVEL_CURVATURE that is all there is to it. */
+static double ndli_tip_lag(const ndl_needle *needle)
 {
-    int last = needle->rod->node_count - 1;
-    ndl_frame frame = ndl_rod_frame(needle->rod, last - 1);
-    ndli_v3 m2 = ndli_from(frame.m2), t = ndli_from(frame.t), lag;
-    double curvature = (double)needle->bevel.curvature, size, most;
-    if (needle->bevel.law == NDL_BEVEL_ANGLE) {
-        sb_real offset = 0;
-        ndl_bevel_offset(&needle->bevel, (sb_real)advance, (sb_real)edge, &offset);
-        return ndli_scale((double)offset, m2);
-    }
-    lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
-    size = ndli_norm(lag);
-    most = 2 * fabs(curvature) * fmax(edge, needle->site->mean_edge); /* a chord lags by half its arc's turn */
-    if (size > most) {
-        lag = ndli_scale(most / size, lag);
-        *heading = ndli_tip_unit(ndli_add(t, lag));
-    }
-    *heading = ndli_tip_unit(ndli_madd(*heading, curvature * advance, m2));
-    return ndli_scale(advance, ndli_madd(lag, 0.5 * curvature * advance, m2));
+    double length = fmax(needle->rod->rest_length[needle->rod->node_count - 2], needle->site->mean_edge);
+    double curvature = fabs(ndli_bevel_curvature(&needle->bevel)), lag = ndli_bevel_lag(&needle->bevel);
+    if (needle->bevel.law == NDL_BEVEL_CURVATURE)
+        return 2 * curvature * length;
+    return lag + (1 - fmin(needle->wave / length, 1)) * 2 * fmin(curvature, lag / needle->wave) * length;
 }
 
-/* Where the tip, now above X, cuts to in the material. */
-static sb_vec3 ndli_tip_bevelled(ndl_needle *needle, sb_vec3 X)
+/* In the material, how far aside a bevel puts the tip that has advanced along the last edge; the needle's heading turns
+ * with it. node: of the mesh, about which. */
+static ndli_v3 ndli_tip_aside(ndl_needle *needle, int node)
 {
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
-    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, tip), inverse;
-    double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
-    ndli_v3 heading, aside;
-    if (!(sb_m3_det(f) > 0) || !(edge > 0))
-        return X;
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, node), inverse;
+    ndli_v3 t = needle->rod->tangent[needle->rod->node_count - 2], heading, way;
+    if (!(sb_m3_det(f) > 0) || !(needle->advance > 0))
+        return ndli_v(0, 0, 0);
     inverse = sb_m3_inverse(f);
     heading = ndli_tip_unit(ndli_tip_mapped(&f, needle->heading));
-    aside = ndli_tip_aside(needle, needle->advance, edge, &heading);
+    way = ndli_bevel_go(needle, needle->advance, t, ndli_tip_lag(needle), &heading);
     needle->heading = ndli_tip_unit(ndli_tip_mapped(&inverse, heading));
-    return sb_v3_add(X, ndli_to(ndli_tip_mapped(&inverse, aside)));
+    return ndli_tip_mapped(&inverse, ndli_madd(way, -ndli_dot(way, t), t));
+}
+
+/* Along the shaft, about the entry. */
+static ndli_v3 ndli_tip_straight(const ndl_needle *needle, int entry)
+{
+    ndli_v3 t = needle->rod->tangent[needle->rod->node_count - 2];
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, entry);
+    if (!(sb_m3_det(f) > 0))
+        return t;
+    f = sb_m3_inverse(f);
+    return ndli_tip_unit(ndli_tip_mapped(&f, t));
+}
+
+/* The way of a tip that has just come in. */
+static void ndli_tip_begin(ndl_needle *needle)
+{
+    int count;
+    const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
+    needle->aside = ndli_v(0, 0, 0);
+    if (count > 0)
+        needle->heading = ndli_tip_straight(needle, path[0]);
+}
+
+/* A shallow tip goes on, or back, to `depth` (m): its way bends from the skin on, before it has a node. */
+static void ndli_tip_go_shallow(ndl_needle *needle, double depth)
+{
+    int entry = needle->path[0];
+    if (needle->advance > 0) {
+        needle->aside = ndli_add(needle->aside, ndli_tip_aside(needle, entry));
+        return;
+    }
+    needle->aside = ndli_scale(depth / (depth - needle->advance), needle->aside);
+    needle->heading = ndli_tip_unit(ndli_madd(ndli_tip_straight(needle, entry), 2 / depth, needle->aside));
 }
 
 /* The heading of the path that is there: that of the circle through its last three nodes. */
@@ -13604,10 +13900,12 @@ static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_er
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
+    sb_result result;
     if (!ndli_topology_hit(needle->site->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_tip_judge(
-        needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
+    result = ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own);
+    ndli_tip_begin(needle);
+    return ndli_tip_judge(needle, result, &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it; it loses it from the first of them on where tets
@@ -13620,28 +13918,6 @@ static sb_real ndli_tip_enough(const ndl_needle *needle, double depth)
 {
     double share = depth / ndli_tip_deep(needle);
     return share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
-}
-
-/* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
- * looks there. */
-static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *heading)
-{
-    const ndli_topology *mesh = needle->site->mesh;
-    const ndl_bevel *bevel = &needle->bevel;
-    ndli_v3 way = ndli_from(sb_v3_sub(X, mesh->X[needle->path[0]])), side;
-    double length = ndli_norm(way), curvature = bevel->law == NDL_BEVEL_CURVATURE ? (double)bevel->curvature : 0;
-    sb_mat3 f = ndli_tip_gradient(mesh, needle->path[0]);
-    sb_real aside = (sb_real)(0.5 * curvature * length * length);
-    *heading = ndli_scale(1 / length, way);
-    if (!(sb_m3_det(f) > 0))
-        return X;
-    f = sb_m3_inverse(f);
-    side = ndli_tip_mapped(&f, ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2));
-    side = ndli_rod_across(side, *heading);
-    if (bevel->law == NDL_BEVEL_ANGLE)
-        ndl_bevel_offset(bevel, (sb_real)length, (sb_real)length, &aside);
-    *heading = ndli_tip_unit(ndli_madd(*heading, curvature * length, side));
-    return sb_v3_madd(X, aside, ndli_to(side));
 }
 
 /* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation
@@ -13674,16 +13950,17 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     int last = rod->node_count - 1, entry = needle->path[0];
     double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
     ndl_remesh_info sunk;
-    ndli_v3 heading;
     sb_vec3 X;
     sb_error own;
     sb_result result;
     if (depth < 0)
         return ndl_remesh_withdraw(remesh, needle->index, done, error);
+    if (depth > 0)
+        ndli_tip_go_shallow(needle, depth);
     if (depth < ndli_tip_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    X = ndli_tip_first_arc(needle, X, &heading);
+    X = sb_v3_add(X, ndli_to(needle->aside));
     result = ndli_tip_sink(needle, depth, X, &sunk);
     if (result == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
         return SB_OK; /* better when it is deeper */
@@ -13694,7 +13971,6 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     done->candidates += sunk.candidates;
     done->smoothed += sunk.smoothed;
     done->released += sunk.released;
-    needle->heading = heading;
     if (result != SB_OK) /* the first operations may have been done */
         ndli_tip_take_heading(needle);
     return ndli_tip_judge(needle, result, &own, error);
@@ -13728,6 +14004,7 @@ static void ndli_tip_make_shallow(ndl_needle *needle, sb_real quality)
                           ndli_to(rod->x[rod->node_count - 1]), &hit))
         (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL,
                                           NULL); /* without success it is out: a little early */
+    ndli_tip_begin(needle);
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in
@@ -13750,13 +14027,13 @@ static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb
     ndl_remesh *remesh = needle->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, inside;
-    sb_vec3 X;
+    sb_vec3 X; /* where the tip cuts to, first straight on */
     sb_error own;
     sb_result result;
     inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
         return ndli_tip_draw_back(needle, X, inside, done, error);
-    X = ndli_tip_bevelled(needle, X);
+    X = sb_v3_add(X, ndli_to(ndli_tip_aside(needle, needle->path[needle->line.count - 1])));
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
         result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
@@ -14354,7 +14631,7 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     return result;
 }
 
-static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
+static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double share)
 {
     static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
     double begin = ndli_step_now(s->site);
@@ -14364,7 +14641,8 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
         if (result != SB_OK)
             return result;
-        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, left);
+        ndli_bevel_begin(needle);
+        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, share);
         if (s->site->embeds)
             ndli_held_resist(needle);
         else
@@ -14407,15 +14685,96 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     return result;
 }
 
-static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
+/* dt is `share` of what is left of the step. */
+static sb_result ndli_step_substep(const ndli_stepping *s, double dt, double share)
 {
-    sb_result result = ndli_step_prepare(s, dt, left);
+    sb_result result = ndli_step_prepare(s, dt, share);
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
     if (result == SB_OK)
         result = ndli_site_look(s->site, s->error);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        s->info->peak_base = sb_max(s->info->peak_base, (sb_real)ndli_norm(s->needles[k]->base_force));
+    return result;
+}
+
+/* ---- membranes within a step ---- */
+
+/* Where the tips of needles with membranes are in the material. */
+typedef struct ndli_step_tips {
+    sb_vec3 X[NDL_MAX_NEEDLES];
+    int within[NDL_MAX_NEEDLES]; /* 1: in the tissue */
+} ndli_step_tips;
+
+static void ndli_step_find_tips(const ndli_stepping *s, ndli_step_tips *tips)
+{
+    for (int k = 0; k < s->count; k++)
+        tips->within[k] = s->needles[k]->capsule_count > 0 && ndl_needle_tip_material(s->needles[k], tips->X + k);
+}
+
+/* Substeps get no shorter than that share of one: their rounding would be felt. */
+static const double ndli_step_shortest = 1e-3;
+
+/* Share of a substep of dt in which the first tip came to where a membrane begins or ends; 1: none did. */
+static double ndli_step_share_to_edge(const ndli_stepping *s, const ndli_step_tips *before, double dt)
+{
+    double least = 1;
+    for (int k = 0; k < s->count; k++) {
+        const ndl_needle *needle = s->needles[k];
+        sb_vec3 X;
+        if (needle->capsule_count == 0 || !ndl_needle_tip_material(needle, &X))
+            continue;
+        if (!before->within[k])
+            least = fmin(
+                least, ndli_needle_share_to_skin(needle, dt * ndli_norm(needle->rod->v[needle->rod->node_count - 1])));
+        else if (needle->advance > 0)
+            least = fmin(least, ndli_needle_share_to_edge(needle, before->X[k], X));
+    }
+    return least < 1 - ndli_step_shortest ? fmax(least, ndli_step_shortest) : 1;
+}
+
+/* Ends of a step's substeps, in units of the first guess of them, which are all 1 long; sorted. */
+enum { NDLI_STEP_EDGES = 12 };
+typedef struct ndli_step_ends {
+    double edges[NDLI_STEP_EDGES]; /* where tips come to edges of membranes */
+    int edge_count, substeps;
+} ndli_step_ends;
+
+static double ndli_step_end_after(const ndli_step_ends *ends, double t)
+{
+    double next = floor(t) + 1;
+    for (int i = 0; i < ends->edge_count; i++)
+        if (ends->edges[i] > t)
+            next = fmin(next, ends->edges[i]);
+    return next;
+}
+
+/* Substeps up to the first that a tip runs through the edge of a membrane in, which is *edge then, else 0. */
+static sb_result ndli_step_run_to_edge(const ndli_stepping *s, double dt, const ndli_step_ends *ends, double *edge)
+{
+    sb_result result = SB_OK;
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    *edge = 0;
+    for (double t = 0, end; t < ends->substeps && result == SB_OK; t = end) {
+        double length, share;
+        ndli_step_tips before;
+        end = ndli_step_end_after(ends, t);
+        length = (end - t) * (dt / ends->substeps);
+        ndli_step_find_tips(s, &before);
+        result = ndli_step_substep(s, length, (end - t) / (ends->substeps - t));
+        s->info->substeps++;
+        if (result != SB_OK || ends->edge_count == NDLI_STEP_EDGES || end - t < 2 * ndli_step_shortest)
+            continue;
+        share = ndli_step_share_to_edge(s, &before, length);
+        *edge = t + share * (end - t);
+        if (share < 1)
+            return SB_OK;
+    }
+    *edge = 0;
     return result;
 }
 
@@ -14522,18 +14881,25 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     return torn;
 }
 
+/* In substeps, and anew from its beginning with one more wherever a tip ran through an edge of a membrane: what it has
+ * to cut is one force in a substep. */
 static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 {
-    sb_result result = SB_OK;
-    memset(s->info, 0, sizeof *s->info);
-    s->info->consistent = 1;
-    s->info->worst_quality = 1;
-    s->info->substeps = substeps;
-    for (int i = 0; i < substeps && result == SB_OK; i++)
-        result = ndli_step_substep(s, dt / substeps, substeps - i);
-    if (result != SB_OK && ndli_needle_undo(s->site, s->error) != SB_OK)
-        return SB_ERROR_MEMORY;
-    return result;
+    ndli_step_ends ends;
+    sb_result result;
+    double edge;
+    memset(&ends, 0, sizeof ends);
+    ends.substeps = substeps;
+    for (;;) {
+        result = ndli_step_run_to_edge(s, dt, &ends, &edge);
+        if (result == SB_OK && edge == 0)
+            return SB_OK;
+        if (ndli_needle_undo(s->site, s->error) != SB_OK)
+            return SB_ERROR_MEMORY;
+        if (result != SB_OK)
+            return result;
+        ends.edges[ends.edge_count++] = edge;
+    }
 }
 
 /* A step that is sound in its arguments. */
@@ -14656,6 +15022,8 @@ NDL_API ndl_needle_def ndl_default_needle_def(void)
     ndl_rod_section_preset(NDL_STYLET_18G, &def.section);
     def.damping_stretch = def.damping_bending = (sb_real)1e-4;
     def.bevel.law = NDL_BEVEL_CURVATURE;
+    def.bevel.guide = (sb_real)0.005;
+    def.bevel.lag = (sb_real)0.1;
     def.entry_slip = NDLI_ENTRY_SLIP;
     def.max_trials = 10;
     def.cookie = NDLI_NEEDLE_COOKIE;
@@ -14693,13 +15061,19 @@ static sb_result ndli_needle_check_membranes(const ndl_needle_def *def, sb_error
     return SB_OK;
 }
 
+/* Ways of a bevel turn by two radians at most within an edge. */
 static sb_result ndli_needle_check_bevel(const ndl_needle_def *def, double edge, sb_error *error)
 {
-    sb_real offset;
-    sb_result result = ndl_bevel_offset(&def->bevel, (sb_real)(0.1 * edge), (sb_real)edge, &offset);
+    const ndl_bevel *bevel = &def->bevel;
+    sb_real curvature;
+    sb_result result =
+        ndl_bevel_curvature(bevel, 0, bevel->law == NDL_BEVEL_ANGLE ? bevel->guide : (sb_real)edge, &curvature);
+    if (result == SB_OK && (!(bevel->lag > 0) || !(sb_abs(curvature) * edge <= 2)))
+        result = SB_ERROR_ARGUMENT;
     if (result != SB_OK)
-        return sbi_fail(error, result, "bevel: law %d, angle %g, curvature %g with edges of %g m", (int)def->bevel.law,
-                        (double)def->bevel.angle, (double)def->bevel.curvature, edge);
+        return sbi_fail(error, result, "bevel: law %d, angle %g, guide %g, curvature %g, lag %g with edges of %g m",
+                        (int)bevel->law, (double)bevel->angle, (double)bevel->guide, (double)bevel->curvature,
+                        (double)bevel->lag, edge);
     return SB_OK;
 }
 
@@ -14758,7 +15132,7 @@ static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 
 static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
 {
-    sb_result result = ndli_bed_create(site->body, &site->allocator, &site->bed, error);
+    sb_result result = ndli_bed_create(site->body, site->body, &site->allocator, &site->bed, error);
     if (result == SB_OK)
         site->mean_edge = site->bed.mean_edge;
     return result;
@@ -14810,14 +15184,19 @@ static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **si
 
 /* ---- creation ---- */
 
+/* Length of the bends that the body's tissue makes of a needle (m). */
+static double ndli_needle_wave(const struct ndli_site *site, const ndl_needle_def *def)
+{
+    ndl_rod_stiffness stiffness = def->stiffness ? *def->stiffness : ndl_rod_stiffness_of(&def->section);
+    double bending = 0.5 * ((double)stiffness.bending[0] + (double)stiffness.bending[1]);
+    return ndli_held_wave(bending, (double)def->section.radius, (double)sbi_body_young(site->body), site->mean_edge);
+}
+
 /* Edges of a rod that springs hold are short beside the bends that these make. */
 static double ndli_needle_usual_edge(const struct ndli_site *site, const ndl_needle_def *def)
 {
-    double most = site->mean_edge, least = most / 8, wave;
-    if (!site->embeds)
-        return most;
-    wave = ndli_held_wave(&def->section, (double)sbi_body_young(site->body), most);
-    return fmin(fmax(0.125 * wave, least), most);
+    double most = site->mean_edge, least = most / 8;
+    return site->embeds ? fmin(fmax(0.125 * ndli_needle_wave(site, def), least), most) : most;
 }
 
 /* The shape at rest: straight, then a circle towards m2. */
@@ -14955,6 +15334,7 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->cutting_user = def->cutting_user;
     needle->max_trials = def->max_trials;
     needle->entry_slip = def->entry_slip;
+    needle->wave = ndli_needle_wave(needle->site, def);
     needle->outlet = rod->x[1];
     needle->axis = rod->tangent[0];
     needle->line.first = rod->node_count;

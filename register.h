@@ -770,8 +770,8 @@ typedef struct reg_cpd reg_cpd;
  * near blocks of points only; non-rigid in addition source_count rank^2 / 2 + rank^3 / 6 multiply-adds. Memory: rank
  * (source_count + rank) doubles. The same bits for any jobs.
  * SB_ERROR_ARGUMENT (also a landmark of no point: error->node is its index), _NOT_FINITE (error->node; the message
- * names the cloud), _UNSUPPORTED (more than max_pairs), _CANCELLED, _NOT_CONVERGED (no target point is near enough any
- * source point to be more than an outlier), _MEMORY. */
+ * names the cloud; also where a fit goes beyond what sb_real holds), _UNSUPPORTED (more than max_pairs), _CANCELLED,
+ * _NOT_CONVERGED (no target point is near enough any source point to be more than an outlier), _MEMORY. */
 REG_API sb_result reg_cpd_fit(const sb_vec3 *source, int source_count, const sb_vec3 *target, int target_count,
                               const reg_cpd_options *options, reg_cpd **fit, sb_error *error);
 REG_API void reg_cpd_destroy(reg_cpd *fit); /* NULL is fine */
@@ -5948,9 +5948,29 @@ static reg_cpd *regi_cpd_fit_allocate(const regi_cpd_run *run)
     return fit;
 }
 
+/* Clouds near the ends of sb_real have fits beyond them. */
+static sb_result regi_cpd_check_range(const regi_cpd_run *run, sb_error *error)
+{
+    for (int i = 0; i < run->source.count; i++) {
+        const regi_cpd_block *at = run->moved + i / REGI_CPD_LANES;
+        int l = i % REGI_CPD_LANES;
+        double z[3];
+        z[0] = at->x[l], z[1] = at->y[l], z[2] = at->z[l];
+        if (!sb_v3_is_finite(regi_cpd_out_of(&run->target_frame, z)))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, run->source.order[i],
+                                 "point %d of the source would move beyond what numbers hold", run->source.order[i]);
+    }
+    if (!sb_is_finite(run->info.sigma))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "sigma is beyond what numbers hold");
+    return SB_OK;
+}
+
 static sb_result regi_cpd_finish(regi_cpd_run *run, reg_cpd **out, sb_error *error)
 {
-    reg_cpd *fit = regi_cpd_fit_allocate(run);
+    sb_result result = regi_cpd_check_range(run, error);
+    reg_cpd *fit = result == SB_OK ? regi_cpd_fit_allocate(run) : NULL;
+    if (result != SB_OK)
+        return result;
     if (!fit)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fit of %d points", run->source.count);
     fit->source = run->source_frame;

@@ -596,6 +596,29 @@ static void test_change(void)
     skin_free(&p.s);
 }
 
+/* Points are in the cells that the embedding has them in at once, also where it was let go and followed the body anew
+ * after the contact. */
+static void test_followed_anew(void)
+{
+    play p;
+    const sbi_contact_skin *skin;
+    play_make(&p, 1, NULL);
+    play_steps(&p, 0, 15);
+    CHECK_OK(sb_embedding_unfollow(p.s.embedding));
+    CHECK_OK(sb_embedding_follow(p.s.embedding, p.s.p.body, NULL));
+    scene_remove_cells(p.s.p.body);
+    skin = &p.s.p.contact->skin;
+    for (int i = 0; i < skin->point_count; i++) {
+        sbi_skin_point at;
+        skin->source->get_point(skin->source, i, &at);
+        CHECK_INT(skin->cells[i], at.cell);
+        CHECK(sb_body_cell_in_use(p.s.p.body, skin->cells[i]));
+    }
+    play_steps(&p, 15, 20);
+    CHECK(sb_contact_get_info(p.s.p.contact).touching > 5);
+    skin_free(&p.s);
+}
+
 /* ---- memory and refusals ---- */
 
 static void test_no_memory(void)
@@ -687,5 +710,5 @@ static void test_refused(void)
 
 CHECK_SUITE(contact_skin, {"the boundary", test_boundary}, {"momentum", test_momentum},
             {"equilibrium", test_equilibrium}, {"Hertz", test_hertz}, {"sweeps", test_sweeps}, {"state", test_state},
-            {"undo", test_undo}, {"changes of the mesh", test_change}, {"no memory", test_no_memory},
-            {"refused", test_refused});
+            {"undo", test_undo}, {"changes of the mesh", test_change}, {"followed anew", test_followed_anew},
+            {"no memory", test_no_memory}, {"refused", test_refused});

@@ -1,5 +1,8 @@
 /* test_contact_state: contact gives the same bits whatever the threads, goes on from a saved state and from a recording
  * as if nothing had been, takes steps that fail back, and allocates nothing while it steps. */
+#define SB_SPLIT_BUILD
+#include "../src/softbody/contact/contact_private.h"
+
 #include "contact_scene.h"
 #include "image.h"
 
@@ -278,6 +281,50 @@ static void test_no_memory(void)
     sb_mesh_free(&mesh);
 }
 
+/* Two tools press on the same faces, and a change of the mesh has left one entry: corners of its face remember both. */
+static void test_shared_face(void)
+{
+    sb_tool_def sphere = press_sphere(0.008, 0.4, sb_v3(REAL(0.04), REAL(0.03), REAL(0.0275)));
+    sb_body_def def = sb_default_body_def();
+    sb_contact *contact;
+    const int *nodes;
+    press p;
+    uint64_t hash;
+    size_t size;
+    void *image;
+    int count = 0;
+    def.material = play_material();
+    p = press_make(scene_box(SB_TET4, 8, 6, 2, sb_v3(REAL(0.08), REAL(0.06), REAL(0.02)), 0.1), def,
+                   sb_default_contact_def());
+    contact = p.contact;
+    scene_fix_plane(p.body, &p.mesh, 2, 0, SB_XYZ);
+    CHECK_INT(press_add(&p, &sphere), 0);
+    sphere.pose.position.x += REAL(0.0005);
+    CHECK_INT(press_add(&p, &sphere), 1);
+    for (int i = 0; i < 4; i++)
+        CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    CHECK(contact->entry_count > 10);
+    contact->entries[0] = contact->entries[contact->entry_count / 4];
+    contact->entry_count = 1;
+    nodes = sbi_contact_face_nodes(contact->faces, contact->entries[0].face);
+    for (int i = 0; i < contact->pressure_count; i++)
+        for (int a = 0; a < 3; a++)
+            if (contact->pressures[i].node == nodes[a])
+                contact->pressures[count++] = contact->pressures[i];
+    contact->pressure_count = count;
+    CHECK(count > contact->corner_room);
+    hash = sb_body_state_hash(p.body);
+    size = sb_body_state_size(p.body);
+    image = malloc(size);
+    CHECK_OK(sb_body_state_save(p.body, image, size));
+    CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    CHECK_OK(sb_body_state_load(p.body, image, size, NULL));
+    CHECK(sb_body_state_hash(p.body) == hash);
+    CHECK_INT(contact->pressure_count, count);
+    free(image);
+    press_free(&p);
+}
+
 CHECK_SUITE(contact_state, {"threads", test_threads}, {"saved and loaded", test_saved}, {"recorded", test_recorded},
             {"forged", test_forged}, {"undo", test_undo}, {"no allocation", test_no_allocation},
-            {"no memory", test_no_memory});
+            {"no memory", test_no_memory}, {"a face of two tools", test_shared_face});

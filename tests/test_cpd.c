@@ -747,6 +747,41 @@ static void test_far_clouds(void)
     reg_cpd_destroy(fit);
 }
 
+/* Single points near the end of sb_real throw a fit beyond it: that is an error by name, and never a point at infinity
+ * (found by mutated bytes). */
+static void test_beyond_numbers(void)
+{
+    static cpd_cloud source, target;
+    reg_cpd_options options = reg_default_cpd_options();
+    sb_real most = sizeof(sb_real) == 4 ? REAL(3e38) : REAL(1.7e308);
+    unsigned long long seed = 90;
+    int beyond = 0;
+    options.max_iterations = 8;
+    for (int kase = 0; kase < 40; kase++) {
+        sb_error error;
+        reg_cpd *fit = NULL;
+        sb_result result;
+        options.kind = (reg_cpd_kind)(kase % 4);
+        cpd_organ(&source, 30, 100 + (unsigned)kase);
+        cpd_organ(&target, 26, 200 + (unsigned)kase);
+        for (int k = 0; k < 4; k++) {
+            cpd_cloud *cloud = check_random(&seed) < 0.3 ? &source : &target;
+            sb_vec3 *p = cloud->at + (int)(26 * check_random(&seed));
+            sb_real far_off = most * REAL(2 * check_random(&seed) - 1);
+            *(k % 2 ? &p->x : &p->y) = far_off;
+        }
+        result = reg_cpd_fit(source.at, source.count, target.at, target.count, &options, &fit, &error);
+        if (result == SB_OK)
+            CHECK(fit && scene_all_finite(reg_cpd_moved(fit), source.count) &&
+                  sb_is_finite(reg_cpd_get_info(fit).sigma));
+        else
+            CHECK(!fit && error.result == result && error.message[0]);
+        beyond += result == SB_ERROR_NOT_FINITE;
+        reg_cpd_destroy(fit);
+    }
+    CHECK(beyond > 0);
+}
+
 static double cpd_ticks;
 static double cpd_tick(void) { return cpd_ticks += 1; }
 
@@ -1009,6 +1044,6 @@ CHECK_SUITE(cpd, {"exact motions", test_exact_motions}, {"noise, outliers, missi
             {"objective falls", test_monotone}, {"truncated sums", test_truncation},
             {"threads and order of points", test_order}, {"deformation elsewhere", test_apply},
             {"landmarks", test_landmarks}, {"marker clouds of different sizes", test_markers},
-            {"degenerate clouds", test_degenerate}, {"far clouds", test_far_clouds}, {"caps", test_caps},
-            {"refusals", test_refusals}, {"memory", test_memory}, {"golden bits", test_golden},
-            {"a liver", test_liver});
+            {"degenerate clouds", test_degenerate}, {"far clouds", test_far_clouds},
+            {"beyond numbers", test_beyond_numbers}, {"caps", test_caps}, {"refusals", test_refusals},
+            {"memory", test_memory}, {"golden bits", test_golden}, {"a liver", test_liver});

@@ -171,6 +171,7 @@ static void test_work(void)
     block_options options = block_default(2);
     unsigned long long seed = 3;
     scissors s = scissors_make(&seed);
+    sb_material stiff = sb_material_corotated(REAL(1e6), REAL(0.4), 1000); /* soft tissue is paid for later */
     double work = 0, area = 0;
     sb_cut_info info;
     block b;
@@ -178,6 +179,7 @@ static void test_work(void)
     options.front = SB_CUT_GLUE;
     options.toughness = 150;
     b = block_make(&options);
+    CHECK_OK(sb_body_set_material(b.body, &stiff, NULL));
     stroke = snip_begin(&b, &s, wide);
     for (int k = 1; k <= 20; k++) {
         info = snip(&b, &s, stroke, wide * (1 - k / 20.0));

@@ -194,6 +194,37 @@ static void test_membranes(void)
     }
 }
 
+/* Steps of next to no time between others change nothing that follows, held or remeshed, with any integrator. */
+static void test_tiny_steps(void)
+{
+    for (int k = 0; k < 4; k++) {
+        const sb_real tiny = SB_REAL_IS_FLOAT ? REAL(1e-5) : REAL(k % 2 ? 1e-12 : 1e-9);
+        needle_scene s[2];
+        double most = 0;
+        for (int j = 0; j < 2; j++) {
+            s[j] = needle_scene_default();
+            s[j].needle_def.follow = k / 2 ? NDL_REMESH : NDL_EMBED;
+            s[j].body_def.slack = k / 2 ? REAL(0.2) : 0;
+            s[j].body_def.integrator = k % 2 ? SB_NEWMARK : SB_GENERALISED_ALPHA;
+            if (!needle_scene_make(s + j))
+                return;
+            for (int i = 0; i < 60; i++) {
+                if (j && i % 15 == 7)
+                    needle_scene_run(s + j, (double)tiny, 1, needle_command(speed, 0));
+                needle_scene_run(s + j, dt, 1, needle_command(speed, 0));
+            }
+        }
+        CHECK_NEAR(needle_push(s + 1), needle_push(s), scene_tolerance(1e-3, 100) * needle_push(s));
+        for (int i = 0; i < s[0].mesh.node_count && k / 2 == 0;
+             i++) /* remeshing moves nodes from material to material */
+            most = fmax(
+                most, (double)sb_v3_norm(sb_v3_sub(sb_body_positions(s[0].body)[i], sb_body_positions(s[1].body)[i])));
+        CHECK(most < 1e-6);
+        needle_scene_free(s);
+        needle_scene_free(s + 1);
+    }
+}
+
 /* ---- bodies that are cut ---- */
 
 static sb_cut *make_cut(const needle_scene *s)
@@ -303,6 +334,37 @@ static void test_cut_states(void)
     }
     needle_scene_free(&a);
     needle_scene_free(&b);
+}
+
+/* Others change the mesh, and the needle is out; a state from before takes it back in, whether a step was between. */
+static void test_states_before_a_change(void)
+{
+    for (int steps = 0; steps < 2; steps++) {
+        needle_scene s = cut_scene();
+        size_t size;
+        void *image;
+        unsigned long long bits, end;
+        if (!needle_scene_make(&s))
+            return;
+        needle_scene_run(&s, dt, 60, needle_command(speed, 0));
+        size = sb_body_state_size(s.body);
+        image = malloc(size);
+        CHECK_OK(sb_body_state_save(s.body, image, size));
+        bits = needle_scene_bits(&s);
+        needle_scene_run(&s, dt, 10, needle_command(speed, 0));
+        end = needle_scene_bits(&s);
+        scene_remove_cells(s.body);
+        if (steps) {
+            needle_scene_run(&s, dt, 1, needle_command(0, 0));
+            CHECK(ndl_needle_depth(s.needles[0]) == 0);
+        }
+        CHECK_OK(sb_body_state_load(s.body, image, size, &s.error));
+        CHECK(needle_scene_bits(&s) == bits);
+        needle_scene_run(&s, dt, 10, needle_command(speed, 0));
+        CHECK(ndl_needle_depth(s.needles[0]) > 0 && needle_scene_bits(&s) == end);
+        free(image);
+        needle_scene_free(&s);
+    }
 }
 
 /* Cuts that ask for more than the body's slack while a needle is in it. */
@@ -503,8 +565,9 @@ static void test_random_use(void)
 }
 
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"neighbours", test_neighbours},
-            {"balance", test_balance}, {"membranes", test_membranes}, {"cut across a needle", test_cut_across_needle},
-            {"into a cut body", test_into_cut_body}, {"states of cut bodies", test_cut_states},
+            {"balance", test_balance}, {"membranes", test_membranes}, {"tiny steps", test_tiny_steps},
+            {"cut across a needle", test_cut_across_needle}, {"into a cut body", test_into_cut_body},
+            {"states of cut bodies", test_cut_states}, {"states before a change", test_states_before_a_change},
             {"a body that grows", test_growing_body}, {"ablation", test_ablation}, {"viscous friction", test_viscous},
             {"soft tissue's states", test_states_in_soft_tissue}, {"bad definitions", test_bad_definitions},
             {"memory", test_memory}, {"far side", test_far_side}, {"random use", test_random_use});

@@ -3,14 +3,26 @@
 
 #include <string.h>
 
+#include "image.h"
+
 /* ---- creation ---- */
 
-static void ndli_bed_list_cells(ndli_bed *bed)
+static void ndli_bed_list_cells(ndli_bed *bed, const sb_body *body)
 {
     int count = 0;
-    for (int cell = 0; cell < sb_body_element_count(bed->body); cell++)
-        if (sb_body_cell_in_use(bed->body, cell))
+    for (int cell = 0; cell < sb_body_element_count(body); cell++)
+        if (sb_body_cell_in_use(body, cell))
             bed->cells[count++] = cell;
+}
+
+static uint64_t ndli_bed_hash(const ndli_bed *bed)
+{
+    size_t elements = (size_t)bed->mesh.element_count, corners = elements * (size_t)sb_mesh_element_width(&bed->mesh);
+    uint64_t hash = ndli_image_hash(elements, bed->cells, elements * sizeof(int));
+    hash = ndli_image_hash(hash, bed->mesh.elements, corners * sizeof(int));
+    for (size_t i = 0; i < corners; i++)
+        hash = ndli_image_hash(hash, bed->mesh.nodes + bed->mesh.elements[i], sizeof(sb_vec3));
+    return hash;
 }
 
 /* Faces of tets are equilateral triangles where the mesh is even, those of hexes squares. */
@@ -19,17 +31,18 @@ static double ndli_bed_edge_of(const ndli_bed *bed, double volume)
     return cbrt(bed->volume.is_box ? volume : 6 * sqrt(2.0) * volume);
 }
 
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error)
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
+                                   sb_error *error)
 {
     sb_result result;
     memset(bed, 0, sizeof *bed);
     bed->body = body;
     bed->allocator = *allocator;
-    bed->version = sb_body_mesh_version(body);
-    bed->was_cut = sbi_body_has_pieces(body);
-    if (sbi_body_mesh(body).element_type == SB_CUSTOM)
+    bed->version = sb_body_mesh_version(mesh_of);
+    bed->was_cut = sbi_body_has_pieces(mesh_of);
+    if (sbi_body_mesh(mesh_of).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles do not go into elements of your own (SB_CUSTOM)");
-    result = sbi_body_copy_mesh(body, allocator, &bed->mesh, error);
+    result = sbi_body_copy_mesh(mesh_of, allocator, &bed->mesh, error);
     if (result == SB_OK)
         result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
     if (result != SB_OK)
@@ -42,7 +55,8 @@ NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator,
         ndli_bed_free(bed);
         return result;
     }
-    ndli_bed_list_cells(bed);
+    ndli_bed_list_cells(bed, mesh_of);
+    bed->hash = ndli_bed_hash(bed);
     bed->mean_edge = ndli_bed_edge_of(bed, (double)sb_mesh_volume(&bed->mesh) / bed->mesh.element_count);
     return SB_OK;
 }
@@ -55,6 +69,14 @@ NDLI_API void ndli_bed_free(ndli_bed *bed)
         sbi_free(&bed->allocator, bed->cells);
     sb_mesh_free(&bed->mesh);
     memset(bed, 0, sizeof *bed);
+}
+
+NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next)
+{
+    ndli_bed_free(bed);
+    *bed = *next;
+    bed->volume.mesh = &bed->mesh;
+    memset(next, 0, sizeof *next);
 }
 
 /* ---- places ---- */

@@ -30,11 +30,16 @@ typedef struct ndli_bed {
     double mean_edge; /* m */
     int was_cut;      /* 1: when this was made */
     int version;      /* of the body's mesh, then */
-    int is_lost;      /* 1: others than an sb_cut have changed that since */
+    uint64_t hash;    /* of what it is made from: cells, their nodes and where these are */
+    int is_lost;      /* 1: others than an sb_cut have changed the body's mesh since */
 } ndli_bed;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_allocator *allocator, ndli_bed *bed, sb_error *error);
+/* From the mesh of `mesh_of`, which the body has, or will have. */
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
+                                   sb_error *error);
+/* It becomes `next`, which is zeros then. */
+NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next);
 NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */
 
 /* Where X (m, at rest) is; `hint` is an element to start from. 0: outside, and *place is the nearest. */

@@ -48,6 +48,7 @@ NDLI_API void ndli_site_free(struct ndli_site *site)
         sb_body_unlisten(site->body, site->listener);
     ndl_remesh_destroy(site->remesh);
     ndli_bed_free(&site->bed);
+    ndli_bed_free(&site->next_bed);
     sbi_free(&allocator, site->node_place);
     sbi_free(&allocator, site->coupled);
     sbi_free(&allocator, site->unknown);
@@ -79,12 +80,10 @@ NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
         return ndli_remesh_look(site->remesh, error);
     if (!ndli_site_is_stale(site))
         return SB_OK;
-    result = ndli_bed_create(site->body, &site->allocator, &fresh, error);
+    result = ndli_bed_create(site->body, site->body, &site->allocator, &fresh, error);
     if (result != SB_OK)
         return result;
-    ndli_bed_free(&site->bed);
-    site->bed = fresh;
-    site->bed.volume.mesh = &site->bed.mesh;
+    ndli_bed_replace(&site->bed, &fresh);
     return SB_OK;
 }
 

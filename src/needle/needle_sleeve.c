@@ -52,13 +52,13 @@ NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis)
                            ndli_dot(m1, needle->given_director));
 }
 
-/* Where the sleeve is after a substep, and how far it turns the needle; `left` substeps, this one counted. */
+/* Where the sleeve is after a substep, and how far it turns the needle. */
 typedef struct ndli_sleeve {
     ndli_v3 outlet, axis;
     double turn;
 } ndli_sleeve;
 
-static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, int left)
+static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command *command, double dt, double share)
 {
     ndli_v3 spin = ndli_from(command->angular_velocity), swing;
     ndli_sleeve sleeve;
@@ -68,7 +68,6 @@ static ndli_sleeve ndli_sleeve_after(const ndl_needle *needle, const ndl_command
     sleeve.axis = ndli_sleeve_turned(needle->axis, ndli_scale(dt, swing));
     sleeve.turn = dt * ((double)command->twist + along);
     if (needle->base_given) {
-        double share = 1.0 / left;
         ndli_v3 axis = ndli_add(sleeve.axis, ndli_scale(share, ndli_sub(needle->given_axis, sleeve.axis)));
         sleeve.outlet = ndli_madd(sleeve.outlet, share, ndli_sub(needle->given_outlet, sleeve.outlet));
         sleeve.axis = axis;
@@ -93,10 +92,10 @@ static void ndli_sleeve_feed(ndl_needle *needle, double length)
     needle->fed += length;
 }
 
-NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left)
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, double share)
 {
     ndl_rod *rod = needle->rod;
-    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, left);
+    ndli_sleeve sleeve = ndli_sleeve_after(needle, command, dt, share);
     double length = dt * (double)command->insertion;
     needle->pushed = length + ndli_dot(ndli_sub(sleeve.outlet, needle->outlet), sleeve.axis) > 0;
     ndli_sleeve_feed(needle, length);

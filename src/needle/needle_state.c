@@ -8,17 +8,18 @@
 
 /* By its name it comes behind the remesher's, which it is checked against. */
 static const char ndli_needle_name[] = "needles";
-enum { NDLI_NEEDLE_VERSION = 2 };
+enum { NDLI_NEEDLE_VERSION = 3 };
 
 /* ---- the image ---- */
 
 typedef struct ndli_site_head {
     double mean_edge;
+    uint64_t bed; /* hash of what needles that are held have their tracks in; 0: none is in */
     int order, count;
     unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
 } ndli_site_head;
 
-enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 5 };
+enum { NDLI_HEAD_VECTORS = 9, NDLI_HEAD_REALS = 5 };
 
 typedef struct ndli_needle_head {
     uint64_t make; /* hash of what its def says beside the rod */
@@ -36,7 +37,7 @@ static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS
     reals[3] = &needle->line.cutting, reals[4] = &needle->entering;
     vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
     vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
-    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
+    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque, vectors[8] = &needle->aside;
 }
 
 static uint64_t ndli_state_hash_real(uint64_t hash, sb_real value)
@@ -52,6 +53,7 @@ static uint64_t ndli_needle_make(const ndl_needle *needle)
     hash = sbi_hash_word(hash, (uint64_t)needle->bevel.law + (needle->cutting_at ? 256u : 0u));
     hash = ndli_state_hash_real(hash, needle->bevel.angle);
     hash = ndli_state_hash_real(hash, needle->bevel.curvature);
+    hash = ndli_state_hash_real(ndli_state_hash_real(hash, needle->bevel.guide), needle->bevel.lag);
     for (int i = 0; i < needle->friction_count; i++) {
         const ndl_friction *f = needle->frictions + i;
         hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->friction), f->viscous);
@@ -133,10 +135,11 @@ static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli
     ndli_image_part(image, needle->track.elements, points, sizeof(int));
 }
 
-static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
+static void ndli_site_fill_head(const struct ndli_site *site, int stale, ndli_site_head *h)
 {
     memset(h, 0, sizeof *h);
     h->mean_edge = site->mean_edge;
+    h->bed = stale ? 0 : site->bed.hash;
     h->order = NDLI_IMAGE_ORDER;
     h->count = site->count;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
@@ -151,7 +154,7 @@ static void ndli_site_save(const void *user, sbi_state_out *out)
     ndli_image image;
     memset(&image, 0, sizeof image);
     image.state = out;
-    ndli_site_fill_head(site, &head);
+    ndli_site_fill_head(site, stale, &head);
     ndli_image_part(&image, &head, 1, sizeof head);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
@@ -234,7 +237,7 @@ static int ndli_image_rises(const unsigned char *reals, size_t count, double *la
 }
 
 /* The track is one in the bed, and the rod's nodes are on it in their order. */
-static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char *arcs, const ndli_needle_head *h)
+static int ndli_needle_track_holds(const ndli_bed *bed, const unsigned char *arcs, const ndli_needle_head *h)
 {
     size_t nodes = (size_t)h->count, points = (size_t)h->points;
     const unsigned char *X = arcs + ndli_image_room(nodes * sizeof(double));
@@ -243,7 +246,7 @@ static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char
     double tip = 0, last = 0;
     for (size_t i = 0; i < points; i++) {
         int element = ndli_image_int(elements, i);
-        if (element < 0 || element >= needle->site->bed.mesh.element_count)
+        if (element < 0 || element >= bed->mesh.element_count)
             return 0;
     }
     if (!ndli_image_is_number(X, 3 * points) || !ndli_image_rises(at, points, &tip))
@@ -251,9 +254,9 @@ static int ndli_needle_track_holds(const ndl_needle *needle, const unsigned char
     return ndli_image_rises(arcs, nodes, &last) && (points == 0 || (last == tip && ndli_image_real(at, 0) == 0));
 }
 
-/* The needle at in[size]; used: its bytes. */
-static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
-                                         sb_error *error)
+/* The needle at in[size], its track in this bed; used: its bytes. */
+static sb_result ndli_needle_check_image(const ndl_needle *needle, const ndli_bed *bed, const unsigned char *in,
+                                         size_t size, size_t *used, sb_error *error)
 {
     ndl_needle none = *needle;
     ndli_needle_head h;
@@ -280,7 +283,7 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
     for (size_t i = 0; i < count; i++)
         good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
     if (!good || !ndli_image_is_number(contacts, 3 * count) ||
-        !(needle->site->embeds ? ndli_needle_track_holds(needle, rest, &h)
+        !(needle->site->embeds ? ndli_needle_track_holds(bed, rest, &h)
                                : ndli_needle_path_holds(needle, rest, h.count)))
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
     result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
@@ -306,28 +309,66 @@ static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_s
     return SB_OK;
 }
 
+/* The bed of a state: the one that there is, or one that is made from the state's mesh; of needles that are in a body
+ * which was cut it is the one of the mesh before, which nobody makes anew. */
+static sb_result ndli_site_check_bed(struct ndli_site *site, const sb_body *body, const ndli_site_head *h,
+                                     const ndli_bed **bed, sb_error *error)
+{
+    sb_result result;
+    *bed = &site->bed;
+    ndli_bed_free(&site->next_bed);
+    if (!h->bed || h->bed == site->bed.hash || !site->embeds)
+        return SB_OK;
+    *bed = &site->next_bed;
+    result = ndli_bed_create(site->body, body, &site->allocator, &site->next_bed, error);
+    if (result != SB_OK || h->bed == site->next_bed.hash)
+        return result;
+    ndli_bed_free(&site->next_bed);
+    return sbi_fail(error, SB_ERROR_STATE,
+                    "the state's needles went into another mesh than those of the body know: load it into a body that "
+                    "was made as its body was");
+}
+
 static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
                                  sb_error *error)
 {
-    const struct ndli_site *site = (const struct ndli_site *)user;
+    struct ndli_site *site = (struct ndli_site *)user;
+    const ndli_bed *bed = NULL;
     ndli_site_head head;
     size_t at = ndli_image_room(sizeof head);
     sb_result result;
-    (void)body;
     if (size < at)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles end in their head");
     memcpy(&head, bytes, sizeof head);
     result = ndli_site_check_head(site, &head, error);
+    if (result == SB_OK)
+        result = ndli_site_check_bed(site, body, &head, &bed, error);
     for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
         if (site->needles[i]) {
             size_t used = 0;
-            result = ndli_needle_check_image(site->needles[i], bytes + at, size - at, &used, error);
+            result = ndli_needle_check_image(site->needles[i], bed, bytes + at, size - at, &used, error);
             at += used;
         }
     if (result == SB_OK && at != size)
         result =
             sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+    if (result != SB_OK)
+        ndli_bed_free(&site->next_bed);
     return result;
+}
+
+static void ndli_site_give_up(void *user) { ndli_bed_free(&((struct ndli_site *)user)->next_bed); }
+
+/* The body has the mesh that the tracks are in again, or one that was cut from it; hash 0: none is in. */
+static void ndli_site_load_bed(struct ndli_site *site, uint64_t hash)
+{
+    if (!site->embeds)
+        return;
+    if (site->next_bed.cells)
+        ndli_bed_replace(&site->bed, &site->next_bed);
+    site->bed.is_lost = !hash;
+    if (hash)
+        site->bed.version = sb_body_mesh_version(site->body);
 }
 
 static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
@@ -341,6 +382,7 @@ static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
     ndli_image_part(&image, &head, 1, sizeof head);
     site->mean_edge = head.mean_edge;
     site->undo_waits = 0;
+    ndli_site_load_bed(site, head.bed);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
             ndl_needle *needle = site->needles[i];
@@ -364,6 +406,7 @@ NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
     part.save = ndli_site_save;
     part.check = ndli_site_check;
     part.load = ndli_site_load;
+    part.give_up = ndli_site_give_up;
     return part;
 }
 

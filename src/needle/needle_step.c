@@ -160,7 +160,7 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
     return result;
 }
 
-static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
+static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double share)
 {
     static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
     double begin = ndli_step_now(s->site);
@@ -170,7 +170,8 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
         if (result != SB_OK)
             return result;
-        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, left);
+        ndli_bevel_begin(needle);
+        ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, share);
         if (s->site->embeds)
             ndli_held_resist(needle);
         else
@@ -213,15 +214,96 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     return result;
 }
 
-static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
+/* dt is `share` of what is left of the step. */
+static sb_result ndli_step_substep(const ndli_stepping *s, double dt, double share)
 {
-    sb_result result = ndli_step_prepare(s, dt, left);
+    sb_result result = ndli_step_prepare(s, dt, share);
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
     if (result == SB_OK)
         result = ndli_site_look(s->site, s->error);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        s->info->peak_base = sb_max(s->info->peak_base, (sb_real)ndli_norm(s->needles[k]->base_force));
+    return result;
+}
+
+/* ---- membranes within a step ---- */
+
+/* Where the tips of needles with membranes are in the material. */
+typedef struct ndli_step_tips {
+    sb_vec3 X[NDL_MAX_NEEDLES];
+    int within[NDL_MAX_NEEDLES]; /* 1: in the tissue */
+} ndli_step_tips;
+
+static void ndli_step_find_tips(const ndli_stepping *s, ndli_step_tips *tips)
+{
+    for (int k = 0; k < s->count; k++)
+        tips->within[k] = s->needles[k]->capsule_count > 0 && ndl_needle_tip_material(s->needles[k], tips->X + k);
+}
+
+/* Substeps get no shorter than that share of one: their rounding would be felt. */
+static const double ndli_step_shortest = 1e-3;
+
+/* Share of a substep of dt in which the first tip came to where a membrane begins or ends; 1: none did. */
+static double ndli_step_share_to_edge(const ndli_stepping *s, const ndli_step_tips *before, double dt)
+{
+    double least = 1;
+    for (int k = 0; k < s->count; k++) {
+        const ndl_needle *needle = s->needles[k];
+        sb_vec3 X;
+        if (needle->capsule_count == 0 || !ndl_needle_tip_material(needle, &X))
+            continue;
+        if (!before->within[k])
+            least = fmin(
+                least, ndli_needle_share_to_skin(needle, dt * ndli_norm(needle->rod->v[needle->rod->node_count - 1])));
+        else if (needle->advance > 0)
+            least = fmin(least, ndli_needle_share_to_edge(needle, before->X[k], X));
+    }
+    return least < 1 - ndli_step_shortest ? fmax(least, ndli_step_shortest) : 1;
+}
+
+/* Ends of a step's substeps, in units of the first guess of them, which are all 1 long; sorted. */
+enum { NDLI_STEP_EDGES = 12 };
+typedef struct ndli_step_ends {
+    double edges[NDLI_STEP_EDGES]; /* where tips come to edges of membranes */
+    int edge_count, substeps;
+} ndli_step_ends;
+
+static double ndli_step_end_after(const ndli_step_ends *ends, double t)
+{
+    double next = floor(t) + 1;
+    for (int i = 0; i < ends->edge_count; i++)
+        if (ends->edges[i] > t)
+            next = fmin(next, ends->edges[i]);
+    return next;
+}
+
+/* Substeps up to the first that a tip runs through the edge of a membrane in, which is *edge then, else 0. */
+static sb_result ndli_step_run_to_edge(const ndli_stepping *s, double dt, const ndli_step_ends *ends, double *edge)
+{
+    sb_result result = SB_OK;
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    *edge = 0;
+    for (double t = 0, end; t < ends->substeps && result == SB_OK; t = end) {
+        double length, share;
+        ndli_step_tips before;
+        end = ndli_step_end_after(ends, t);
+        length = (end - t) * (dt / ends->substeps);
+        ndli_step_find_tips(s, &before);
+        result = ndli_step_substep(s, length, (end - t) / (ends->substeps - t));
+        s->info->substeps++;
+        if (result != SB_OK || ends->edge_count == NDLI_STEP_EDGES || end - t < 2 * ndli_step_shortest)
+            continue;
+        share = ndli_step_share_to_edge(s, &before, length);
+        *edge = t + share * (end - t);
+        if (share < 1)
+            return SB_OK;
+    }
+    *edge = 0;
     return result;
 }
 
@@ -328,18 +410,25 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     return torn;
 }
 
+/* In substeps, and anew from its beginning with one more wherever a tip ran through an edge of a membrane: what it has
+ * to cut is one force in a substep. */
 static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 {
-    sb_result result = SB_OK;
-    memset(s->info, 0, sizeof *s->info);
-    s->info->consistent = 1;
-    s->info->worst_quality = 1;
-    s->info->substeps = substeps;
-    for (int i = 0; i < substeps && result == SB_OK; i++)
-        result = ndli_step_substep(s, dt / substeps, substeps - i);
-    if (result != SB_OK && ndli_needle_undo(s->site, s->error) != SB_OK)
-        return SB_ERROR_MEMORY;
-    return result;
+    ndli_step_ends ends;
+    sb_result result;
+    double edge;
+    memset(&ends, 0, sizeof ends);
+    ends.substeps = substeps;
+    for (;;) {
+        result = ndli_step_run_to_edge(s, dt, &ends, &edge);
+        if (result == SB_OK && edge == 0)
+            return SB_OK;
+        if (ndli_needle_undo(s->site, s->error) != SB_OK)
+            return SB_ERROR_MEMORY;
+        if (result != SB_OK)
+            return result;
+        ends.edges[ends.edge_count++] = edge;
+    }
 }
 
 /* A step that is sound in its arguments. */

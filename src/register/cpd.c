@@ -656,9 +656,29 @@ static reg_cpd *regi_cpd_fit_allocate(const regi_cpd_run *run)
     return fit;
 }
 
+/* Clouds near the ends of sb_real have fits beyond them. */
+static sb_result regi_cpd_check_range(const regi_cpd_run *run, sb_error *error)
+{
+    for (int i = 0; i < run->source.count; i++) {
+        const regi_cpd_block *at = run->moved + i / REGI_CPD_LANES;
+        int l = i % REGI_CPD_LANES;
+        double z[3];
+        z[0] = at->x[l], z[1] = at->y[l], z[2] = at->z[l];
+        if (!sb_v3_is_finite(regi_cpd_out_of(&run->target_frame, z)))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, run->source.order[i],
+                                 "point %d of the source would move beyond what numbers hold", run->source.order[i]);
+    }
+    if (!sb_is_finite(run->info.sigma))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "sigma is beyond what numbers hold");
+    return SB_OK;
+}
+
 static sb_result regi_cpd_finish(regi_cpd_run *run, reg_cpd **out, sb_error *error)
 {
-    reg_cpd *fit = regi_cpd_fit_allocate(run);
+    sb_result result = regi_cpd_check_range(run, error);
+    reg_cpd *fit = result == SB_OK ? regi_cpd_fit_allocate(run) : NULL;
+    if (result != SB_OK)
+        return result;
     if (!fit)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fit of %d points", run->source.count);
     fit->source = run->source_frame;

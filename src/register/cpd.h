@@ -100,8 +100,8 @@ typedef struct reg_cpd reg_cpd;
  * near blocks of points only; non-rigid in addition source_count rank^2 / 2 + rank^3 / 6 multiply-adds. Memory: rank
  * (source_count + rank) doubles. The same bits for any jobs.
  * SB_ERROR_ARGUMENT (also a landmark of no point: error->node is its index), _NOT_FINITE (error->node; the message
- * names the cloud), _UNSUPPORTED (more than max_pairs), _CANCELLED, _NOT_CONVERGED (no target point is near enough any
- * source point to be more than an outlier), _MEMORY. */
+ * names the cloud; also where a fit goes beyond what sb_real holds), _UNSUPPORTED (more than max_pairs), _CANCELLED,
+ * _NOT_CONVERGED (no target point is near enough any source point to be more than an outlier), _MEMORY. */
 REG_API sb_result reg_cpd_fit(const sb_vec3 *source, int source_count, const sb_vec3 *target, int target_count,
                               const reg_cpd_options *options, reg_cpd **fit, sb_error *error);
 REG_API void reg_cpd_destroy(reg_cpd *fit); /* NULL is fine */

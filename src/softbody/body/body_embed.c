@@ -73,7 +73,7 @@ SB_API sb_result sb_embedding_follow(sb_embedding *embedding, sb_body *body, sb_
     listener.follow = sbi_body_embed_follow;
     listener.give_up = sbi_body_embed_give_up;
     listener.end = sbi_body_embed_end;
-    result = sb_body_listen(body, &listener, &id, error);
+    result = sbi_live_listen(body, &listener, 1, &id, error); /* contact may be on its points */
     if (result != SB_OK)
         return result;
     result = sbi_body_embed_load(embedding, body, error);

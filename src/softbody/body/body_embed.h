@@ -24,8 +24,8 @@
  *   the first update after a state with another mesh; of one without nobody knows then which piece that is
  *   (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
  * - A change that is refused leaves the embedding as it was, to the bit.
- * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
- *   `reserve` and that, the embedding is not to be read.
+ * - A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between
+ *   its `reserve` and that, the embedding is not to be read.
  * Cost: a change searches the points of changed cells and makes anew what updates read of them; points and cells far
  * from it cost nothing (tests/bench/RESULTS.md). The first call takes about as long as the creation. A change allocates
  * when arrays have to grow, and to find a point that no cell around it holds. Without memory the change is refused

@@ -83,7 +83,18 @@ SB_API sb_result sb_body_get_mesh(const sb_body *body, const sb_allocator *alloc
 
 /* ---- listeners ---- */
 
-SB_API sb_result sb_body_listen(sb_body *body, const sb_body_listener *listener, int *id, sb_error *error)
+/* Puts a listener behind all others, or behind those that lead; there is room. */
+static void sbi_live_insert_listener(sbi_live *live, const sb_body_listener *listener, int leads)
+{
+    int at = live->listener_count++;
+    for (; leads && at > 0 && !live->listeners[at - 1].leads; at--)
+        live->listeners[at] = live->listeners[at - 1];
+    live->listeners[at].id = ++live->last_listener;
+    live->listeners[at].leads = leads;
+    live->listeners[at].calls = *listener;
+}
+
+SBI_API sb_result sbi_live_listen(sb_body *body, const sb_body_listener *listener, int leads, int *id, sb_error *error)
 {
     sbi_live *live;
     if (!body || !listener || !listener->follow)
@@ -102,11 +113,15 @@ SB_API sb_result sb_body_listen(sb_body *body, const sb_body_listener *listener,
         live->listeners = grown;
         live->listener_capacity = capacity;
     }
-    live->listeners[live->listener_count].id = ++live->last_listener;
-    live->listeners[live->listener_count++].calls = *listener;
+    sbi_live_insert_listener(live, listener, leads);
     if (id)
         *id = live->last_listener;
     return SB_OK;
+}
+
+SB_API sb_result sb_body_listen(sb_body *body, const sb_body_listener *listener, int *id, sb_error *error)
+{
+    return sbi_live_listen(body, listener, 0, id, error);
 }
 
 SB_API sb_result sb_body_unlisten(sb_body *body, int id)

@@ -182,8 +182,9 @@ typedef struct sb_body_listener {
     /* The body is being destroyed, and is not to be read; the listener is gone. */
     void (*end)(void *user);
 } sb_body_listener;
-/* Called in the order of registration, after the body's own loads and constraints. *id serves to end it; listeners end
- * with the body, too. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY. */
+/* Called in the order of registration, after the body's own loads and constraints and the embeddings that follow it.
+ * *id serves to end it; listeners end with the body, too. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (def.slack was 0),
+ * SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_listen(sb_body *body, const sb_body_listener *listener, int *id, sb_error *error);
 SB_API sb_result sb_body_unlisten(sb_body *body, int id);
 

@@ -33,13 +33,16 @@ typedef int sbi_cell_find(void *user, int cell, const sb_real xi[3]);
 
 typedef struct sbi_listener {
     int id;
+    int leads; /* 1: comes before those that do not, whenever it was registered: these may read it */
     sb_body_listener calls;
 } sbi_listener;
 
-/* A force (N) on a node in the next step, see live_push.c. */
+/* A force on a node in the next step, see live_push.c. */
 typedef struct sbi_push {
     int node;
-    sb_vec3 force;
+    sb_vec3 force;     /* N */
+    sb_real stiffness; /* N/m, >= 0: the force over the way of what pushes */
+    sb_real held;      /* that part of it which the step under way needs */
 } sbi_push;
 
 typedef struct sbi_live {
@@ -96,6 +99,8 @@ SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
 SBI_API void sbi_live_free(sb_body *body);
+/* sb_body_listen for one that leads or does not. */
+SBI_API sb_result sbi_live_listen(sb_body *body, const sb_body_listener *listener, int leads, int *id, sb_error *error);
 /* Tells all who listen that the body ends, and ends the change under way. */
 SBI_API void sbi_live_end(sb_body *body);
 SBI_API void sbi_change_destroy(sb_body_change *change); /* NULL is fine */
@@ -222,9 +227,15 @@ SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int coun
 /* Room for so many more; 0: no memory. */
 SBI_API int sbi_live_reserve_pushes(sb_body *body, int more);
 /* Adds one that there is room for. */
-SBI_API void sbi_live_push(sb_body *body, int node, sb_vec3 force);
-/* forces [nodes] += all of them; of any body. */
+SBI_API void sbi_live_push(sb_body *body, int node, sb_vec3 force, sb_real stiffness);
+/* forces [nodes] += all of them, at nodes that go on as they did; of any body. */
 SBI_API void sbi_live_add_pushes(const sb_body *body, sb_vec3 *forces);
+/* An implicit step of dt (s) begins: what is held of the stiffness in it; 0: nothing. Uses body->work. */
+SBI_API int sbi_live_hold_pushes(sb_body *body, sb_real dt);
+/* forces [nodes] += factor times what is held of the stiffness times vectors [nodes]. */
+SBI_API void sbi_live_add_push_product(const sb_body *body, sb_real factor, const sb_vec3 *vectors, sb_vec3 *forces);
+/* Adds factor times that to the body's matrix. */
+SBI_API void sbi_live_add_push_stiffness(sb_body *body, sb_real factor);
 /* The step is done; of any body. */
 SBI_API void sbi_live_forget_pushes(sb_body *body);
 

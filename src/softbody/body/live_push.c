@@ -1,5 +1,14 @@
 /* live_push: forces on nodes in the next time step alone: what a blade does to the tissue that it cuts. Static solves
- * know nothing of them. They stay with their nodes whatever becomes of the mesh, and go with those that go. */
+ * know nothing of them. They stay with their nodes whatever becomes of the mesh, and go with those that go.
+ *
+ * A force F that a way d of the blade past the tissue gives is F (d - w) / |d| where the tissue goes w farther in the
+ * step than it would at the speed it has: nothing where it keeps up with the blade. So an implicit step has
+ *
+ *     f = F - k (u - start - dt v),   k = max(0, |F| / |d| - m / dt^2)
+ *
+ * at each node of mass m, summed over its forces: heavy tissue, which does not get far in a step, feels F, and light
+ * tissue in a long step goes with the blade in place of ahead of it. What the step dissipates by it, f (d - w), is not
+ * negative. Explicit steps have F. */
 #include "live_private.h"
 
 #include <string.h>
@@ -22,22 +31,70 @@ SBI_API int sbi_live_reserve_pushes(sb_body *body, int more)
     return 1;
 }
 
-SBI_API void sbi_live_push(sb_body *body, int node, sb_vec3 force)
+SBI_API void sbi_live_push(sb_body *body, int node, sb_vec3 force, sb_real stiffness)
 {
     sbi_push *push = body->live->pushes + body->live->push_count++;
     SB_ASSERT(body->live->push_count <= body->live->push_capacity);
     push->node = node;
     push->force = force;
+    push->stiffness = stiffness;
+    push->held = 0;
     body->acceleration_known = 0; /* forces jump */
+}
+
+/* 1 when a push has its node still. */
+static int sbi_live_push_acts(const sbi_live *live, const sbi_push *push)
+{
+    return push->node < live->nodes.end && live->nodes.used[push->node];
 }
 
 SBI_API void sbi_live_add_pushes(const sb_body *body, sb_vec3 *forces)
 {
     const sbi_live *live = body->live;
     for (int i = 0; live && i < live->push_count; i++) {
-        int node = live->pushes[i].node;
-        if (node < live->nodes.end && live->nodes.used[node])
-            forces[node] = sb_v3_add(forces[node], live->pushes[i].force);
+        const sbi_push *push = live->pushes + i;
+        if (sbi_live_push_acts(live, push))
+            forces[push->node] = sb_v3_add(forces[push->node], push->force);
+    }
+}
+
+SBI_API int sbi_live_hold_pushes(sb_body *body, sb_real dt)
+{
+    sbi_live *live = body->live;
+    int held = 0;
+    for (int i = 0; live && i < live->push_count; i++)
+        body->work[live->pushes[i].node] = sb_v3(0, 0, 0);
+    for (int i = 0; live && i < live->push_count; i++)
+        body->work[live->pushes[i].node].x += live->pushes[i].stiffness;
+    for (int i = 0; live && i < live->push_count; i++) {
+        sbi_push *push = live->pushes + i;
+        sb_real all = body->work[push->node].x, excess = all - body->lumped_mass[push->node] / (dt * dt);
+        push->held = excess > 0 ? push->stiffness * (excess / all) : 0;
+        held |= push->held > 0;
+    }
+    return held;
+}
+
+SBI_API void sbi_live_add_push_product(const sb_body *body, sb_real factor, const sb_vec3 *vectors, sb_vec3 *forces)
+{
+    const sbi_live *live = body->live;
+    for (int i = 0; i < live->push_count; i++) {
+        const sbi_push *push = live->pushes + i;
+        int n = push->node;
+        if (sbi_live_push_acts(live, push))
+            forces[n] = sb_v3_madd(forces[n], factor * push->held, vectors[n]);
+    }
+}
+
+SBI_API void sbi_live_add_push_stiffness(sb_body *body, sb_real factor)
+{
+    const sbi_live *live = body->live;
+    for (int i = 0; i < live->push_count; i++) {
+        const sbi_push *push = live->pushes + i;
+        if (!sbi_live_push_acts(live, push))
+            continue;
+        for (int c = 0; c < 9; c += 4)
+            body->matrix.blocks[body->matrix.diagonal[push->node]][c] += factor * push->held;
     }
 }
 

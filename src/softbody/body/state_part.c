@@ -22,6 +22,71 @@ SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size)
     out->overflow |= !sbi_size_add(&out->used, size, 1);
 }
 
+/* ---- numbers ---- */
+
+static void sbi_state_put_number(sbi_state_out *out, uint64_t value, int bytes)
+{
+    unsigned char number[8];
+    sbi_put_bytes(number, value, bytes);
+    sbi_state_put(out, number, (size_t)bytes);
+}
+
+SBI_API void sbi_part_put_int(sbi_state_out *out, int value)
+{
+    sbi_state_put_number(out, (uint64_t)(uint32_t)value, 4);
+}
+
+SBI_API void sbi_part_put_reals(sbi_state_out *out, const sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++)
+        sbi_state_put_number(out, sbi_real_bits(values[i]), 8);
+}
+
+SBI_API sbi_part_in sbi_part_read(const unsigned char *bytes, size_t size)
+{
+    sbi_part_in in;
+    in.bytes = bytes;
+    in.left = size;
+    in.bad = 0;
+    return in;
+}
+
+SBI_API uint64_t sbi_part_get(sbi_part_in *in, int bytes)
+{
+    uint64_t value;
+    if (in->left < (size_t)bytes) {
+        in->bad = 1;
+        in->left = 0;
+        return 0;
+    }
+    value = sbi_get_bytes(in->bytes, bytes);
+    in->bytes += bytes;
+    in->left -= (size_t)bytes;
+    return value;
+}
+
+SBI_API int sbi_part_get_int(sbi_part_in *in) { return sbi_int_of(sbi_part_get(in, 4)); }
+
+SBI_API void sbi_part_get_reals(sbi_part_in *in, sb_real *values, int count)
+{
+    for (int i = 0; i < count; i++) {
+        values[i] = sbi_real_of(sbi_part_get(in, 8));
+        if (sb_is_finite(values[i]))
+            continue;
+        values[i] = 0;
+        in->bad = 1;
+    }
+}
+
+SBI_API int sbi_part_get_count(sbi_part_in *in, int bytes)
+{
+    int count = sbi_part_get_int(in);
+    if (count >= 0 && (size_t)count <= in->left / (size_t)bytes)
+        return count;
+    in->bad = 1;
+    return 0;
+}
+
 /* ---- who has joined ---- */
 
 /* The parts of a body, made when there are none; NULL: no memory. */
@@ -103,13 +168,6 @@ SBI_API void sbi_state_parts_free(sb_body *body)
 }
 
 /* ---- the image ---- */
-
-static void sbi_state_put_number(sbi_state_out *out, uint64_t value, int bytes)
-{
-    unsigned char number[8];
-    sbi_put_bytes(number, value, bytes);
-    sbi_state_put(out, number, (size_t)bytes);
-}
 
 SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out)
 {

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "../solve/sparse_live.h"
+#include "live_private.h"
 #include "load.h"
 #include "step_private.h"
 
@@ -116,6 +117,8 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
     }
     if (b->load_count)
         sbi_loads_add_tangent(b, b->displacement, kind, step->loads_factor, &b->matrix);
+    if (step->push > 0)
+        sbi_live_add_push_stiffness(b, step->push);
     step->info->seconds_tangent += sbi_body_now(b) - begin;
 }
 
@@ -150,6 +153,8 @@ SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb
     sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
     if (b->load_count)
         sbi_loads_subtract_product(b, x, step->loads_factor, out);
+    if (step->push > 0)
+        sbi_live_add_push_product(b, -step->push, x, out);
     sbi_body_mass_multiply(b, x, b->work2);
     for (int i = 0; i < b->domain.node_count; i++)
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
@@ -184,6 +189,15 @@ static void sbi_step_add_dynamics(sbi_step *step)
     sbi_step_damping_product(step, b->work, b->rhs);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_madd(b->residual[i], b->damping_stiffness, b->rhs[i]);
+}
+
+/* residual += stiffness of live_push.c times what a node has gone farther than it would at its speed. */
+static void sbi_step_add_push(sbi_step *step)
+{
+    sb_body *b = step->body;
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->work[i] = sb_v3_madd(sb_v3_sub(b->displacement[i], b->start[i]), -step->level * step->dt, b->velocity[i]);
+    sbi_live_add_push_product(b, step->push, b->work, b->residual);
 }
 
 /* residual -= forces of the loads that follow the body. `external` holds the dead ones only until a solve ends. */
@@ -239,6 +253,8 @@ SBI_API void sbi_step_residual(sbi_step *step)
     sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
     if (b->load_count)
         sbi_step_add_loads(step);
+    if (step->push > 0)
+        sbi_step_add_push(step);
     if (step->touch && !step->linearised)
         sbi_step_add_touch_residual(step);
     if (step->dynamic) {

@@ -32,23 +32,26 @@ static sb_result sbi_step_lumped_acceleration(sbi_step *step)
 }
 
 /* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands
- * for the acceleration ca d: as good as their forces and masses at the start. */
+ * for the acceleration ca d: as good as their forces and masses at the start. Pushes count as over a step of it. */
 static sb_result sbi_step_solve_acceleration(sbi_step *start)
 {
     const sb_real instants = 1000; /* in a step: what a guest holds with a spring then counts a millionth */
     sb_body *b = start->body;
+    sb_real unit = 1; /* 1/s^2: accelerations are so many times the unknown */
     sb_result result;
     if (start->guests.count > 0) {
-        start->ca = instants / start->dt * (instants / start->dt);
+        unit = start->ca = instants / start->dt * (instants / start->dt);
         start->known_velocity[0] = 1;
         start->starts = 1;
     }
-    sbi_body_add_mass(b, start->guests.count > 0 ? start->ca : (sb_real)1);
+    sbi_body_add_mass(b, unit);
+    if (start->pushed)
+        sbi_live_add_push_stiffness(b, unit * (start->dt * start->dt / 2));
     result = sbi_step_make_system(start);
     if (result == SB_OK)
         result = sbi_step_solve_system(start);
     for (int i = 0; result == SB_OK && i < b->domain.node_count; i++)
-        b->acceleration[i] = start->guests.count > 0 ? sb_v3_scale(start->ca, b->increment[i]) : b->increment[i];
+        b->acceleration[i] = sb_v3_scale(unit, b->increment[i]);
     sbi_step_undo_guests(start);
     return result;
 }
@@ -208,7 +211,8 @@ SBI_API sb_result sbi_step_finish(sbi_step *step)
         if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
             return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite", i);
         b->velocity[i] = v;
-        b->acceleration[i] = a;
+        if (!step->keeps_acceleration)
+            b->acceleration[i] = a;
     }
     if (step->moved && b->integrator != SB_EULER)
         step->touch->brake(step->touch->user, b->displacement, b->velocity);

@@ -1,6 +1,7 @@
 /* step_search: how much of a Newton increment is taken. */
 #include <string.h>
 
+#include "live_private.h"
 #include "load.h"
 #include "step_private.h"
 
@@ -69,6 +70,11 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
             line.quadratic += b->damping_stiffness * step->cv * sbi_step_dot(b->increment, b->work, n);
         }
         line.quadratic *= (sb_real)0.5;
+    }
+    if (step->push > 0) { /* the residual has its linear part */
+        memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
+        sbi_live_add_push_product(b, step->push, b->increment, b->work);
+        line.quadratic += (sb_real)0.5 * sbi_step_dot(b->increment, b->work, n);
     }
     if (b->load_count) { /* the residual has their linear part */
         sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, step->loads_factor);

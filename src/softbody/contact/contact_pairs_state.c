@@ -4,60 +4,60 @@
 
 #include "contact_private.h"
 
-enum { SBI_PAIR_VERSION = 2, SBI_PAIR_REALS = 15 };
+enum { SBI_PAIR_VERSION = 3, SBI_PAIR_REALS = 15 };
 
 static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
 {
     const sbi_contact_faces *faces = contact->faces;
     sb_real reals[SBI_PAIR_REALS] = {entry->gap, entry->area};
-    sbi_contact_put_int(out, faces->elements[entry->face]);
-    sbi_contact_put_int(out, faces->sides[entry->face]);
-    sbi_contact_put_int(out, faces->elements[entry->other]);
-    sbi_contact_put_int(out, faces->sides[entry->other]);
-    sbi_contact_put_int(out, entry->parts);
-    sbi_contact_put_int(out, entry->sample);
-    sbi_contact_put_int(out, entry->sticks);
+    sbi_part_put_int(out, faces->elements[entry->face]);
+    sbi_part_put_int(out, faces->sides[entry->face]);
+    sbi_part_put_int(out, faces->elements[entry->other]);
+    sbi_part_put_int(out, faces->sides[entry->other]);
+    sbi_part_put_int(out, entry->parts);
+    sbi_part_put_int(out, entry->sample);
+    sbi_part_put_int(out, entry->sticks);
     sbi_contact_pack_vector(entry->traction, reals + 2);
     sbi_contact_pack_vector(entry->point, reals + 5);
     sbi_contact_pack_vector(entry->normal, reals + 8);
     sbi_contact_pack_vector(entry->force, reals + 11);
     reals[14] = entry->left;
-    sbi_contact_put_reals(out, reals, SBI_PAIR_REALS);
-    sbi_contact_put_reals(out, entry->shares, SB_MAX_FACE_NODES);
+    sbi_part_put_reals(out, reals, SBI_PAIR_REALS);
+    sbi_part_put_reals(out, entry->shares, SB_MAX_FACE_NODES);
 }
 
 static void sbi_pair_save(const void *user, sbi_state_out *out)
 {
     const sb_contact *contact = (const sb_contact *)user;
     const sbi_pairs *pairs = &contact->pairs;
-    sbi_contact_put_int(out, pairs->kinds);
-    sbi_contact_put_reals(out, &pairs->friction, 1);
-    sbi_contact_put_reals(out, &pairs->distance, 1);
-    sbi_contact_put_int(out, pairs->entry_count);
+    sbi_part_put_int(out, pairs->kinds);
+    sbi_part_put_reals(out, &pairs->friction, 1);
+    sbi_part_put_reals(out, &pairs->distance, 1);
+    sbi_part_put_int(out, pairs->entry_count);
     for (int e = 0; e < pairs->entry_count; e++)
         sbi_pair_put_entry(contact, pairs->entries + e, out);
-    sbi_contact_put_int(out, pairs->pressure_count);
+    sbi_part_put_int(out, pairs->pressure_count);
     for (int i = 0; i < pairs->pressure_count; i++) {
-        sbi_contact_put_int(out, pairs->pressures[i].node);
-        sbi_contact_put_reals(out, &pairs->pressures[i].value, 1);
+        sbi_part_put_int(out, pairs->pressures[i].node);
+        sbi_part_put_reals(out, &pairs->pressures[i].value, 1);
     }
 }
 
 /* entry->face: -1 where the mesh has no such faces or sample. */
-static void sbi_pair_get_entry(const sb_contact *contact, sbi_contact_in *in, int finds, sbi_pair_entry *entry)
+static void sbi_pair_get_entry(const sb_contact *contact, sbi_part_in *in, int finds, sbi_pair_entry *entry)
 {
     sb_real reals[SBI_PAIR_REALS];
     int at[4];
     memset(entry, 0, sizeof *entry);
     for (int i = 0; i < 4; i++) {
-        at[i] = sbi_contact_get_int(in);
+        at[i] = sbi_part_get_int(in);
         in->bad |= at[i] < 0;
     }
-    entry->parts = sbi_contact_get_int(in);
-    entry->sample = sbi_contact_get_int(in);
-    entry->sticks = sbi_contact_get_int(in);
-    sbi_contact_get_reals(in, reals, SBI_PAIR_REALS);
-    sbi_contact_get_reals(in, entry->shares, SB_MAX_FACE_NODES);
+    entry->parts = sbi_part_get_int(in);
+    entry->sample = sbi_part_get_int(in);
+    entry->sticks = sbi_part_get_int(in);
+    sbi_part_get_reals(in, reals, SBI_PAIR_REALS);
+    sbi_part_get_reals(in, entry->shares, SB_MAX_FACE_NODES);
     entry->gap = reals[0], entry->area = reals[1];
     entry->traction = sb_v3(reals[2], reals[3], reals[4]);
     entry->point = sb_v3(reals[5], reals[6], reals[7]);
@@ -73,19 +73,19 @@ static void sbi_pair_get_entry(const sb_contact *contact, sbi_contact_in *in, in
         entry->face = -1;
 }
 
-static sbi_pair_pressure sbi_pair_get_pressure(sbi_contact_in *in)
+static sbi_pair_pressure sbi_pair_get_pressure(sbi_part_in *in)
 {
     sbi_pair_pressure pressure;
-    pressure.node = sbi_contact_get_int(in);
-    sbi_contact_get_reals(in, &pressure.value, 1);
+    pressure.node = sbi_part_get_int(in);
+    sbi_part_get_reals(in, &pressure.value, 1);
     in->bad |= pressure.node < 0 || !(pressure.value > 0);
     return pressure;
 }
 
-static int sbi_pair_get_pressure_count(sbi_contact_in *in, int contacts)
+static int sbi_pair_get_pressure_count(const sb_contact *contact, sbi_part_in *in)
 {
-    int count = sbi_contact_get_int(in);
-    in->bad |= count < 0 || count > SBI_CONTACT_MOST_CORNERS * contacts;
+    int count = sbi_part_get_int(in);
+    in->bad |= count < 0 || count > (int64_t)contact->corner_room * contact->max_contacts;
     return in->bad ? 0 : count;
 }
 
@@ -93,16 +93,16 @@ static sb_result sbi_pair_check(void *user, const sb_body *body, const unsigned 
                                 sb_error *error)
 {
     const sb_contact *contact = (const sb_contact *)user;
-    sbi_contact_in in = {bytes, size, 0};
+    sbi_part_in in = sbi_part_read(bytes, size);
     sb_real law[2];
-    int kinds = sbi_contact_get_int(&in), count, pressures;
+    int kinds = sbi_part_get_int(&in), count, pressures;
     (void)body;
-    sbi_contact_get_reals(&in, law, 2);
+    sbi_part_get_reals(&in, law, 2);
     if (!in.bad &&
         (kinds != contact->pairs.kinds || law[0] != contact->pairs.friction || law[1] != contact->pairs.distance))
         return sbi_fail(error, SB_ERROR_STATE,
                         "the state is of a contact with other pairs, pair_friction or pair_distance");
-    count = sbi_contact_get_int(&in);
+    count = sbi_part_get_int(&in);
     if (!in.bad && count > contact->max_contacts)
         return sbi_fail(error, SB_ERROR_STATE, "the state has %d pairs, max_contacts is %d", count,
                         contact->max_contacts);
@@ -110,7 +110,7 @@ static sb_result sbi_pair_check(void *user, const sb_body *body, const unsigned 
         sbi_pair_entry entry;
         sbi_pair_get_entry(contact, &in, 0, &entry);
     }
-    pressures = sbi_pair_get_pressure_count(&in, count);
+    pressures = sbi_pair_get_pressure_count(contact, &in);
     for (int i = 0; i < pressures && !in.bad; i++)
         (void)sbi_pair_get_pressure(&in);
     if (in.bad || count < 0 || in.left != 0)
@@ -136,12 +136,12 @@ static void sbi_pair_load(void *user, const unsigned char *bytes, size_t size)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_pairs *pairs = &contact->pairs;
-    sbi_contact_in in = {bytes, size, 0};
+    sbi_part_in in = sbi_part_read(bytes, size);
     sb_real law[2];
     int count, pressures;
-    (void)sbi_contact_get_int(&in);
-    sbi_contact_get_reals(&in, law, 2);
-    count = sbi_contact_get_int(&in);
+    (void)sbi_part_get_int(&in);
+    sbi_part_get_reals(&in, law, 2);
+    count = sbi_part_get_int(&in);
     pairs->entry_count = pairs->pressure_count = 0;
     if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
         return;
@@ -151,7 +151,7 @@ static void sbi_pair_load(void *user, const unsigned char *bytes, size_t size)
         if (entry.face >= 0)
             sbi_pair_insert(pairs, &entry);
     }
-    pressures = sbi_pair_get_pressure_count(&in, count);
+    pressures = sbi_pair_get_pressure_count(contact, &in);
     for (int i = 0; i < pressures; i++) {
         sbi_pair_pressure pressure = sbi_pair_get_pressure(&in);
         if (pressure.node < contact->faces->node_room)

@@ -67,6 +67,7 @@ typedef struct sbi_contact_entry {
     sb_vec3 traction;             /* t (Pa) on the body */
     sb_vec3 point, normal, force; /* m, out of the tool, N on the body */
     sbi_contact_answer answer;    /* of the law, for its stiffness; not saved: 0 where it was loaded */
+    uint64_t name;                /* of the triangle of a skin, while it waits for that (sbi_contact_skin) */
 } sbi_contact_entry;
 
 enum { SBI_CONTACT_MOST_CORNERS = 4 }; /* of any face */
@@ -416,16 +417,6 @@ SBI_API void sbi_contact_tell_pose(const sb_contact *contact, sbi_contact_comman
                                    const sb_pose *pose);
 
 /* ---- contact_state.c ---- */
-/* What is left to be read; `bad` once it ended too early or held what is no finite number. */
-typedef struct sbi_contact_in {
-    const unsigned char *bytes;
-    size_t left;
-    int bad;
-} sbi_contact_in;
-SBI_API void sbi_contact_put_int(sbi_state_out *out, int value);
-SBI_API void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count);
-SBI_API int sbi_contact_get_int(sbi_contact_in *in);
-SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count);
 /* The face of a cell's side, or -1: keys ascend. */
 SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, int side);
 /* The contact becomes a part of its body's state. SB_ERROR_MEMORY. And no longer; never having joined is fine. */

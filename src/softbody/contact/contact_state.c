@@ -1,53 +1,12 @@
 /* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
- * is loaded into a body whose contact has the same tools. Faces are named by cell and side, those of a skin by their
- * numbers. */
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side, triangles of a skin by what
+ * they are of: numbers may be others where it is made anew. */
 #include <string.h>
 
 #include "../base/bytes.h"
 #include "contact_private.h"
 
-enum { SBI_CONTACT_VERSION = 4 }; /* 3: springs of tools; 4: skins */
-
-/* ---- words ---- */
-
-SBI_API void sbi_contact_put_int(sbi_state_out *out, int value)
-{
-    unsigned char bytes[8];
-    sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 8);
-    sbi_state_put(out, bytes, sizeof bytes);
-}
-
-SBI_API void sbi_contact_put_reals(sbi_state_out *out, const sb_real *values, int count)
-{
-    for (int i = 0; i < count; i++) {
-        unsigned char bytes[8];
-        sbi_put_bytes(bytes, sbi_real_bits(values[i]), 8);
-        sbi_state_put(out, bytes, sizeof bytes);
-    }
-}
-
-static uint64_t sbi_contact_get_word(sbi_contact_in *in)
-{
-    uint64_t word = 0;
-    if (in->left < 8) {
-        in->bad = 1;
-        return 0;
-    }
-    word = sbi_get_bytes(in->bytes, 8);
-    in->bytes += 8;
-    in->left -= 8;
-    return word;
-}
-
-SBI_API int sbi_contact_get_int(sbi_contact_in *in) { return sbi_int_of(sbi_contact_get_word(in) & 0xFFFFFFFFu); }
-
-SBI_API void sbi_contact_get_reals(sbi_contact_in *in, sb_real *values, int count)
-{
-    for (int i = 0; i < count; i++) {
-        values[i] = sbi_real_of(sbi_contact_get_word(in));
-        in->bad |= !sb_is_finite(values[i]);
-    }
-}
+enum { SBI_CONTACT_VERSION = 6 }; /* 3: springs of tools; 4: skins; 5: integers of four bytes; 6: names of triangles */
 
 /* ---- what goes from step to step ---- */
 
@@ -65,10 +24,10 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
 {
     sb_real reals[SBI_CONTACT_TOOL_REALS];
     int points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
-    sbi_contact_put_int(out, tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0);
+    sbi_part_put_int(out, tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0);
     if (!tool->shape)
         return;
-    sbi_contact_put_int(out, points);
+    sbi_part_put_int(out, points);
     reals[0] = tool->friction;
     sbi_contact_pack_pose(&tool->reached, reals + 1);
     sbi_contact_pack_pose(&tool->wanted, reals + 8);
@@ -78,33 +37,37 @@ static void sbi_contact_put_tool(const sbi_contact_tool *tool, sbi_state_out *ou
     sbi_contact_pack_pose(&tool->spring.hand, reals + 24);
     sbi_contact_pack_vector(tool->spring.force, reals + 31);
     sbi_contact_pack_vector(tool->spring.torque, reals + 34);
-    sbi_contact_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
+    sbi_part_put_reals(out, reals, SBI_CONTACT_TOOL_REALS);
     for (int i = 0; i < points; i++) {
         sbi_contact_pack_vector(tool->chain_reached[i], reals);
         sbi_contact_pack_vector(tool->chain_wanted[i], reals + 3);
-        sbi_contact_put_reals(out, reals, 6);
+        sbi_part_put_reals(out, reals, 6);
     }
 }
 
 static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_entry *entry, sbi_state_out *out)
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
-    sbi_contact_put_int(out, entry->tool);
+    sbi_part_put_int(out, entry->tool);
     if (contact->skin.source) {
-        sbi_contact_put_int(out, entry->face);
-        sbi_contact_put_int(out, 0);
+        uint64_t name =
+            contact->skin.waiting > 0
+                ? entry->name
+                : sbi_contact_skin_name(contact, entry->face, sbi_contact_face_nodes(contact->faces, entry->face));
+        sbi_part_put_int(out, sbi_int_of(name & 0xFFFFFFFFu));
+        sbi_part_put_int(out, sbi_int_of(name >> 32));
     } else {
-        sbi_contact_put_int(out, contact->faces->elements[entry->face]);
-        sbi_contact_put_int(out, contact->faces->sides[entry->face]);
+        sbi_part_put_int(out, contact->faces->elements[entry->face]);
+        sbi_part_put_int(out, contact->faces->sides[entry->face]);
     }
-    sbi_contact_put_int(out, entry->parts);
-    sbi_contact_put_int(out, entry->sample);
-    sbi_contact_put_int(out, entry->sticks);
+    sbi_part_put_int(out, entry->parts);
+    sbi_part_put_int(out, entry->sample);
+    sbi_part_put_int(out, entry->sticks);
     sbi_contact_pack_vector(entry->traction, reals + 2);
     sbi_contact_pack_vector(entry->point, reals + 5);
     sbi_contact_pack_vector(entry->normal, reals + 8);
     sbi_contact_pack_vector(entry->force, reals + 11);
-    sbi_contact_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
+    sbi_part_put_reals(out, reals, SBI_CONTACT_ENTRY_REALS);
 }
 
 /* Triangles of a skin; -1 of one whose number changes, 0: none. */
@@ -117,36 +80,36 @@ static int sbi_contact_skin_size(const sb_contact *contact)
 static void sbi_contact_save(const void *user, sbi_state_out *out)
 {
     const sb_contact *contact = (const sb_contact *)user;
-    sbi_contact_put_int(out, contact->max_tools);
-    sbi_contact_put_int(out, sbi_contact_skin_size(contact));
+    sbi_part_put_int(out, contact->max_tools);
+    sbi_part_put_int(out, sbi_contact_skin_size(contact));
     for (int t = 0; t < contact->max_tools; t++)
         sbi_contact_put_tool(contact->tools + t, out);
-    sbi_contact_put_int(out, contact->entry_count + contact->skin.waiting); /* one of them is 0 */
+    sbi_part_put_int(out, contact->entry_count + contact->skin.waiting); /* one of them is 0 */
     for (int e = 0; e < contact->entry_count + contact->skin.waiting; e++)
         sbi_contact_put_entry(contact, contact->entries + e, out);
-    sbi_contact_put_int(out, contact->pressure_count);
+    sbi_part_put_int(out, contact->pressure_count);
     for (int i = 0; i < contact->pressure_count; i++) {
-        sbi_contact_put_int(out, contact->pressures[i].tool);
-        sbi_contact_put_int(out, contact->pressures[i].node);
-        sbi_contact_put_reals(out, &contact->pressures[i].value, 1);
+        sbi_part_put_int(out, contact->pressures[i].tool);
+        sbi_part_put_int(out, contact->pressures[i].node);
+        sbi_part_put_reals(out, &contact->pressures[i].value, 1);
     }
 }
 
 /* ---- loading: a check without effect, then the same walk with it ---- */
 
-static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_contact_in *in, int takes, sb_error *error)
+static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_part_in *in, int takes, sb_error *error)
 {
     sbi_contact_tool *tool = contact->tools + number, read = *tool;
     sb_real reals[SBI_CONTACT_TOOL_REALS];
-    int shape = sbi_contact_get_int(in), points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
+    int shape = sbi_part_get_int(in), points = tool->shape ? sbi_tool_point_count(tool->shape) : 0;
     if (shape != (tool->shape ? (int)sbi_tool_get_shape(tool->shape) : 0))
         return sbi_fail(error, SB_ERROR_STATE, "the state has another tool %d than the contact: make the same first",
                         number);
     if (!tool->shape)
         return SB_OK;
-    if (sbi_contact_get_int(in) != points)
+    if (sbi_part_get_int(in) != points)
         return sbi_fail(error, SB_ERROR_STATE, "tool %d of the state has another number of points", number);
-    sbi_contact_get_reals(in, reals, SBI_CONTACT_TOOL_REALS);
+    sbi_part_get_reals(in, reals, SBI_CONTACT_TOOL_REALS);
     read.friction = reals[0];
     read.reached = sbi_contact_unpack_pose(reals + 1);
     read.wanted = sbi_contact_unpack_pose(reals + 8);
@@ -164,7 +127,7 @@ static sb_result sbi_contact_get_tool(sb_contact *contact, int number, sbi_conta
                sb_quat_dot(read.wanted.rotation, read.wanted.rotation) == 0 ||
                sb_quat_dot(read.spring.hand.rotation, read.spring.hand.rotation) == 0;
     for (int i = 0; i < points; i++) {
-        sbi_contact_get_reals(in, reals, 6);
+        sbi_part_get_reals(in, reals, 6);
         if (takes) {
             tool->chain_reached[i] = sb_v3(reals[0], reals[1], reals[2]);
             tool->chain_wanted[i] = sb_v3(reals[3], reals[4], reals[5]);
@@ -192,55 +155,54 @@ SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, i
     return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
-/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that
- * is not there yet, its number. */
-typedef enum sbi_contact_finding { SBI_CONTACT_CHECKS, SBI_CONTACT_FINDS, SBI_CONTACT_WAITS } sbi_contact_finding;
-
-static void sbi_contact_get_entry(const sb_contact *contact, sbi_contact_in *in, sbi_contact_finding finding,
-                                  sbi_contact_entry *entry)
+/* finds: its face becomes that which the mesh has, or -1, also where that has no such sample; of a skin it is to be
+ * found by the name. */
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_part_in *in, int finds, sbi_contact_entry *entry)
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS];
     int element, side;
     memset(entry, 0, sizeof *entry);
-    entry->tool = sbi_contact_get_int(in);
-    element = sbi_contact_get_int(in);
-    side = sbi_contact_get_int(in);
-    entry->parts = sbi_contact_get_int(in);
-    entry->sample = sbi_contact_get_int(in);
-    entry->sticks = sbi_contact_get_int(in);
-    sbi_contact_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
+    entry->tool = sbi_part_get_int(in);
+    element = sbi_part_get_int(in);
+    side = sbi_part_get_int(in);
+    entry->parts = sbi_part_get_int(in);
+    entry->sample = sbi_part_get_int(in);
+    entry->sticks = sbi_part_get_int(in);
+    sbi_part_get_reals(in, reals, SBI_CONTACT_ENTRY_REALS);
     entry->gap = reals[0], entry->area = reals[1];
     entry->traction = sb_v3(reals[2], reals[3], reals[4]);
     entry->point = sb_v3(reals[5], reals[6], reals[7]);
     entry->normal = sb_v3(reals[8], reals[9], reals[10]);
     entry->force = sb_v3(reals[11], reals[12], reals[13]);
     in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
-               element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
-               entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
-    entry->face = finding == SBI_CONTACT_WAITS && !in->bad ? element : -1;
-    if (finding != SBI_CONTACT_FINDS || in->bad)
+               (!contact->skin.source && (element < 0 || side < 0)) || entry->parts < 1 ||
+               entry->parts > SBI_CONTACT_MOST_PARTS || entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
+    entry->face = -1;
+    entry->name = (uint64_t)(uint32_t)element | (uint64_t)(uint32_t)side << 32;
+    if (!finds || in->bad || contact->skin.source)
         return;
     entry->face = sbi_contact_find_face(contact->faces, element, side);
     if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
         entry->face = -1;
 }
 
-static sbi_contact_pressure sbi_contact_get_pressure(const sb_contact *contact, sbi_contact_in *in)
+static sbi_contact_pressure sbi_contact_get_pressure(const sb_contact *contact, sbi_part_in *in)
 {
     sbi_contact_pressure pressure;
-    pressure.tool = sbi_contact_get_int(in);
-    pressure.node = sbi_contact_get_int(in);
-    sbi_contact_get_reals(in, &pressure.value, 1);
+    pressure.tool = sbi_part_get_int(in);
+    pressure.node = sbi_part_get_int(in);
+    sbi_part_get_reals(in, &pressure.value, 1);
     in->bad |= pressure.tool < 0 || pressure.tool >= contact->max_tools || !contact->tools[pressure.tool].shape ||
                pressure.node < 0 || !(pressure.value > 0);
     return pressure;
 }
 
-/* Pressures of as many corners of each contact as there can be. */
-static int sbi_contact_get_pressure_count(const sb_contact *contact, sbi_contact_in *in, int contacts)
+/* There may be more than corners of the entries: where tools share a face, what one left there stays as long as another
+ * has an entry. */
+static int sbi_contact_get_pressure_count(const sb_contact *contact, sbi_part_in *in)
 {
-    int count = sbi_contact_get_int(in);
-    in->bad |= count < 0 || count > (int64_t)contact->corner_room * contacts;
+    int count = sbi_part_get_int(in);
+    in->bad |= count < 0 || count > (int64_t)contact->corner_room * contact->max_contacts;
     return in->bad ? 0 : count;
 }
 
@@ -248,28 +210,28 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
                                    sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
-    sbi_contact_in in = {bytes, size, 0};
+    sbi_part_in in = sbi_part_read(bytes, size);
     sb_result result = SB_OK;
     int count, pressures;
     (void)body;
-    if (sbi_contact_get_int(&in) != contact->max_tools)
+    if (sbi_part_get_int(&in) != contact->max_tools)
         return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
                         contact->max_tools);
-    if (sbi_contact_get_int(&in) != sbi_contact_skin_size(contact))
+    if (sbi_part_get_int(&in) != sbi_contact_skin_size(contact))
         return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another skin");
     for (int t = 0; t < contact->max_tools && result == SB_OK; t++)
         result = sbi_contact_get_tool(contact, t, &in, 0, error);
     if (result != SB_OK)
         return result;
-    count = sbi_contact_get_int(&in);
+    count = sbi_part_get_int(&in);
     if (count > contact->max_contacts)
         return sbi_fail(error, SB_ERROR_STATE, "the state has %d contacts, max_contacts is %d", count,
                         contact->max_contacts);
     for (int e = 0; e < count && !in.bad; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, SBI_CONTACT_CHECKS, &entry);
+        sbi_contact_get_entry(contact, &in, 0, &entry);
     }
-    pressures = sbi_contact_get_pressure_count(contact, &in, count);
+    pressures = sbi_contact_get_pressure_count(contact, &in);
     for (int i = 0; i < pressures && !in.bad; i++)
         (void)sbi_contact_get_pressure(contact, &in);
     if (in.bad || count < 0 || in.left != 0)
@@ -280,13 +242,13 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
 static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
 {
     sb_contact *contact = (sb_contact *)user;
-    sbi_contact_in in = {bytes, size, 0};
+    sbi_part_in in = sbi_part_read(bytes, size);
     int count, pressures, waits;
-    (void)sbi_contact_get_int(&in);
-    (void)sbi_contact_get_int(&in);
+    (void)sbi_part_get_int(&in);
+    (void)sbi_part_get_int(&in);
     for (int t = 0; t < contact->max_tools; t++)
         (void)sbi_contact_get_tool(contact, t, &in, 1, NULL);
-    count = sbi_contact_get_int(&in);
+    count = sbi_part_get_int(&in);
     contact->entry_count = contact->pressure_count = 0;
     contact->is_solved = 0;
     memset(&contact->info, 0, sizeof contact->info);
@@ -296,13 +258,15 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         return;
     for (int e = 0; e < count; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, waits ? SBI_CONTACT_WAITS : SBI_CONTACT_FINDS, &entry);
-        if (entry.face >= 0 && waits)
+        sbi_contact_get_entry(contact, &in, 1, &entry);
+        if (contact->skin.source)
             contact->entries[contact->skin.waiting++] = entry;
         else if (entry.face >= 0)
             sbi_contact_insert_entry(contact, &entry);
     }
-    pressures = sbi_contact_get_pressure_count(contact, &in, count);
+    if (!waits && contact->skin.source)
+        sbi_contact_skin_take_waiting(contact);
+    pressures = sbi_contact_get_pressure_count(contact, &in);
     for (int i = 0; i < pressures; i++) {
         sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);
         if (pressure.node < sbi_contact_body_room(contact))

@@ -57,11 +57,13 @@
  * - With def.toughness J_c a blade feels what it frees: J_c times the area (at rest) of the lips that open is the work
  *   that it takes, J_c w / (1 + xi^2) across a stretch w of the edge and xi times as much along it, xi = d_t / d_n of
  *   its way past the tissue (Atkins, Xu and Jeronimidis 2004), so that slicing takes less force than pushing. Each
- *   triangle of lips is paid for evenly while the blade goes on by half a mean element, so that forces stay what they
- *   are however short the frames, and sums over a stroke are exact once it has gone on by that; what is owed at its end
- *   is not felt. The tissue feels the opposite in the next time step: force and moment of what blade and body feel sum
- *   to 0. It is a force at the cut, known before the step: tissue so soft, or a step so long, that it goes ahead of the
- *   blade by that springs back in the step after and chatters. Triangles (sb_cut_triangles) have no way and no force.
+ *   triangle of lips is paid for evenly while the blade goes past it by half a mean element, or by 4 J_c / (3 mu) where
+ *   that is more, 2 elements at most, so that forces stay what they are however short the frames, and sums over a
+ * stroke are exact once it has gone on by that; what is owed at its end is not felt. The tissue feels the opposite in
+ * the next time step: force and moment of what blade and body feel sum to 0, but for light tissue that would get ahead
+ * of the blade in an implicit step, which feels as much less as keeps it from that. A blade that goes on through tissue
+ * that gives way feels J_c w, and up to 1 + 0.8 J_c / (E h) times that where elements of size h are soft beside their
+ *   toughness; energy is never made. Triangles (sb_cut_triangles) have no way and no force.
  * - States and recordings of the body hold its cuts: the sb_cut is a part of both, with its strokes. A state that was
  *   saved with one is loaded into a body that has one of the same mesh, lattice, front, glue, toughness and
  * max_strokes, whatever was cut there meanwhile, and takes cuts back that it does not have. A recording plays on a body

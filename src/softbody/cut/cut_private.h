@@ -85,7 +85,8 @@ typedef struct sbi_cut_debt {
     int sides[2];  /* lattice points on either side */
     sb_real at[4]; /* barycentrics of its centroid */
     sb_real area;  /* at rest, that has not been paid for (m^2) */
-    sb_real way;   /* of the blade until it has (m) */
+    sb_real way;   /* of the blade past it until it has (m) */
+    sb_vec3 place; /* of its lips at the last move of the blade (m) */
 } sbi_cut_debt;
 
 typedef struct sbi_cut_debts {

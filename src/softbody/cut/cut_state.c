@@ -10,70 +10,23 @@
 #include "../base/bytes.h"
 
 enum {
-    SBI_CUT_STATE_VERSION = 3,
+    SBI_CUT_STATE_VERSION = 4,
     SBI_CUT_LINK_BYTES = 5 * 4 + 8,
     SBI_CUT_LOST_BYTES = 3 * 4,
     SBI_CUT_SAMPLE_BYTES = 2 * 4 + 8 * 8,
-    SBI_CUT_DEBT_BYTES = 3 * 4 + 6 * 8,
-    SBI_CUT_PUSH_BYTES = 4 + 3 * 8
+    SBI_CUT_DEBT_BYTES = 3 * 4 + 9 * 8,
+    SBI_CUT_PUSH_BYTES = 4 + 4 * 8
 };
 
 /* ---- numbers ---- */
 
-static void sbi_cut_put_int(sbi_state_out *out, int value)
-{
-    unsigned char bytes[4];
-    sbi_put_bytes(bytes, (uint64_t)(uint32_t)value, 4);
-    sbi_state_put(out, bytes, sizeof bytes);
-}
+static void sbi_cut_put_real(sbi_state_out *out, sb_real value) { sbi_part_put_reals(out, &value, 1); }
 
-static void sbi_cut_put_real(sbi_state_out *out, sb_real value)
+static sb_real sbi_cut_get_real(sbi_part_in *in)
 {
-    unsigned char bytes[8];
-    sbi_put_bytes(bytes, sbi_real_bits(value), 8);
-    sbi_state_put(out, bytes, sizeof bytes);
-}
-
-typedef struct sbi_cut_in {
-    const unsigned char *bytes;
-    size_t left;
-    int bad; /* 1: it has ended, or a number is not finite */
-} sbi_cut_in;
-
-static uint64_t sbi_cut_get(sbi_cut_in *in, int bytes)
-{
-    uint64_t value;
-    if (in->left < (size_t)bytes) {
-        in->bad = 1;
-        in->left = 0;
-        return 0;
-    }
-    value = sbi_get_bytes(in->bytes, bytes);
-    in->bytes += bytes;
-    in->left -= (size_t)bytes;
+    sb_real value;
+    sbi_part_get_reals(in, &value, 1);
     return value;
-}
-
-static int sbi_cut_get_int(sbi_cut_in *in) { return sbi_int_of(sbi_cut_get(in, 4)); }
-
-static sb_real sbi_cut_get_real(sbi_cut_in *in)
-{
-    sb_real value = sbi_real_of(sbi_cut_get(in, 8));
-    if (!sb_is_finite(value)) {
-        in->bad = 1;
-        return 0;
-    }
-    return value;
-}
-
-/* A number of items, each of at least so many bytes; 0 where the rest cannot hold them. */
-static int sbi_cut_get_count(sbi_cut_in *in, int bytes)
-{
-    int count = sbi_cut_get_int(in);
-    if (count >= 0 && (size_t)count <= in->left / (size_t)bytes)
-        return count;
-    in->bad = 1;
-    return 0;
 }
 
 /* ---- saving ---- */
@@ -112,13 +65,13 @@ static void sbi_cut_save_lost(const sb_cut *cut, sbi_state_out *out)
     int count = 0;
     for (int tet = 0; tet < cut->tet_count; tet++)
         count += cut->links.lost[tet] != 0;
-    sbi_cut_put_int(out, count);
+    sbi_part_put_int(out, count);
     for (int tet = 0; tet < cut->tet_count; tet++) {
         if (!cut->links.lost[tet])
             continue;
-        sbi_cut_put_int(out, tet);
-        sbi_cut_put_int(out, sbi_int_of(cut->links.lost[tet] & 0xFFFFFFFFu));
-        sbi_cut_put_int(out, sbi_int_of(cut->links.lost[tet] >> 32));
+        sbi_part_put_int(out, tet);
+        sbi_part_put_int(out, sbi_int_of(cut->links.lost[tet] & 0xFFFFFFFFu));
+        sbi_part_put_int(out, sbi_int_of(cut->links.lost[tet] >> 32));
     }
 }
 
@@ -133,14 +86,14 @@ static void sbi_cut_save_pieces(const sb_cut *cut, sbi_state_out *out)
     int parted = 0;
     for (int tet = 0; tet < cut->tet_count; tet++)
         parted += !sbi_cut_is_whole(cut, tet);
-    sbi_cut_put_int(out, parted);
+    sbi_part_put_int(out, parted);
     for (int tet = 0; tet < cut->tet_count; tet++) {
         if (sbi_cut_is_whole(cut, tet))
             continue;
-        sbi_cut_put_int(out, tet);
-        sbi_cut_put_int(out, sbi_cut_count_pieces(cut, tet));
+        sbi_part_put_int(out, tet);
+        sbi_part_put_int(out, sbi_cut_count_pieces(cut, tet));
         for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
-            sbi_cut_put_int(out, cut->pieces[piece].cell);
+            sbi_part_put_int(out, cut->pieces[piece].cell);
     }
 }
 
@@ -153,16 +106,16 @@ static void sbi_cut_put_vector(sbi_state_out *out, sb_vec3 v)
 
 static void sbi_cut_save_debts(const sbi_cut_debts *debts, sbi_state_out *out)
 {
-    sbi_cut_put_int(out, debts->count);
+    sbi_part_put_int(out, debts->count);
     for (int i = 0; i < debts->count; i++) {
         const sbi_cut_debt *debt = debts->items + i;
-        sbi_cut_put_int(out, debt->tet);
-        sbi_cut_put_int(out, debt->sides[0]);
-        sbi_cut_put_int(out, debt->sides[1]);
-        for (int a = 0; a < 4; a++)
-            sbi_cut_put_real(out, debt->at[a]);
+        sbi_part_put_int(out, debt->tet);
+        sbi_part_put_int(out, debt->sides[0]);
+        sbi_part_put_int(out, debt->sides[1]);
+        sbi_part_put_reals(out, debt->at, 4);
         sbi_cut_put_real(out, debt->area);
         sbi_cut_put_real(out, debt->way);
+        sbi_cut_put_vector(out, debt->place);
     }
 }
 
@@ -172,24 +125,24 @@ static void sbi_cut_save_force(const sb_cut *cut, sbi_state_out *out)
     const sbi_live *live = cut->body->live;
     for (int i = 0; i < cut->max_strokes; i++)
         sbi_cut_save_debts(&cut->strokes[i].debts, out);
-    sbi_cut_put_int(out, live->push_count);
+    sbi_part_put_int(out, live->push_count);
     for (int i = 0; i < live->push_count; i++) {
-        sbi_cut_put_int(out, live->pushes[i].node);
+        sbi_part_put_int(out, live->pushes[i].node);
         sbi_cut_put_vector(out, live->pushes[i].force);
+        sbi_cut_put_real(out, live->pushes[i].stiffness);
     }
 }
 
 static void sbi_cut_save_stroke(const sbi_cut_stroke *stroke, sbi_state_out *out)
 {
-    sbi_cut_put_int(out, stroke->edge_count);
-    sbi_cut_put_int(out, stroke->sample_count);
+    sbi_part_put_int(out, stroke->edge_count);
+    sbi_part_put_int(out, stroke->sample_count);
     for (int i = 0; i < stroke->sample_count; i++) {
         const sbi_cut_sample *sample = stroke->samples + i;
-        sbi_cut_put_int(out, sample->side);
+        sbi_part_put_int(out, sample->side);
         sbi_cut_put_real(out, sample->along);
-        sbi_cut_put_int(out, sample->tet);
-        for (int a = 0; a < 4; a++)
-            sbi_cut_put_real(out, sample->at[a]);
+        sbi_part_put_int(out, sample->tet);
+        sbi_part_put_reals(out, sample->at, 4);
         sbi_cut_put_vector(out, sample->place);
     }
 }
@@ -200,24 +153,24 @@ static void sbi_cut_save(const void *user, sbi_state_out *out)
     int make[SBI_CUT_MAKE];
     sbi_cut_list_make(cut, make);
     for (int i = 0; i < SBI_CUT_MAKE; i++)
-        sbi_cut_put_int(out, make[i]);
-    sbi_cut_put_int(out, cut->stale);
+        sbi_part_put_int(out, make[i]);
+    sbi_part_put_int(out, cut->stale);
     if (cut->stale)
         return;
-    sbi_cut_put_int(out, cut->links.count);
+    sbi_part_put_int(out, cut->links.count);
     for (int i = 0; i < cut->links.count; i++) {
         const sbi_cut_link *link = cut->links.items + i;
         for (int k = 0; k < 4; k++)
-            sbi_cut_put_int(out, link->key.at[k]);
-        sbi_cut_put_int(out, link->state | link->charred << 8);
+            sbi_part_put_int(out, link->key.at[k]);
+        sbi_part_put_int(out, link->state | link->charred << 8);
         sbi_cut_put_real(out, link->t);
     }
     sbi_cut_save_lost(cut, out);
     sbi_cut_save_pieces(cut, out);
-    sbi_cut_put_int(out, cut->glue_count);
+    sbi_part_put_int(out, cut->glue_count);
     for (int i = 0; i < cut->glue_count; i++) {
-        sbi_cut_put_int(out, cut->glue[i].tet);
-        sbi_cut_put_int(out, cut->glue[i].place);
+        sbi_part_put_int(out, cut->glue[i].tet);
+        sbi_part_put_int(out, cut->glue[i].place);
     }
     for (int i = 0; i < cut->max_strokes; i++)
         sbi_cut_save_stroke(cut->strokes + i, out);
@@ -232,12 +185,12 @@ static sb_result sbi_cut_damaged(const char *what, sb_error *error)
     return sbi_fail(error, SB_ERROR_FORMAT, "the saved cut is damaged in its %s", what);
 }
 
-static sb_result sbi_cut_check_make(const sb_cut *cut, sbi_cut_in *in, sb_error *error)
+static sb_result sbi_cut_check_make(const sb_cut *cut, sbi_part_in *in, sb_error *error)
 {
     int make[SBI_CUT_MAKE], same = 1;
     sbi_cut_list_make(cut, make);
     for (int i = 0; i < SBI_CUT_MAKE; i++)
-        same &= sbi_cut_get_int(in) == make[i];
+        same &= sbi_part_get_int(in) == make[i];
     if (!same || in->bad)
         return sbi_fail(error, SB_ERROR_STATE,
                         "the state was saved with a cut of another mesh, lattice, front or number of strokes");
@@ -268,9 +221,9 @@ static int sbi_cut_reserve_loaded(sb_cut *cut, int count)
     return 1;
 }
 
-static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+static sb_result sbi_cut_check_links(sb_cut *cut, sbi_part_in *in, sb_error *error)
 {
-    int count = sbi_cut_get_count(in, SBI_CUT_LINK_BYTES);
+    int count = sbi_part_get_count(in, SBI_CUT_LINK_BYTES);
     if (!sbi_cut_reserve_loaded(cut, count))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d links of a saved cut", count);
     for (int i = 0; i < count; i++) {
@@ -278,8 +231,8 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
         int state, charred, ends;
         sb_real t;
         for (int k = 0; k < 4; k++)
-            key.at[k] = sbi_cut_get_int(in);
-        state = sbi_cut_get_int(in);
+            key.at[k] = sbi_part_get_int(in);
+        state = sbi_part_get_int(in);
         charred = state == (SBI_LINK_CUT | 1 << 8);
         state = charred ? SBI_LINK_CUT : state;
         t = sbi_cut_get_real(in);
@@ -295,15 +248,15 @@ static sb_result sbi_cut_check_links(sb_cut *cut, sbi_cut_in *in, sb_error *erro
 }
 
 /* loaded_links.lost: what was taken out. */
-static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+static sb_result sbi_cut_check_lost(sb_cut *cut, sbi_part_in *in, sb_error *error)
 {
-    int count = sbi_cut_get_count(in, SBI_CUT_LOST_BYTES), last = -1;
+    int count = sbi_part_get_count(in, SBI_CUT_LOST_BYTES), last = -1;
     uint64_t all = sbi_lattice_all(&cut->lattice);
     memset(cut->loaded_links.lost, 0, (size_t)cut->tet_count * sizeof(uint64_t));
     for (int i = 0; i < count; i++) {
-        int tet = sbi_cut_get_int(in);
-        uint64_t lost = (uint64_t)sbi_cut_get(in, 4);
-        lost |= sbi_cut_get(in, 4) << 32;
+        int tet = sbi_part_get_int(in);
+        uint64_t lost = (uint64_t)sbi_part_get(in, 4);
+        lost |= sbi_part_get(in, 4) << 32;
         if (in->bad || tet <= last || tet >= cut->tet_count || !lost || (lost & ~all))
             return sbi_cut_damaged("holes", error);
         cut->loaded_links.lost[tet] = lost;
@@ -341,10 +294,10 @@ static int sbi_cut_cell_fits(const sb_cut *cut, const sb_body *body, int tet, in
 /* The cells of a tet's pieces; those of one that is whole are not in the image. is_last: it may have the empty cell
  * that a body without material has. */
 static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, int is_parted, int is_last,
-                                   sbi_cut_in *in, sb_error *error)
+                                   sbi_part_in *in, sb_error *error)
 {
     sbi_parted parted;
-    int count = is_parted ? sbi_cut_get_int(in) : 1;
+    int count = is_parted ? sbi_part_get_int(in) : 1;
     sbi_parted_make(&cut->lattice, &cut->loaded_links, cut->tets + 4 * (size_t)tet, tet, &parted);
     if ((count != parted.piece_count && !(is_last && count == 1 && parted.piece_count == 0)) ||
         is_parted != (parted.piece_count > 1 || parted.lost) || !sbi_cut_holes_end(&parted))
@@ -352,7 +305,7 @@ static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, in
     if (!sbi_cut_list_grow(cut, &cut->loaded_cells, count + 2))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the pieces of a saved cut");
     for (int k = 0; k < count; k++) {
-        int cell = is_parted ? sbi_cut_get_int(in) : cut->cells_at_first[tet];
+        int cell = is_parted ? sbi_part_get_int(in) : cut->cells_at_first[tet];
         if (!sbi_cut_cell_fits(cut, body, tet, cell, parted.piece_count ? parted.pieces[k] : 0))
             return sbi_cut_damaged("pieces", error);
         cut->loaded_cells.items[cut->loaded_cells.count++] = cell;
@@ -361,9 +314,9 @@ static sb_result sbi_cut_check_tet(sb_cut *cut, const sb_body *body, int tet, in
 }
 
 /* loaded_cells: the cells of all tets, in their order. */
-static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
+static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_part_in *in, sb_error *error)
 {
-    int parted = sbi_cut_get_count(in, 2 * 4), next = parted > 0 ? sbi_cut_get_int(in) : -1, cells = 0;
+    int parted = sbi_part_get_count(in, 2 * 4), next = parted > 0 ? sbi_part_get_int(in) : -1, cells = 0;
     int end = sb_body_element_count(body), slots = cut->tet_count;
     sb_result result = SB_OK;
     cut->loaded_cells.count = cut->loaded_elements.count = 0;
@@ -380,7 +333,7 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
         result = sbi_cut_check_tet(cut, body, tet, tet == next, cells == 1, in, error);
         slots += sbi_max_int(cut->loaded_cells.count - before - 1, 0);
         if (tet == next)
-            next = --parted > 0 ? sbi_cut_get_int(in) : -1;
+            next = --parted > 0 ? sbi_part_get_int(in) : -1;
     }
     if (result == SB_OK && (in->bad || parted > 0 || cut->loaded_cells.count != cells))
         result = sbi_cut_damaged("pieces", error);
@@ -396,16 +349,16 @@ static sb_result sbi_cut_check_pieces(sb_cut *cut, const sb_body *body, sbi_cut_
 }
 
 /* next_glue: what is glued, by tet and place. */
-static sb_result sbi_cut_check_glue(sb_cut *cut, sbi_cut_in *in, sb_error *error)
+static sb_result sbi_cut_check_glue(sb_cut *cut, sbi_part_in *in, sb_error *error)
 {
-    int count = sbi_cut_get_count(in, 2 * 4), most = SBI_LIPS * cut->lattice.micro_count;
+    int count = sbi_part_get_count(in, 2 * 4), most = SBI_LIPS * cut->lattice.micro_count;
     if (!sbi_cut_reserve_glue(cut, count))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the glue of a saved cut");
     cut->loaded_glue_count = count;
     for (int i = 0; i < count; i++) {
         sbi_cut_glued *item = cut->next_glue + i;
-        item->tet = sbi_cut_get_int(in);
-        item->place = sbi_cut_get_int(in);
+        item->tet = sbi_part_get_int(in);
+        item->place = sbi_part_get_int(in);
         if (in->bad || item->tet < 0 || item->tet >= cut->tet_count || item->place < 0 || item->place >= most ||
             (i > 0 && (item[-1].tet > item->tet || (item[-1].tet == item->tet && item[-1].place >= item->place))))
             return sbi_cut_damaged("glue", error);
@@ -413,28 +366,27 @@ static sb_result sbi_cut_check_glue(sb_cut *cut, sbi_cut_in *in, sb_error *error
     return in->bad ? sbi_cut_damaged("glue", error) : SB_OK;
 }
 
-static sb_vec3 sbi_cut_get_vector(sbi_cut_in *in)
+static sb_vec3 sbi_cut_get_vector(sbi_part_in *in)
 {
     sb_real x = sbi_cut_get_real(in), y = sbi_cut_get_real(in);
     return sb_v3(x, y, sbi_cut_get_real(in));
 }
 
-static sbi_cut_sample sbi_cut_get_sample(sbi_cut_in *in)
+static sbi_cut_sample sbi_cut_get_sample(sbi_part_in *in)
 {
     sbi_cut_sample sample;
-    sample.side = sbi_cut_get_int(in);
+    sample.side = sbi_part_get_int(in);
     sample.along = sbi_cut_get_real(in);
-    sample.tet = sbi_cut_get_int(in);
-    for (int a = 0; a < 4; a++)
-        sample.at[a] = sbi_cut_get_real(in);
+    sample.tet = sbi_part_get_int(in);
+    sbi_part_get_reals(in, sample.at, 4);
     sample.place = sbi_cut_get_vector(in);
     return sample;
 }
 
 /* Room for a stroke of the image; what there is stays. */
-static sb_result sbi_cut_check_stroke(sb_cut *cut, sbi_cut_stroke *stroke, sbi_cut_in *in, sb_error *error)
+static sb_result sbi_cut_check_stroke(sb_cut *cut, sbi_cut_stroke *stroke, sbi_part_in *in, sb_error *error)
 {
-    int corners = sbi_cut_get_int(in), count = sbi_cut_get_count(in, SBI_CUT_SAMPLE_BYTES), side = 0;
+    int corners = sbi_part_get_int(in), count = sbi_part_get_count(in, SBI_CUT_SAMPLE_BYTES), side = 0;
     if (in->bad || corners < 0 || corners == 1 || corners > count || (count > 0 && !corners))
         return sbi_cut_damaged("strokes", error);
     if (!sbi_cut_stroke_reserve(cut, stroke, count))
@@ -448,23 +400,23 @@ static sb_result sbi_cut_check_stroke(sb_cut *cut, sbi_cut_stroke *stroke, sbi_c
     return in->bad ? sbi_cut_damaged("strokes", error) : SB_OK;
 }
 
-static sbi_cut_debt sbi_cut_get_debt(sbi_cut_in *in)
+static sbi_cut_debt sbi_cut_get_debt(sbi_part_in *in)
 {
     sbi_cut_debt debt;
-    debt.tet = sbi_cut_get_int(in);
-    debt.sides[0] = sbi_cut_get_int(in);
-    debt.sides[1] = sbi_cut_get_int(in);
-    for (int a = 0; a < 4; a++)
-        debt.at[a] = sbi_cut_get_real(in);
+    debt.tet = sbi_part_get_int(in);
+    debt.sides[0] = sbi_part_get_int(in);
+    debt.sides[1] = sbi_part_get_int(in);
+    sbi_part_get_reals(in, debt.at, 4);
     debt.area = sbi_cut_get_real(in);
     debt.way = sbi_cut_get_real(in);
+    debt.place = sbi_cut_get_vector(in);
     return debt;
 }
 
 /* Room for what a stroke of the image owes; what there is stays. */
-static sb_result sbi_cut_check_debts(const sb_cut *cut, sbi_cut_stroke *stroke, sbi_cut_in *in, sb_error *error)
+static sb_result sbi_cut_check_debts(const sb_cut *cut, sbi_cut_stroke *stroke, sbi_part_in *in, sb_error *error)
 {
-    int count = sbi_cut_get_count(in, SBI_CUT_DEBT_BYTES), points = cut->lattice.point_count;
+    int count = sbi_part_get_count(in, SBI_CUT_DEBT_BYTES), points = cut->lattice.point_count;
     if (!sbi_cut_reserve_debts(cut, stroke, count))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the forces of a saved cut");
     for (int i = 0; i < count; i++) {
@@ -475,7 +427,7 @@ static sb_result sbi_cut_check_debts(const sb_cut *cut, sbi_cut_stroke *stroke, 
     return in->bad ? sbi_cut_damaged("forces", error) : SB_OK;
 }
 
-static sb_result sbi_cut_check_force(const sb_cut *cut, const sb_body *body, sbi_cut_in *in, sb_error *error)
+static sb_result sbi_cut_check_force(const sb_cut *cut, const sb_body *body, sbi_part_in *in, sb_error *error)
 {
     sb_result result = SB_OK;
     int count;
@@ -483,13 +435,13 @@ static sb_result sbi_cut_check_force(const sb_cut *cut, const sb_body *body, sbi
         result = sbi_cut_check_debts(cut, cut->strokes + i, in, error);
     if (result != SB_OK)
         return result;
-    count = sbi_cut_get_count(in, SBI_CUT_PUSH_BYTES);
+    count = sbi_part_get_count(in, SBI_CUT_PUSH_BYTES);
     if (!sbi_live_reserve_pushes(cut->body, count))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the forces of a saved cut");
     for (int i = 0; i < count; i++) {
-        int node = sbi_cut_get_int(in);
+        int node = sbi_part_get_int(in);
         (void)sbi_cut_get_vector(in);
-        in->bad |= node < 0 || node >= sb_body_node_count(body);
+        in->bad |= node < 0 || node >= sb_body_node_count(body) || !(sbi_cut_get_real(in) >= 0);
     }
     return in->bad ? sbi_cut_damaged("forces", error) : SB_OK;
 }
@@ -498,14 +450,11 @@ static sb_result sbi_cut_check_state(void *user, const sb_body *body, const unsi
                                      sb_error *error)
 {
     sb_cut *cut = (sb_cut *)user;
-    sbi_cut_in in;
+    sbi_part_in in = sbi_part_read(bytes, size);
     sb_result result;
     int stale;
-    in.bytes = bytes;
-    in.left = size;
-    in.bad = 0;
     result = sbi_cut_check_make(cut, &in, error);
-    stale = sbi_cut_get_int(&in);
+    stale = sbi_part_get_int(&in);
     if (result == SB_OK && !stale) {
         result = sbi_cut_check_links(cut, &in, error);
         if (result == SB_OK)
@@ -568,44 +517,45 @@ static void sbi_cut_load_origins(sb_cut *cut)
         }
 }
 
-static void sbi_cut_load_stroke(sbi_cut_stroke *stroke, sbi_cut_in *in)
+static void sbi_cut_load_stroke(sbi_cut_stroke *stroke, sbi_part_in *in)
 {
-    stroke->edge_count = sbi_cut_get_int(in);
-    stroke->sample_count = sbi_cut_get_int(in);
+    stroke->edge_count = sbi_part_get_int(in);
+    stroke->sample_count = sbi_part_get_int(in);
     for (int i = 0; i < stroke->sample_count; i++)
         stroke->samples[i] = sbi_cut_get_sample(in);
 }
 
-static void sbi_cut_load_force(const sb_cut *cut, sbi_cut_in *in)
+static void sbi_cut_load_force(const sb_cut *cut, sbi_part_in *in)
 {
     for (int i = 0; i < cut->max_strokes; i++) {
         sbi_cut_debts *debts = &cut->strokes[i].debts;
-        debts->count = sbi_cut_get_int(in);
+        debts->count = sbi_part_get_int(in);
         for (int k = 0; k < debts->count; k++)
             debts->items[k] = sbi_cut_get_debt(in);
     }
-    for (int count = sbi_cut_get_int(in); count > 0; count--) {
-        int node = sbi_cut_get_int(in);
-        sbi_live_push(cut->body, node, sbi_cut_get_vector(in));
+    for (int count = sbi_part_get_int(in); count > 0; count--) {
+        int node = sbi_part_get_int(in);
+        sb_vec3 force = sbi_cut_get_vector(in);
+        sbi_live_push(cut->body, node, force, sbi_cut_get_real(in));
     }
 }
 
 /* Steps over links, holes, pieces and glue, which are in cut->loaded and next_glue. */
-static void sbi_cut_skip_to_strokes(sbi_cut_in *in)
+static void sbi_cut_skip_to_strokes(sbi_part_in *in)
 {
-    int count = sbi_cut_get_int(in);
+    int count = sbi_part_get_int(in);
     in->bytes += (size_t)count * SBI_CUT_LINK_BYTES;
     in->left -= (size_t)count * SBI_CUT_LINK_BYTES;
-    count = sbi_cut_get_int(in);
+    count = sbi_part_get_int(in);
     in->bytes += (size_t)count * SBI_CUT_LOST_BYTES;
     in->left -= (size_t)count * SBI_CUT_LOST_BYTES;
-    for (count = sbi_cut_get_int(in); count > 0; count--) {
-        (void)sbi_cut_get_int(in);
-        for (int k = sbi_cut_get_int(in); k > 0; k--)
-            (void)sbi_cut_get_int(in);
+    for (count = sbi_part_get_int(in); count > 0; count--) {
+        (void)sbi_part_get_int(in);
+        for (int k = sbi_part_get_int(in); k > 0; k--)
+            (void)sbi_part_get_int(in);
     }
-    for (count = 2 * sbi_cut_get_int(in); count > 0; count--)
-        (void)sbi_cut_get_int(in);
+    for (count = 2 * sbi_part_get_int(in); count > 0; count--)
+        (void)sbi_part_get_int(in);
 }
 
 static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
@@ -613,13 +563,10 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
     sb_cut *cut = (sb_cut *)user;
     sbi_cut_links links = cut->links;
     sbi_cut_list elements = cut->elements;
-    sbi_cut_in in;
-    in.bytes = bytes;
-    in.left = size;
-    in.bad = 0;
+    sbi_part_in in = sbi_part_read(bytes, size);
     for (int i = 0; i < SBI_CUT_MAKE; i++)
-        (void)sbi_cut_get_int(&in);
-    cut->stale = sbi_cut_get_int(&in) != 0;
+        (void)sbi_part_get_int(&in);
+    cut->stale = sbi_part_get_int(&in) != 0;
     if (cut->stale)
         return;
     cut->links = cut->loaded_links, cut->loaded_links = links;

@@ -1,0 +1,137 @@
+/* Membranes that needles puncture: what a hand feels of them depends on neither the time step nor the speed, although a
+ * step may be longer than a membrane is thick. */
+#include "needle_scene.h"
+
+/* A block in two layers with a skin and a membrane between the layers, drawn by the seed. */
+typedef struct membrane_case {
+    ndl_membrane membranes[2];
+    double speed;
+} membrane_case;
+
+static needle_scene membrane_scene(membrane_case *c, ndl_follow follow, unsigned long long *seed)
+{
+    needle_scene s = needle_scene_default();
+    for (int i = 0; i < 2; i++) {
+        c->membranes[i].regions[0] = i - 1, c->membranes[i].regions[1] = i;
+        c->membranes[i].strength = REAL(0.5 + 2 * check_random(seed));
+        c->membranes[i].thickness = REAL(0.0001 * pow(20, check_random(seed)));
+        s.materials[i].young = REAL(45000 + 40000 * check_random(seed));
+        s.frictions[i].friction = 20;
+        s.frictions[i].cutting = REAL(0.5);
+    }
+    c->speed = 0.005 * pow(20, check_random(seed));
+    s.layered = 1;
+    s.needle_def.follow = follow;
+    s.body_def.slack = follow == NDL_EMBED ? 0 : REAL(0.5);
+    s.needle_def.membranes = c->membranes;
+    s.needle_def.membrane_count = 2;
+    s.needle_def.length = REAL(0.07);
+    s.needle_def.base.z = REAL(0.111);
+    s.needle_def.base.x += REAL(0.004 * check_random(seed));
+    return s;
+}
+
+/* Largest force beside friction about the skin and about the membrane below (N), as the needle goes on. */
+static void find_peaks(needle_scene *s, double speed, double dt, double peaks[2])
+{
+    double depth = 0, gone = 0;
+    sb_vec3 X = sb_v3(0, 0, 1);
+    peaks[0] = peaks[1] = 0;
+    for (; gone < 0.036; gone += speed * dt) {
+        int lower = X.z < REAL(0.03);
+        double push;
+        if (!needle_scene_run(s, dt, 1, needle_command(speed, 0)))
+            return;
+        push = (double)s->info.peak_base - 20 * depth;
+        peaks[lower] = fmax(peaks[lower], push);
+        (void)ndl_needle_tip_material(s->needles[0], &X);
+        depth = (double)ndl_needle_depth(s->needles[0]);
+        if (X.z < REAL(0.012)) /* the skin below is near */
+            return;
+        CHECK(s->info.peak_base >= REAL(0.999) * REAL(fabs(needle_push(s))));
+    }
+}
+
+/* The peaks are what the law asks for, with steps in which the needle would run through. */
+static void check_peaks(ndl_follow follow, unsigned long long seed, double dt)
+{
+    membrane_case c;
+    needle_scene s = membrane_scene(&c, follow, &seed);
+    double peaks[2];
+    if (needle_scene_make(&s)) {
+        find_peaks(&s, c.speed, dt, peaks);
+        for (int i = follow == NDL_EMBED ? 0 : 1; i < 2; i++) { /* remeshing at the skin adds forces of its own */
+            double law = 0.5 + (double)c.membranes[i].strength;
+            if (!CHECK_NEAR(peaks[i], law, 0.1 * law))
+                printf("    membrane %d of %g mm, %g mm/s, dt %g ms\n", i, 1e3 * (double)c.membranes[i].thickness,
+                       1e3 * c.speed, 1e3 * dt);
+        }
+    }
+    needle_scene_free(&s);
+}
+
+static void test_embedded(void)
+{
+    static const double dts[] = {0.05, 0.02, 0.01, 0.005};
+    for (int k = 0; k < check_rounds(12); k++)
+        check_peaks(NDL_EMBED, 700 + (unsigned)k, dts[k % 4]);
+}
+
+static void test_remeshed(void)
+{
+    static const double dts[] = {0.05, 0.02, 0.01};
+    for (int k = 0; k < check_rounds(6); k++)
+        check_peaks(NDL_REMESH, 800 + (unsigned)k, dts[k % 3]);
+}
+
+/* One scene at four steps: the same peaks. */
+static void test_steps(void)
+{
+    static const double dts[] = {0.05, 0.02, 0.005, 0.002};
+    double least[2] = {1e9, 1e9}, most[2] = {0, 0};
+    for (int k = 0; k < 4; k++) {
+        unsigned long long seed = 41;
+        membrane_case c;
+        needle_scene s = membrane_scene(&c, NDL_EMBED, &seed);
+        double peaks[2];
+        if (!needle_scene_make(&s))
+            return;
+        find_peaks(&s, 0.05, dts[k], peaks);
+        for (int i = 0; i < 2; i++) {
+            least[i] = fmin(least[i], peaks[i]);
+            most[i] = fmax(most[i], peaks[i]);
+        }
+        needle_scene_free(&s);
+    }
+    CHECK(most[0] < 1.06 * least[0] && most[1] < 1.06 * least[1]);
+}
+
+/* Two needles that come to membranes in the same step, at different times; and a base that is moved there. */
+static void test_two_needles(void)
+{
+    unsigned long long seed = 42;
+    membrane_case c;
+    needle_scene s = membrane_scene(&c, NDL_EMBED, &seed);
+    double most[2] = {0, 0};
+    if (!needle_scene_make(&s) || !needle_scene_add(&s, sb_v3(REAL(0.006), REAL(-0.005), REAL(0.0007))))
+        return;
+    for (int i = 0; i < 30; i++) {
+        int limited = s.info.limited;
+        sb_vec3 force;
+        if (!needle_scene_run(&s, 0.02, 1, needle_command(0.04, 0)))
+            break;
+        CHECK(!limited);
+        most[0] = fmax(most[0], (double)s.info.peak_base);
+        for (int k = 0; k < 2; k++) {
+            ndl_needle_base_wrench(s.needles[k], &force, NULL);
+            most[1] = fmax(most[1], (double)sb_v3_norm(force));
+            CHECK_NEAR(ndl_needle_fed(s.needles[k]), 0.04 * 0.02 * (i + 1), scene_tolerance(1e-12, 1e7));
+        }
+    }
+    CHECK(most[0] >= most[1] * 0.999);
+    CHECK(ndl_needle_depth(s.needles[0]) > REAL(0.015) && ndl_needle_depth(s.needles[1]) > REAL(0.015));
+    needle_scene_free(&s);
+}
+
+CHECK_SUITE(needle_membrane, {"embedded", test_embedded}, {"remeshed", test_remeshed}, {"steps", test_steps},
+            {"two needles", test_two_needles});
