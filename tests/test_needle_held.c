@@ -225,6 +225,28 @@ static void test_tiny_steps(void)
     }
 }
 
+/* However fast a needle is drawn back, all of what was asked for is done. */
+static void test_fast_withdrawal(void)
+{
+    unsigned long long seed = 77;
+    for (int k = 0; k < check_rounds(20); k++) {
+        needle_scene s = needle_scene_default();
+        double stride = 0.005 * pow(10, check_random(&seed)); /* m a step: from half an edge of the needle on */
+        s.needle_def.follow = k % 2 ? NDL_REMESH : NDL_EMBED;
+        s.body_def.slack = k % 2 ? REAL(0.2) : 0;
+        if (!needle_scene_make(&s) ||
+            !needle_scene_run(&s, dt, 20 + (int)(60 * check_random(&seed)), needle_command(speed, 0)))
+            return;
+        stride = fmin(stride, 0.5 * (double)ndl_needle_fed(s.needles[0]));
+        while ((double)ndl_needle_fed(s.needles[0]) > stride) {
+            if (!needle_scene_run(&s, dt, 1, needle_command(-stride / dt, 0)) || !CHECK_INT(s.info.limited, 0))
+                break;
+        }
+        CHECK((double)ndl_needle_fed(s.needles[0]) <= stride);
+        needle_scene_free(&s);
+    }
+}
+
 /* ---- bodies that are cut ---- */
 
 static sb_cut *make_cut(const needle_scene *s)
@@ -566,8 +588,9 @@ static void test_random_use(void)
 
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"neighbours", test_neighbours},
             {"balance", test_balance}, {"membranes", test_membranes}, {"tiny steps", test_tiny_steps},
-            {"cut across a needle", test_cut_across_needle}, {"into a cut body", test_into_cut_body},
-            {"states of cut bodies", test_cut_states}, {"states before a change", test_states_before_a_change},
-            {"a body that grows", test_growing_body}, {"ablation", test_ablation}, {"viscous friction", test_viscous},
+            {"fast withdrawal", test_fast_withdrawal}, {"cut across a needle", test_cut_across_needle},
+            {"into a cut body", test_into_cut_body}, {"states of cut bodies", test_cut_states},
+            {"states before a change", test_states_before_a_change}, {"a body that grows", test_growing_body},
+            {"ablation", test_ablation}, {"viscous friction", test_viscous},
             {"soft tissue's states", test_states_in_soft_tissue}, {"bad definitions", test_bad_definitions},
             {"memory", test_memory}, {"far side", test_far_side}, {"random use", test_random_use});
