@@ -71,7 +71,7 @@ static void stress_make(stress *s, unsigned long long number, int workers)
     cut.body = s->b.body;
     cut.lattice = intervals_of[number % 3];
     cut.front = number % 4 < 2 ? SB_CUT_LAG : SB_CUT_GLUE;
-    cut.least_piece = number % 6 == 5 ? REAL(0.1) : 1; /* smaller ones are beyond float preconditioners now and then */
+    cut.least_piece = number % 6 == 5 ? 0 : 1;
     cut.toughness = number % 7 == 3 ? 100 : 0;
     cut.allocator = s->allocator;
     if (!CHECK_OK(sb_cut_create(&cut, &s->b.cut, &error)))
