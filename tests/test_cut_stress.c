@@ -3,8 +3,8 @@
  * lost, no hole in the surface, no number that is none; and the same bits for any number of threads, from recordings,
  * from saved states, and taken back.
  *
- * Ten short sequences of small organs here, three of quadratic elements. CHECK_SLOW=200 runs so many long ones, from CHECK_FIRST on, or as many as
- * CHECK_SECONDS of the processor allow; make soak does. */
+ * Ten short sequences of small organs here, three of quadratic elements. CHECK_SLOW=200 runs so many long ones, from
+ * CHECK_FIRST on, or as many as CHECK_SECONDS of the processor allow; make soak does. */
 #include "cut_drawing.h"
 #include "random_case.h"
 
@@ -173,7 +173,8 @@ static void cut_square(stress *s, sb_vec3 middle, sb_vec3 normal, double half)
 /* Along a face of the mesh where it is now: through its nodes and edges, beyond them too. */
 static void graze_face(stress *s, unsigned long long *seed)
 {
-    const int *nodes = s->b.mesh.elements + sb_element_node_count(s->element) * random_below(seed, s->b.mesh.element_count);
+    const int *nodes =
+        s->b.mesh.elements + sb_element_node_count(s->element) * random_below(seed, s->b.mesh.element_count);
     const sb_vec3 *x = sb_body_positions(s->b.body);
     sb_vec3 triangle[3], middle;
     double wide = check_random(seed) < 0.5 ? 1 : check_random_in(seed, 1, 20);

@@ -293,8 +293,7 @@ static void sbi_pcg_plain_task(void *user, int chunk)
         for (int i = first; i < last; i++)
             for (int axis = 0; axis < 3; axis++) {
                 sb_real diagonal = s->matrix->blocks[s->matrix->diagonal[i]][4 * axis];
-                s->z[3 * (size_t)i + (size_t)axis] =
-                    s->r[3 * (size_t)i + (size_t)axis] / (diagonal > 0 ? diagonal : 1);
+                s->z[3 * (size_t)i + (size_t)axis] = s->r[3 * (size_t)i + (size_t)axis] / (diagonal > 0 ? diagonal : 1);
             }
 }
 
