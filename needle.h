@@ -751,21 +751,33 @@ NDL_API ndl_tip_pose ndl_tip_turn(const ndl_tip_pose *start, sb_real angle);
 NDL_API sb_real ndl_helix_radius(sb_real curvature, sb_real twist);
 NDL_API sb_real ndl_helix_pitch(sb_real curvature, sb_real twist);
 
-/* ---- what a bevel does in a mesh of tissue ----
- * When the tip node advances by d along t, its material point is put aside by an offset h against which the needle then
- * bends: X <- X(x_tip) + F^-1 h m2. */
+/* ---- what a bevel does in tissue ----
+ * The way of a tip turns by a curvature as it goes on, towards m2. A needle (needle.h) that follows it in rigid tissue
+ * goes in circles of that curvature. Soft tissue gives way, and the shaft bends over a length lam = (4 EI / k)^(1/4), k
+ * its stiffness across (N/m^2): the way leaves the shaft's direction by an angle `lag` at most, which gives a curvature
+ * of lag/lam there, whatever the mesh (with NDL_REMESH and NDL_BEVEL_CURVATURE the mesh's edges set that limit). A
+ * turning bevel draws the helix of its turn (ndl_helix_pose), also from the skin on and with a turn of radians in a
+ * step: its axis leaves the straight way by curvature/twist.
+ *
+ * For tips in meshes of your own: one that advances by d along t has its material point put aside by an offset h
+ * against which the needle then bends: X <- X(x_tip) + F^-1 h m2. */
 
 typedef enum ndl_bevel_law {
-    NDL_BEVEL_ANGLE = 1,    /* h = d tan(angle), as the thesis has it: the curvature depends on the edge length */
-    NDL_BEVEL_CURVATURE = 2 /* h = d tan(curvature (l + d)/2): circles of that curvature in rigid tissue for any edge
-                             * length l and step d; softer tissue gives less */
+    NDL_BEVEL_ANGLE = 1,    /* the curvature is 2 tan(angle)/guide, the lag the angle. h = d tan(angle) */
+    NDL_BEVEL_CURVATURE = 2 /* h = d tan(curvature (l + d)/2): circles in rigid tissue for any edge length l and step d;
+                             * softer tissue gives less */
 } ndl_bevel_law;
 
+/* Of a needle, start from ndl_default_needle_def. */
 typedef struct ndl_bevel {
     ndl_bevel_law law;
-    sb_real angle;     /* rad, |angle| < 1.5; for NDL_BEVEL_ANGLE. With edges of mm an effective angle of few degrees,
-                        * not the ground one: 2 tan(angle)/l is the curvature in rigid tissue */
+    sb_real angle;     /* rad, |angle| < 1.5; for NDL_BEVEL_ANGLE: between what the tip cuts and the shaft behind it. An
+                        * effective angle of few degrees, not the ground one */
     sb_real curvature; /* 1/m, for NDL_BEVEL_CURVATURE. Measured: radii of 5 to 50 cm are usual; 0: symmetric tip */
+    sb_real guide;     /* m, > 0, for NDL_BEVEL_ANGLE of a needle: length of shaft that guides the tip in rigid tissue.
+                        * A needle's default 0.005 */
+    sb_real lag;       /* rad, > 0, for NDL_BEVEL_CURVATURE of a needle. It can be measured in one soft gel: curvature
+                        * times lam. A needle's default 0.1 */
 } ndl_bevel;
 
 /* Offset h (m) for an advance d (m) of a tip whose last edge is edge_length (m) long; 0 for d <= 0 (retraction).
@@ -776,7 +788,8 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
  * averaged by volume over the tip's star (that of one element jumps). SB_ERROR_INVERTED when det F <= 0,
  * SB_ERROR_NOT_FINITE; *shift is then untouched. */
 NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *deformation, sb_vec3 *shift);
-/* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). */
+/* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). That of
+ * a needle has advance 0, edge_length the bevel's guide. */
 NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature);
 
 /* ---- obstacles ---- */
@@ -1073,10 +1086,11 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * times), 0 to 3 % from that of a mesh graded to the needle's radius (nitinol; steel 10 %), 7 % in one that is uneven
  * and distorted. Needles enter where they meet the skin: of 200 into random ellipsoids none felt 0.02 N more than
  * friction and cutting in any step. Under load the rod is ahead of its material points, by 1 mm of 20 N/m and 3 mm at a
- * tip of 0.5 N in 50 kPa, which is how far tissue about a needle is drawn along. A tip bends as the bevel's curvature
- * says, but its way leaves the shaft's direction by 0.1 rad at most. Limits: needles do not go in through the lips of a
- * cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that cut the body has to stay
- * as long as they do: without it they are out of the tissue, as where others change the mesh; entry_slip is not read.
+ * tip of 0.5 N in 50 kPa, which is how far tissue about a needle is drawn along. A tip bends as its bevel says: after 8
+ * cm in 10 to 50 kPa it is aside by the same to 3 % with edges from 20 to 7 mm. Limits: needles do not go in through
+ * the lips of a cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that cut the
+ * body has to stay as long as they do: without it they are out of the tissue, as where others change the mesh;
+ * entry_slip is not read.
  */
 typedef enum ndl_follow {
     NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no
@@ -9195,7 +9209,8 @@ static sb_result ndli_bevel_check(const ndl_bevel *bevel, double d, double l)
 {
     if (!bevel)
         return SB_ERROR_ARGUMENT;
-    if (!sb_is_finite(bevel->angle) || !sb_is_finite(bevel->curvature) || !ndli_is_finite(d) || !ndli_is_finite(l))
+    if (!sb_is_finite(bevel->angle) || !sb_is_finite(bevel->curvature) || !sb_is_finite(bevel->guide) ||
+        !sb_is_finite(bevel->lag) || !ndli_is_finite(d) || !ndli_is_finite(l))
         return SB_ERROR_NOT_FINITE;
     if (!(l > 0))
         return SB_ERROR_ARGUMENT;
@@ -11835,10 +11850,10 @@ NDLI_API void ndli_track_shorten(ndli_track *track, double arc)
 
 /* ==== src/needle/needle_private.h ==== */
 /* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is
- * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_membrane.c is membranes,
- * needle_resist.c the tissue's resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the
- * rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them, needle_step.c makes a step,
- * needle.c makes and ends needles. */
+ * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_bevel.c bends their ways,
+ * needle_membrane.c is membranes, needle_resist.c the tissue's resistance, needle_tip.c leads the remesher after the
+ * tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them,
+ * needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -11874,6 +11889,8 @@ struct ndl_needle {
     double fed, advance; /* m */
     ndli_v3 heading;     /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
                           * chord of it, which lags behind by an angle that remeshing changes */
+    ndli_v3 aside;       /* m in the material: of a shallow tip, how far its way has bent from the straight one */
+    double wave;         /* m: length of the bends that the tissue makes of the shaft */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int shallow;             /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                               * there. Tets between such a tip and the skin would be flat */
@@ -11890,6 +11907,7 @@ struct ndl_needle {
     int hold_steps;          /* substeps for which the tip is held because the remesher could not follow it */
 
     /* holds nothing between calls */
+    ndli_v3 side;                     /* in which the bevel looked at the start of the substep */
     ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
     ndli_v3 *old_contact;             /* [capacity] */
     int *old_path;                    /* [capacity] */
@@ -11946,6 +11964,18 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 
+/* ---- needle_bevel ---- */
+
+NDLI_API double ndli_bevel_curvature(const ndl_bevel *bevel); /* 1/m, of a way in rigid tissue */
+/* Before a substep: from where its bevel turns. */
+NDLI_API void ndli_bevel_begin(ndl_needle *needle);
+NDLI_API double ndli_bevel_lag(const ndl_bevel *bevel); /* rad: how far a way may be from the shaft's direction */
+/* Direction of the shaft at its tip (unit). heading: of the way; chord: of what is cut along the shaft's last edge. */
+NDLI_API ndli_v3 ndli_bevel_shaft(const ndl_needle *needle, ndli_v3 heading, ndli_v3 chord);
+/* After a substep: *heading (unit, in space) turns as the tip advances (m, > 0), but stays within `lag` (rad) of the
+ * shaft; returns the tip's way. */
+NDLI_API ndli_v3 ndli_bevel_go(const ndl_needle *needle, double advance, ndli_v3 shaft, double lag, ndli_v3 *heading);
+
 /* ---- needle_held: of needles that are held by rows ---- */
 
 /* Makes the holds, and what the tissue does at them; their nodes are listed at the site. */
@@ -11956,8 +11986,9 @@ NDLI_API void ndli_held_forget(struct ndli_site *site);
 NDLI_API void ndli_held_follow_tip(ndl_needle *needle);
 /* It is outside. */
 NDLI_API void ndli_held_leave(ndl_needle *needle);
-/* Length (m) of the bends that a side load makes of a needle in tissue of such a modulus (Pa): (4 EI / k)^(1/4). */
-NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess);
+/* Length (m) of the bends that a side load makes of a needle of that stiffness (N m^2) and radius (m) in tissue of such
+ * a modulus (Pa): (4 EI / k)^(1/4). */
+NDLI_API double ndli_held_wave(double bending, double radius, double young, double guess);
 
 /* ---- needle_membrane ---- */
 
@@ -12188,6 +12219,84 @@ NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
     return 1;
 }
 
+/* ==== src/needle/needle_bevel.c ==== */
+/* needle_bevel: how the way of a tip bends. It turns by the bevel's curvature towards where the bevel looks, while that
+ * turns with the needle: exactly over a step (Webster et al. 2006). How far the way may leave the shaft's direction is
+ * limited; so soft tissue, in which a shaft bends over a length lam, gives that angle over lam in place of the
+ * curvature. */
+
+NDLI_API double ndli_bevel_curvature(const ndl_bevel *bevel)
+{
+    sb_real curvature = bevel->curvature;
+    if (bevel->law == NDL_BEVEL_ANGLE)
+        (void)ndl_bevel_curvature(bevel, 0, bevel->guide, &curvature);
+    return (double)curvature;
+}
+
+NDLI_API double ndli_bevel_lag(const ndl_bevel *bevel)
+{
+    return bevel->law == NDL_BEVEL_ANGLE ? fabs((double)bevel->angle) : (double)bevel->lag;
+}
+
+static ndli_v3 ndli_bevel_side(const ndl_needle *needle)
+{
+    return ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2);
+}
+
+NDLI_API void ndli_bevel_begin(ndl_needle *needle) { needle->side = ndli_bevel_side(needle); }
+
+/* The end of a shaft has no moment: its last edge, turned on by an eighth of the curvature behind it. An edge longer
+ * than the shaft's bends does not show these: there the shaft follows the way that is cut, whose turn within the edge
+ * is no lag. */
+NDLI_API ndli_v3 ndli_bevel_shaft(const ndl_needle *needle, ndli_v3 heading, ndli_v3 chord)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 2;
+    double length = rod->rest_length[last], share = length > needle->wave ? needle->wave / length : 1;
+    ndli_v3 t = rod->tangent[last], shaft = ndli_madd(t, 1 - share, ndli_sub(heading, chord));
+    if (last > 0)
+        shaft = ndli_madd(shaft, share * length / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1]));
+    return ndli_scale(1 / ndli_norm(shaft), shaft);
+}
+
+/* heading, or the nearest to it that is no farther from the shaft than `lag`. */
+static ndli_v3 ndli_bevel_within(ndli_v3 heading, ndli_v3 shaft, double lag)
+{
+    double along = ndli_dot(heading, shaft), size;
+    ndli_v3 aside = ndli_madd(heading, -along, shaft);
+    size = ndli_norm(aside);
+    if (along > 0 && !(size > lag * along))
+        return heading;
+    aside = size > 0 ? ndli_madd(shaft, lag / size, aside) : shaft;
+    return ndli_scale(1 / ndli_norm(aside), aside);
+}
+
+/* A helix from a pose at the origin, as the bevel turns. */
+static ndli_pose ndli_bevel_helix(const ndl_needle *needle, ndli_v3 heading, double advance)
+{
+    ndli_pose pose;
+    ndli_v3 after;
+    double turn;
+    pose.p = ndli_v(0, 0, 0);
+    pose.t = heading;
+    pose.m2 = ndli_rod_across(needle->side, pose.t);
+    pose.m1 = ndli_cross(pose.m2, pose.t);
+    after = ndli_rod_across(ndli_bevel_side(needle), pose.t);
+    turn = sbi_dense_atan2(ndli_dot(ndli_cross(pose.m2, after), pose.t), ndli_dot(pose.m2, after));
+    return ndli_pose_helix(&pose, ndli_bevel_curvature(&needle->bevel), turn / advance, advance);
+}
+
+NDLI_API ndli_v3 ndli_bevel_go(const ndl_needle *needle, double advance, ndli_v3 shaft, double lag, ndli_v3 *heading)
+{
+    ndli_v3 start = ndli_bevel_within(*heading, shaft, lag), way;
+    ndli_pose end = ndli_bevel_helix(needle, start, advance);
+    *heading = ndli_bevel_within(ndli_scale(1 / ndli_norm(end.t), end.t), shaft, lag);
+    if (ndli_dot(*heading, end.t) > (1 - 1e-14) * ndli_norm(end.t))
+        return end.p;
+    way = ndli_add(start, *heading); /* held back by the shaft: on the way, too */
+    return ndli_scale(advance / ndli_norm(way), way);
+}
+
 /* ==== src/needle/needle_read.c ==== */
 /* needle_read: what a needle is at. */
 
@@ -12304,7 +12413,7 @@ typedef struct ndli_site_head {
     unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
 } ndli_site_head;
 
-enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 5 };
+enum { NDLI_HEAD_VECTORS = 9, NDLI_HEAD_REALS = 5 };
 
 typedef struct ndli_needle_head {
     uint64_t make; /* hash of what its def says beside the rod */
@@ -12322,7 +12431,7 @@ static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS
     reals[3] = &needle->line.cutting, reals[4] = &needle->entering;
     vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
     vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
-    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
+    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque, vectors[8] = &needle->aside;
 }
 
 static uint64_t ndli_state_hash_real(uint64_t hash, sb_real value)
@@ -12338,6 +12447,7 @@ static uint64_t ndli_needle_make(const ndl_needle *needle)
     hash = sbi_hash_word(hash, (uint64_t)needle->bevel.law + (needle->cutting_at ? 256u : 0u));
     hash = ndli_state_hash_real(hash, needle->bevel.angle);
     hash = ndli_state_hash_real(hash, needle->bevel.curvature);
+    hash = ndli_state_hash_real(ndli_state_hash_real(hash, needle->bevel.guide), needle->bevel.lag);
     for (int i = 0; i < needle->friction_count; i++) {
         const ndl_friction *f = needle->frictions + i;
         hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->friction), f->viscous);
@@ -13233,16 +13343,14 @@ static double ndli_held_tip(const ndl_needle *needle, const ndli_held_tissue *t)
     return 32 * (1 - t->poisson) / (3 - 4 * t->poisson) * t->shear * needle->radius;
 }
 
-NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess)
+NDLI_API double ndli_held_wave(double bending, double radius, double young, double guess)
 {
-    double outer = (double)section->radius, inner = (double)section->inner_radius, wave = guess;
-    double bending =
-        (double)section->young * ndli_held_pi / 4 * (outer * outer * outer * outer - inner * inner * inner * inner);
+    double wave = guess;
     for (int round = 0; round < 4; round++) {
         ndli_held_tissue t;
         t.poisson = 0.45; /* of soft tissue; it matters little */
         t.shear = young / (2 * (1 + t.poisson));
-        t.ratio = log(fmax(wave / outer, ndli_held_least_ratio));
+        t.ratio = log(fmax(wave / radius, ndli_held_least_ratio));
         wave = sqrt(sqrt(4 * bending / ndli_held_across(&t)));
     }
     return wave;
@@ -13443,41 +13551,21 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
 
 /* ---- the tip goes on ---- */
 
-/* rad: how far the way that a tip cuts may leave the direction of the shaft (Chentanez 2010 has no limit; in soft
- * tissue the curvature comes out as this over the length of the shaft's wave in it). */
-static const double ndli_held_most_lag = 0.1;
 enum { NDLI_HELD_HOLD_STEPS = 8 };
 
 static ndli_v3 ndli_held_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
 
-static double ndli_held_curvature(const ndl_needle *needle)
+/* In space, of what is cut along the shaft's last edge to the material at `end`; heading where there is no such edge.
+ */
+static ndli_v3 ndli_held_chord(const ndl_needle *needle, ndli_v3 end, ndli_v3 heading)
 {
-    if (needle->bevel.law == NDL_BEVEL_CURVATURE)
-        return (double)needle->bevel.curvature;
-    return 2 * tan((double)needle->bevel.angle) / needle->edge_length;
-}
-
-/* Direction of the shaft at its tip, whose end has no moment: its last edge, turned on by an eighth of the curvature
- * behind it. */
-static ndli_v3 ndli_held_shaft(const ndl_rod *rod)
-{
-    int last = rod->node_count - 2;
-    ndli_v3 t = rod->tangent[last];
-    if (last < 1)
-        return t;
-    return ndli_held_unit(
-        ndli_madd(t, rod->rest_length[last] / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1])));
-}
-
-/* heading, no farther from the shaft than it may be. */
-static ndli_v3 ndli_held_limited(ndli_v3 heading, ndli_v3 shaft)
-{
-    double along = ndli_dot(heading, shaft), size;
-    ndli_v3 lag = ndli_madd(heading, -along, shaft);
-    size = ndli_norm(lag);
-    if (along > 0 && !(size > ndli_held_most_lag * along))
+    ndli_held_spot spot;
+    ndli_v3 chord;
+    int before = needle->rod->node_count - 2;
+    if (before < needle->line.first || !ndli_held_find(needle, needle->arc[before], &spot))
         return heading;
-    return ndli_held_unit(size > 0 ? ndli_madd(shaft, ndli_held_most_lag / size, lag) : shaft);
+    chord = ndli_sub(end, ndli_bed_at(&needle->site->bed, &spot.row));
+    return ndli_dot(chord, heading) > 0 ? ndli_held_unit(chord) : heading;
 }
 
 /* The tip has nowhere to go: it is held for a while. */
@@ -13487,14 +13575,44 @@ static void ndli_held_block(ndl_needle *needle)
     needle->hold_steps = NDLI_HELD_HOLD_STEPS;
 }
 
+/* A point on the way, `ahead` (m at rest) of its end, or behind it. 0: before the skin. */
+static int ndli_held_beside(const ndl_needle *needle, double ahead, ndli_track_point *point)
+{
+    const ndli_track *track = &needle->track;
+    double length = ndli_track_length(track);
+    *point = ndli_track_at(track, length + fmin(ahead, 0));
+    if (ahead > 0)
+        point->X = ndli_madd(point->X, ahead, needle->heading);
+    return length + ahead >= 0;
+}
+
+/* Deformation gradient about the tip, at place: the mean along its way, over the length of the shaft's bends. In one
+ * element at the end of a load it has no limit as meshes get finer. */
+static sb_mat3 ndli_held_gradient(const ndl_needle *needle, const ndli_place *place, const ndli_bed_row *row)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    sb_mat3 sum = ndli_bed_gradient(bed, place, row);
+    int count = 1;
+    for (int k = -2; k <= 2; k++) {
+        ndli_track_point point;
+        ndli_place there;
+        ndli_bed_row other;
+        if (k == 0 || !ndli_held_beside(needle, 0.25 * k * needle->wave, &point) ||
+            !ndli_bed_locate(bed, ndli_to(point.X), point.element, &there) || !ndli_bed_row_at(bed, &there, &other))
+            continue;
+        sum = sb_m3_add(sum, ndli_bed_gradient(bed, &there, &other));
+        count++;
+    }
+    return sb_m3_scale(1 / (sb_real)count, sum);
+}
+
 /* The track goes on by `advance` (m, in space) from where the tip is. */
 static void ndli_held_cut(ndl_needle *needle, double advance)
 {
     const ndli_bed *bed = &needle->site->bed;
     ndli_track *track = &needle->track;
     ndli_track_point end = ndli_track_at(track, ndli_track_length(track));
-    ndli_v3 side = ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2), heading, way, X, gap;
-    double curvature = ndli_held_curvature(needle);
+    ndli_v3 heading, shaft, way, X, gap;
     ndli_bed_row row, next;
     ndli_place place;
     sb_mat3 f, inverse;
@@ -13505,15 +13623,15 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
             ndli_held_block(needle);
         return;
     }
-    if (!(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
+    f = ndli_held_gradient(needle, &place, &row);
+    if (!(sb_m3_det(f) > 0)) {
         ndli_held_block(needle);
         return;
     }
     inverse = sb_m3_inverse(f);
     heading = ndli_held_unit(ndli_from(sb_m3_apply(f, ndli_to(needle->heading))));
-    way = ndli_scale(advance, ndli_held_unit(ndli_madd(heading, 0.5 * curvature * advance, side)));
-    heading =
-        ndli_held_limited(ndli_held_unit(ndli_madd(heading, curvature * advance, side)), ndli_held_shaft(needle->rod));
+    shaft = ndli_bevel_shaft(needle, heading, ndli_held_chord(needle, ndli_bed_at(bed, &row), heading));
+    way = ndli_bevel_go(needle, advance, shaft, ndli_bevel_lag(&needle->bevel), &heading);
     X = ndli_add(end.X, ndli_from(sb_m3_apply(inverse, ndli_to(way))));
     if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_bed_row_at(bed, &place, &next)) {
         ndli_held_block(needle);
@@ -13668,52 +13786,70 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     int last = rod->node_count - 1;
     ndli_v3 t = rod->tangent[last - 1], ahead;
     sb_mat3 f;
-    if (needle->site->embeds || needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+    if (needle->site->embeds || needle->shallow || needle->line.count == 0)
         return t;
     f = ndli_tip_gradient(needle->site->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_tip_mapped(&f, needle->heading);
     return ndli_dot(ahead, t) > 0 ? ndli_tip_unit(ahead) : t;
 }
 
-/* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
- * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
-static ndli_v3 ndli_tip_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
+/* How far the way may be from the last edge (rad): a chord lags by half its arc's turn, where it is longer than the
+ * shaft's bends, and remeshing moves its nodes. By NDL_BEVEL_CURVATURE that is all there is to it. */
+static double ndli_tip_lag(const ndl_needle *needle)
 {
-    int last = needle->rod->node_count - 1;
-    ndl_frame frame = ndl_rod_frame(needle->rod, last - 1);
-    ndli_v3 m2 = ndli_from(frame.m2), t = ndli_from(frame.t), lag;
-    double curvature = (double)needle->bevel.curvature, size, most;
-    if (needle->bevel.law == NDL_BEVEL_ANGLE) {
-        sb_real offset = 0;
-        ndl_bevel_offset(&needle->bevel, (sb_real)advance, (sb_real)edge, &offset);
-        return ndli_scale((double)offset, m2);
-    }
-    lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
-    size = ndli_norm(lag);
-    most = 2 * fabs(curvature) * fmax(edge, needle->site->mean_edge); /* a chord lags by half its arc's turn */
-    if (size > most) {
-        lag = ndli_scale(most / size, lag);
-        *heading = ndli_tip_unit(ndli_add(t, lag));
-    }
-    *heading = ndli_tip_unit(ndli_madd(*heading, curvature * advance, m2));
-    return ndli_scale(advance, ndli_madd(lag, 0.5 * curvature * advance, m2));
+    double length = fmax(needle->rod->rest_length[needle->rod->node_count - 2], needle->site->mean_edge);
+    double curvature = fabs(ndli_bevel_curvature(&needle->bevel)), lag = ndli_bevel_lag(&needle->bevel);
+    if (needle->bevel.law == NDL_BEVEL_CURVATURE)
+        return 2 * curvature * length;
+    return lag + (1 - fmin(needle->wave / length, 1)) * 2 * fmin(curvature, lag / needle->wave) * length;
 }
 
-/* Where the tip, now above X, cuts to in the material. */
-static sb_vec3 ndli_tip_bevelled(ndl_needle *needle, sb_vec3 X)
+/* In the material, how far aside a bevel puts the tip that has advanced along the last edge; the needle's heading turns
+ * with it. node: of the mesh, about which. */
+static ndli_v3 ndli_tip_aside(ndl_needle *needle, int node)
 {
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
-    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, tip), inverse;
-    double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
-    ndli_v3 heading, aside;
-    if (!(sb_m3_det(f) > 0) || !(edge > 0))
-        return X;
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, node), inverse;
+    ndli_v3 t = needle->rod->tangent[needle->rod->node_count - 2], heading, way;
+    if (!(sb_m3_det(f) > 0) || !(needle->advance > 0))
+        return ndli_v(0, 0, 0);
     inverse = sb_m3_inverse(f);
     heading = ndli_tip_unit(ndli_tip_mapped(&f, needle->heading));
-    aside = ndli_tip_aside(needle, needle->advance, edge, &heading);
+    way = ndli_bevel_go(needle, needle->advance, t, ndli_tip_lag(needle), &heading);
     needle->heading = ndli_tip_unit(ndli_tip_mapped(&inverse, heading));
-    return sb_v3_add(X, ndli_to(ndli_tip_mapped(&inverse, aside)));
+    return ndli_tip_mapped(&inverse, ndli_madd(way, -ndli_dot(way, t), t));
+}
+
+/* Along the shaft, about the entry. */
+static ndli_v3 ndli_tip_straight(const ndl_needle *needle, int entry)
+{
+    ndli_v3 t = needle->rod->tangent[needle->rod->node_count - 2];
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, entry);
+    if (!(sb_m3_det(f) > 0))
+        return t;
+    f = sb_m3_inverse(f);
+    return ndli_tip_unit(ndli_tip_mapped(&f, t));
+}
+
+/* The way of a tip that has just come in. */
+static void ndli_tip_begin(ndl_needle *needle)
+{
+    int count;
+    const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
+    needle->aside = ndli_v(0, 0, 0);
+    if (count > 0)
+        needle->heading = ndli_tip_straight(needle, path[0]);
+}
+
+/* A shallow tip goes on, or back, to `depth` (m): its way bends from the skin on, before it has a node. */
+static void ndli_tip_go_shallow(ndl_needle *needle, double depth)
+{
+    int entry = needle->path[0];
+    if (needle->advance > 0) {
+        needle->aside = ndli_add(needle->aside, ndli_tip_aside(needle, entry));
+        return;
+    }
+    needle->aside = ndli_scale(depth / (depth - needle->advance), needle->aside);
+    needle->heading = ndli_tip_unit(ndli_madd(ndli_tip_straight(needle, entry), 2 / depth, needle->aside));
 }
 
 /* The heading of the path that is there: that of the circle through its last three nodes. */
@@ -13764,10 +13900,12 @@ static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_er
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
+    sb_result result;
     if (!ndli_topology_hit(needle->site->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_tip_judge(
-        needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
+    result = ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own);
+    ndli_tip_begin(needle);
+    return ndli_tip_judge(needle, result, &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it; it loses it from the first of them on where tets
@@ -13780,28 +13918,6 @@ static sb_real ndli_tip_enough(const ndl_needle *needle, double depth)
 {
     double share = depth / ndli_tip_deep(needle);
     return share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
-}
-
-/* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
- * looks there. */
-static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *heading)
-{
-    const ndli_topology *mesh = needle->site->mesh;
-    const ndl_bevel *bevel = &needle->bevel;
-    ndli_v3 way = ndli_from(sb_v3_sub(X, mesh->X[needle->path[0]])), side;
-    double length = ndli_norm(way), curvature = bevel->law == NDL_BEVEL_CURVATURE ? (double)bevel->curvature : 0;
-    sb_mat3 f = ndli_tip_gradient(mesh, needle->path[0]);
-    sb_real aside = (sb_real)(0.5 * curvature * length * length);
-    *heading = ndli_scale(1 / length, way);
-    if (!(sb_m3_det(f) > 0))
-        return X;
-    f = sb_m3_inverse(f);
-    side = ndli_tip_mapped(&f, ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2));
-    side = ndli_rod_across(side, *heading);
-    if (bevel->law == NDL_BEVEL_ANGLE)
-        ndl_bevel_offset(bevel, (sb_real)length, (sb_real)length, &aside);
-    *heading = ndli_tip_unit(ndli_madd(*heading, curvature * length, side));
-    return sb_v3_madd(X, aside, ndli_to(side));
 }
 
 /* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation
@@ -13834,16 +13950,17 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     int last = rod->node_count - 1, entry = needle->path[0];
     double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
     ndl_remesh_info sunk;
-    ndli_v3 heading;
     sb_vec3 X;
     sb_error own;
     sb_result result;
     if (depth < 0)
         return ndl_remesh_withdraw(remesh, needle->index, done, error);
+    if (depth > 0)
+        ndli_tip_go_shallow(needle, depth);
     if (depth < ndli_tip_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    X = ndli_tip_first_arc(needle, X, &heading);
+    X = sb_v3_add(X, ndli_to(needle->aside));
     result = ndli_tip_sink(needle, depth, X, &sunk);
     if (result == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
         return SB_OK; /* better when it is deeper */
@@ -13854,7 +13971,6 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     done->candidates += sunk.candidates;
     done->smoothed += sunk.smoothed;
     done->released += sunk.released;
-    needle->heading = heading;
     if (result != SB_OK) /* the first operations may have been done */
         ndli_tip_take_heading(needle);
     return ndli_tip_judge(needle, result, &own, error);
@@ -13888,6 +14004,7 @@ static void ndli_tip_make_shallow(ndl_needle *needle, sb_real quality)
                           ndli_to(rod->x[rod->node_count - 1]), &hit))
         (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL,
                                           NULL); /* without success it is out: a little early */
+    ndli_tip_begin(needle);
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in
@@ -13910,13 +14027,13 @@ static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb
     ndl_remesh *remesh = needle->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, inside;
-    sb_vec3 X;
+    sb_vec3 X; /* where the tip cuts to, first straight on */
     sb_error own;
     sb_result result;
     inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
         return ndli_tip_draw_back(needle, X, inside, done, error);
-    X = ndli_tip_bevelled(needle, X);
+    X = sb_v3_add(X, ndli_to(ndli_tip_aside(needle, needle->path[needle->line.count - 1])));
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
         result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");
@@ -14524,6 +14641,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double sha
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
         if (result != SB_OK)
             return result;
+        ndli_bevel_begin(needle);
         ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, share);
         if (s->site->embeds)
             ndli_held_resist(needle);
@@ -14904,6 +15022,8 @@ NDL_API ndl_needle_def ndl_default_needle_def(void)
     ndl_rod_section_preset(NDL_STYLET_18G, &def.section);
     def.damping_stretch = def.damping_bending = (sb_real)1e-4;
     def.bevel.law = NDL_BEVEL_CURVATURE;
+    def.bevel.guide = (sb_real)0.005;
+    def.bevel.lag = (sb_real)0.1;
     def.entry_slip = NDLI_ENTRY_SLIP;
     def.max_trials = 10;
     def.cookie = NDLI_NEEDLE_COOKIE;
@@ -14941,13 +15061,19 @@ static sb_result ndli_needle_check_membranes(const ndl_needle_def *def, sb_error
     return SB_OK;
 }
 
+/* Ways of a bevel turn by two radians at most within an edge. */
 static sb_result ndli_needle_check_bevel(const ndl_needle_def *def, double edge, sb_error *error)
 {
-    sb_real offset;
-    sb_result result = ndl_bevel_offset(&def->bevel, (sb_real)(0.1 * edge), (sb_real)edge, &offset);
+    const ndl_bevel *bevel = &def->bevel;
+    sb_real curvature;
+    sb_result result =
+        ndl_bevel_curvature(bevel, 0, bevel->law == NDL_BEVEL_ANGLE ? bevel->guide : (sb_real)edge, &curvature);
+    if (result == SB_OK && (!(bevel->lag > 0) || !(sb_abs(curvature) * edge <= 2)))
+        result = SB_ERROR_ARGUMENT;
     if (result != SB_OK)
-        return sbi_fail(error, result, "bevel: law %d, angle %g, curvature %g with edges of %g m", (int)def->bevel.law,
-                        (double)def->bevel.angle, (double)def->bevel.curvature, edge);
+        return sbi_fail(error, result, "bevel: law %d, angle %g, guide %g, curvature %g, lag %g with edges of %g m",
+                        (int)bevel->law, (double)bevel->angle, (double)bevel->guide, (double)bevel->curvature,
+                        (double)bevel->lag, edge);
     return SB_OK;
 }
 
@@ -15058,14 +15184,19 @@ static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **si
 
 /* ---- creation ---- */
 
+/* Length of the bends that the body's tissue makes of a needle (m). */
+static double ndli_needle_wave(const struct ndli_site *site, const ndl_needle_def *def)
+{
+    ndl_rod_stiffness stiffness = def->stiffness ? *def->stiffness : ndl_rod_stiffness_of(&def->section);
+    double bending = 0.5 * ((double)stiffness.bending[0] + (double)stiffness.bending[1]);
+    return ndli_held_wave(bending, (double)def->section.radius, (double)sbi_body_young(site->body), site->mean_edge);
+}
+
 /* Edges of a rod that springs hold are short beside the bends that these make. */
 static double ndli_needle_usual_edge(const struct ndli_site *site, const ndl_needle_def *def)
 {
-    double most = site->mean_edge, least = most / 8, wave;
-    if (!site->embeds)
-        return most;
-    wave = ndli_held_wave(&def->section, (double)sbi_body_young(site->body), most);
-    return fmin(fmax(0.125 * wave, least), most);
+    double most = site->mean_edge, least = most / 8;
+    return site->embeds ? fmin(fmax(0.125 * ndli_needle_wave(site, def), least), most) : most;
 }
 
 /* The shape at rest: straight, then a circle towards m2. */
@@ -15203,6 +15334,7 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->cutting_user = def->cutting_user;
     needle->max_trials = def->max_trials;
     needle->entry_slip = def->entry_slip;
+    needle->wave = ndli_needle_wave(needle->site, def);
     needle->outlet = rod->x[1];
     needle->axis = rod->tangent[0];
     needle->line.first = rod->node_count;

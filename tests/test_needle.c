@@ -28,9 +28,8 @@ typedef struct path {
     int count;
 } path;
 
-/* Steps of `length` each; the tip's places once it has a node of its own in the tissue (nearer to the skin it waits to
- * bend), until it has gone `way` from there. At half of the way the base makes half a turn when `turns` is 1; `twist`
- * (rad/m) all the way. */
+/* Steps of `length` each; the tip's places once it has a node of its own in the tissue, until it has gone `way` from
+ * there. At half of the way the base makes half a turn when `turns` is 1; `twist` (rad/m) all the way. */
 static void follow(needle_scene *s, double length, double way, int turns, double twist, path *p)
 {
     double gone = 0;

@@ -19,6 +19,8 @@ NDL_API ndl_needle_def ndl_default_needle_def(void)
     ndl_rod_section_preset(NDL_STYLET_18G, &def.section);
     def.damping_stretch = def.damping_bending = (sb_real)1e-4;
     def.bevel.law = NDL_BEVEL_CURVATURE;
+    def.bevel.guide = (sb_real)0.005;
+    def.bevel.lag = (sb_real)0.1;
     def.entry_slip = NDLI_ENTRY_SLIP;
     def.max_trials = 10;
     def.cookie = NDLI_NEEDLE_COOKIE;
@@ -56,13 +58,19 @@ static sb_result ndli_needle_check_membranes(const ndl_needle_def *def, sb_error
     return SB_OK;
 }
 
+/* Ways of a bevel turn by two radians at most within an edge. */
 static sb_result ndli_needle_check_bevel(const ndl_needle_def *def, double edge, sb_error *error)
 {
-    sb_real offset;
-    sb_result result = ndl_bevel_offset(&def->bevel, (sb_real)(0.1 * edge), (sb_real)edge, &offset);
+    const ndl_bevel *bevel = &def->bevel;
+    sb_real curvature;
+    sb_result result =
+        ndl_bevel_curvature(bevel, 0, bevel->law == NDL_BEVEL_ANGLE ? bevel->guide : (sb_real)edge, &curvature);
+    if (result == SB_OK && (!(bevel->lag > 0) || !(sb_abs(curvature) * edge <= 2)))
+        result = SB_ERROR_ARGUMENT;
     if (result != SB_OK)
-        return sbi_fail(error, result, "bevel: law %d, angle %g, curvature %g with edges of %g m", (int)def->bevel.law,
-                        (double)def->bevel.angle, (double)def->bevel.curvature, edge);
+        return sbi_fail(error, result, "bevel: law %d, angle %g, guide %g, curvature %g, lag %g with edges of %g m",
+                        (int)bevel->law, (double)bevel->angle, (double)bevel->guide, (double)bevel->curvature,
+                        (double)bevel->lag, edge);
     return SB_OK;
 }
 
@@ -173,14 +181,19 @@ static sb_result ndli_site_make(const ndl_needle_def *def, struct ndli_site **si
 
 /* ---- creation ---- */
 
+/* Length of the bends that the body's tissue makes of a needle (m). */
+static double ndli_needle_wave(const struct ndli_site *site, const ndl_needle_def *def)
+{
+    ndl_rod_stiffness stiffness = def->stiffness ? *def->stiffness : ndl_rod_stiffness_of(&def->section);
+    double bending = 0.5 * ((double)stiffness.bending[0] + (double)stiffness.bending[1]);
+    return ndli_held_wave(bending, (double)def->section.radius, (double)sbi_body_young(site->body), site->mean_edge);
+}
+
 /* Edges of a rod that springs hold are short beside the bends that these make. */
 static double ndli_needle_usual_edge(const struct ndli_site *site, const ndl_needle_def *def)
 {
-    double most = site->mean_edge, least = most / 8, wave;
-    if (!site->embeds)
-        return most;
-    wave = ndli_held_wave(&def->section, (double)sbi_body_young(site->body), most);
-    return fmin(fmax(0.125 * wave, least), most);
+    double most = site->mean_edge, least = most / 8;
+    return site->embeds ? fmin(fmax(0.125 * ndli_needle_wave(site, def), least), most) : most;
 }
 
 /* The shape at rest: straight, then a circle towards m2. */
@@ -318,6 +331,7 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->cutting_user = def->cutting_user;
     needle->max_trials = def->max_trials;
     needle->entry_slip = def->entry_slip;
+    needle->wave = ndli_needle_wave(needle->site, def);
     needle->outlet = rod->x[1];
     needle->axis = rod->tangent[0];
     needle->line.first = rod->node_count;

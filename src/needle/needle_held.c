@@ -46,16 +46,14 @@ static double ndli_held_tip(const ndl_needle *needle, const ndli_held_tissue *t)
     return 32 * (1 - t->poisson) / (3 - 4 * t->poisson) * t->shear * needle->radius;
 }
 
-NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess)
+NDLI_API double ndli_held_wave(double bending, double radius, double young, double guess)
 {
-    double outer = (double)section->radius, inner = (double)section->inner_radius, wave = guess;
-    double bending =
-        (double)section->young * ndli_held_pi / 4 * (outer * outer * outer * outer - inner * inner * inner * inner);
+    double wave = guess;
     for (int round = 0; round < 4; round++) {
         ndli_held_tissue t;
         t.poisson = 0.45; /* of soft tissue; it matters little */
         t.shear = young / (2 * (1 + t.poisson));
-        t.ratio = log(fmax(wave / outer, ndli_held_least_ratio));
+        t.ratio = log(fmax(wave / radius, ndli_held_least_ratio));
         wave = sqrt(sqrt(4 * bending / ndli_held_across(&t)));
     }
     return wave;
@@ -256,41 +254,21 @@ NDLI_API void ndli_held_resist(ndl_needle *needle)
 
 /* ---- the tip goes on ---- */
 
-/* rad: how far the way that a tip cuts may leave the direction of the shaft (Chentanez 2010 has no limit; in soft
- * tissue the curvature comes out as this over the length of the shaft's wave in it). */
-static const double ndli_held_most_lag = 0.1;
 enum { NDLI_HELD_HOLD_STEPS = 8 };
 
 static ndli_v3 ndli_held_unit(ndli_v3 v) { return ndli_scale(1 / ndli_norm(v), v); }
 
-static double ndli_held_curvature(const ndl_needle *needle)
+/* In space, of what is cut along the shaft's last edge to the material at `end`; heading where there is no such edge.
+ */
+static ndli_v3 ndli_held_chord(const ndl_needle *needle, ndli_v3 end, ndli_v3 heading)
 {
-    if (needle->bevel.law == NDL_BEVEL_CURVATURE)
-        return (double)needle->bevel.curvature;
-    return 2 * tan((double)needle->bevel.angle) / needle->edge_length;
-}
-
-/* Direction of the shaft at its tip, whose end has no moment: its last edge, turned on by an eighth of the curvature
- * behind it. */
-static ndli_v3 ndli_held_shaft(const ndl_rod *rod)
-{
-    int last = rod->node_count - 2;
-    ndli_v3 t = rod->tangent[last];
-    if (last < 1)
-        return t;
-    return ndli_held_unit(
-        ndli_madd(t, rod->rest_length[last] / (8 * rod->cell[last]), ndli_sub(t, rod->tangent[last - 1])));
-}
-
-/* heading, no farther from the shaft than it may be. */
-static ndli_v3 ndli_held_limited(ndli_v3 heading, ndli_v3 shaft)
-{
-    double along = ndli_dot(heading, shaft), size;
-    ndli_v3 lag = ndli_madd(heading, -along, shaft);
-    size = ndli_norm(lag);
-    if (along > 0 && !(size > ndli_held_most_lag * along))
+    ndli_held_spot spot;
+    ndli_v3 chord;
+    int before = needle->rod->node_count - 2;
+    if (before < needle->line.first || !ndli_held_find(needle, needle->arc[before], &spot))
         return heading;
-    return ndli_held_unit(size > 0 ? ndli_madd(shaft, ndli_held_most_lag / size, lag) : shaft);
+    chord = ndli_sub(end, ndli_bed_at(&needle->site->bed, &spot.row));
+    return ndli_dot(chord, heading) > 0 ? ndli_held_unit(chord) : heading;
 }
 
 /* The tip has nowhere to go: it is held for a while. */
@@ -300,14 +278,44 @@ static void ndli_held_block(ndl_needle *needle)
     needle->hold_steps = NDLI_HELD_HOLD_STEPS;
 }
 
+/* A point on the way, `ahead` (m at rest) of its end, or behind it. 0: before the skin. */
+static int ndli_held_beside(const ndl_needle *needle, double ahead, ndli_track_point *point)
+{
+    const ndli_track *track = &needle->track;
+    double length = ndli_track_length(track);
+    *point = ndli_track_at(track, length + fmin(ahead, 0));
+    if (ahead > 0)
+        point->X = ndli_madd(point->X, ahead, needle->heading);
+    return length + ahead >= 0;
+}
+
+/* Deformation gradient about the tip, at place: the mean along its way, over the length of the shaft's bends. In one
+ * element at the end of a load it has no limit as meshes get finer. */
+static sb_mat3 ndli_held_gradient(const ndl_needle *needle, const ndli_place *place, const ndli_bed_row *row)
+{
+    const ndli_bed *bed = &needle->site->bed;
+    sb_mat3 sum = ndli_bed_gradient(bed, place, row);
+    int count = 1;
+    for (int k = -2; k <= 2; k++) {
+        ndli_track_point point;
+        ndli_place there;
+        ndli_bed_row other;
+        if (k == 0 || !ndli_held_beside(needle, 0.25 * k * needle->wave, &point) ||
+            !ndli_bed_locate(bed, ndli_to(point.X), point.element, &there) || !ndli_bed_row_at(bed, &there, &other))
+            continue;
+        sum = sb_m3_add(sum, ndli_bed_gradient(bed, &there, &other));
+        count++;
+    }
+    return sb_m3_scale(1 / (sb_real)count, sum);
+}
+
 /* The track goes on by `advance` (m, in space) from where the tip is. */
 static void ndli_held_cut(ndl_needle *needle, double advance)
 {
     const ndli_bed *bed = &needle->site->bed;
     ndli_track *track = &needle->track;
     ndli_track_point end = ndli_track_at(track, ndli_track_length(track));
-    ndli_v3 side = ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2), heading, way, X, gap;
-    double curvature = ndli_held_curvature(needle);
+    ndli_v3 heading, shaft, way, X, gap;
     ndli_bed_row row, next;
     ndli_place place;
     sb_mat3 f, inverse;
@@ -318,15 +326,15 @@ static void ndli_held_cut(ndl_needle *needle, double advance)
             ndli_held_block(needle);
         return;
     }
-    if (!(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0)) {
+    f = ndli_held_gradient(needle, &place, &row);
+    if (!(sb_m3_det(f) > 0)) {
         ndli_held_block(needle);
         return;
     }
     inverse = sb_m3_inverse(f);
     heading = ndli_held_unit(ndli_from(sb_m3_apply(f, ndli_to(needle->heading))));
-    way = ndli_scale(advance, ndli_held_unit(ndli_madd(heading, 0.5 * curvature * advance, side)));
-    heading =
-        ndli_held_limited(ndli_held_unit(ndli_madd(heading, curvature * advance, side)), ndli_held_shaft(needle->rod));
+    shaft = ndli_bevel_shaft(needle, heading, ndli_held_chord(needle, ndli_bed_at(bed, &row), heading));
+    way = ndli_bevel_go(needle, advance, shaft, ndli_bevel_lag(&needle->bevel), &heading);
     X = ndli_add(end.X, ndli_from(sb_m3_apply(inverse, ndli_to(way))));
     if (!ndli_bed_locate(bed, ndli_to(X), place.element, &place) || !ndli_bed_row_at(bed, &place, &next)) {
         ndli_held_block(needle);

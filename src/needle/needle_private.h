@@ -1,15 +1,17 @@
 /* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is
- * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_membrane.c is membranes,
- * needle_resist.c the tissue's resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the
- * rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them, needle_step.c makes a step,
- * needle.c makes and ends needles. */
+ * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_bevel.c bends their ways,
+ * needle_membrane.c is membranes, needle_resist.c the tissue's resistance, needle_tip.c leads the remesher after the
+ * tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_state.c saves and records them,
+ * needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
 #include "bed.h"
 #include "couple_rows.h"
 #include "needle.h"
+#include "rod_private.h"
 #include "rod_state.h"
+#include "steer_path.h"
 #include "track.h"
 #include "../softbody/body/state_part.h"
 
@@ -44,6 +46,8 @@ struct ndl_needle {
     double fed, advance; /* m */
     ndli_v3 heading;     /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
                           * chord of it, which lags behind by an angle that remeshing changes */
+    ndli_v3 aside;       /* m in the material: of a shallow tip, how far its way has bent from the straight one */
+    double wave;         /* m: length of the bends that the tissue makes of the shaft */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int shallow;             /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                               * there. Tets between such a tip and the skin would be flat */
@@ -60,6 +64,7 @@ struct ndl_needle {
     int hold_steps;          /* substeps for which the tip is held because the remesher could not follow it */
 
     /* holds nothing between calls */
+    ndli_v3 side;                     /* in which the bevel looked at the start of the substep */
     ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
     ndli_v3 *old_contact;             /* [capacity] */
     int *old_path;                    /* [capacity] */
@@ -116,6 +121,18 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
 /* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
 NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 
+/* ---- needle_bevel ---- */
+
+NDLI_API double ndli_bevel_curvature(const ndl_bevel *bevel); /* 1/m, of a way in rigid tissue */
+/* Before a substep: from where its bevel turns. */
+NDLI_API void ndli_bevel_begin(ndl_needle *needle);
+NDLI_API double ndli_bevel_lag(const ndl_bevel *bevel); /* rad: how far a way may be from the shaft's direction */
+/* Direction of the shaft at its tip (unit). heading: of the way; chord: of what is cut along the shaft's last edge. */
+NDLI_API ndli_v3 ndli_bevel_shaft(const ndl_needle *needle, ndli_v3 heading, ndli_v3 chord);
+/* After a substep: *heading (unit, in space) turns as the tip advances (m, > 0), but stays within `lag` (rad) of the
+ * shaft; returns the tip's way. */
+NDLI_API ndli_v3 ndli_bevel_go(const ndl_needle *needle, double advance, ndli_v3 shaft, double lag, ndli_v3 *heading);
+
 /* ---- needle_held: of needles that are held by rows ---- */
 
 /* Makes the holds, and what the tissue does at them; their nodes are listed at the site. */
@@ -126,8 +143,9 @@ NDLI_API void ndli_held_forget(struct ndli_site *site);
 NDLI_API void ndli_held_follow_tip(ndl_needle *needle);
 /* It is outside. */
 NDLI_API void ndli_held_leave(ndl_needle *needle);
-/* Length (m) of the bends that a side load makes of a needle in tissue of such a modulus (Pa): (4 EI / k)^(1/4). */
-NDLI_API double ndli_held_wave(const ndl_rod_section *section, double young, double guess);
+/* Length (m) of the bends that a side load makes of a needle of that stiffness (N m^2) and radius (m) in tissue of such
+ * a modulus (Pa): (4 EI / k)^(1/4). */
+NDLI_API double ndli_held_wave(double bending, double radius, double young, double guess);
 
 /* ---- needle_membrane ---- */
 

@@ -19,7 +19,7 @@ typedef struct ndli_site_head {
     unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
 } ndli_site_head;
 
-enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 5 };
+enum { NDLI_HEAD_VECTORS = 9, NDLI_HEAD_REALS = 5 };
 
 typedef struct ndli_needle_head {
     uint64_t make; /* hash of what its def says beside the rod */
@@ -37,7 +37,7 @@ static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS
     reals[3] = &needle->line.cutting, reals[4] = &needle->entering;
     vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
     vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
-    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
+    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque, vectors[8] = &needle->aside;
 }
 
 static uint64_t ndli_state_hash_real(uint64_t hash, sb_real value)
@@ -53,6 +53,7 @@ static uint64_t ndli_needle_make(const ndl_needle *needle)
     hash = sbi_hash_word(hash, (uint64_t)needle->bevel.law + (needle->cutting_at ? 256u : 0u));
     hash = ndli_state_hash_real(hash, needle->bevel.angle);
     hash = ndli_state_hash_real(hash, needle->bevel.curvature);
+    hash = ndli_state_hash_real(ndli_state_hash_real(hash, needle->bevel.guide), needle->bevel.lag);
     for (int i = 0; i < needle->friction_count; i++) {
         const ndl_friction *f = needle->frictions + i;
         hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->friction), f->viscous);

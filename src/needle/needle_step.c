@@ -170,6 +170,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double sha
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
         if (result != SB_OK)
             return result;
+        ndli_bevel_begin(needle);
         ndli_needle_aim(needle, s->commands ? s->commands + k : &none, dt, share);
         if (s->site->embeds)
             ndli_held_resist(needle);

@@ -28,52 +28,70 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     int last = rod->node_count - 1;
     ndli_v3 t = rod->tangent[last - 1], ahead;
     sb_mat3 f;
-    if (needle->site->embeds || needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
+    if (needle->site->embeds || needle->shallow || needle->line.count == 0)
         return t;
     f = ndli_tip_gradient(needle->site->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_tip_mapped(&f, needle->heading);
     return ndli_dot(ahead, t) > 0 ? ndli_tip_unit(ahead) : t;
 }
 
-/* How far (m, in space) a bevel puts the tip aside that has gone `advance` along the last edge (section 6). By
- * NDL_BEVEL_CURVATURE it leaves the edge for the circle that continues the path, whose heading turns with it. */
-static ndli_v3 ndli_tip_aside(const ndl_needle *needle, double advance, double edge, ndli_v3 *heading)
+/* How far the way may be from the last edge (rad): a chord lags by half its arc's turn, where it is longer than the
+ * shaft's bends, and remeshing moves its nodes. By NDL_BEVEL_CURVATURE that is all there is to it. */
+static double ndli_tip_lag(const ndl_needle *needle)
 {
-    int last = needle->rod->node_count - 1;
-    ndl_frame frame = ndl_rod_frame(needle->rod, last - 1);
-    ndli_v3 m2 = ndli_from(frame.m2), t = ndli_from(frame.t), lag;
-    double curvature = (double)needle->bevel.curvature, size, most;
-    if (needle->bevel.law == NDL_BEVEL_ANGLE) {
-        sb_real offset = 0;
-        ndl_bevel_offset(&needle->bevel, (sb_real)advance, (sb_real)edge, &offset);
-        return ndli_scale((double)offset, m2);
-    }
-    lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
-    size = ndli_norm(lag);
-    most = 2 * fabs(curvature) * fmax(edge, needle->site->mean_edge); /* a chord lags by half its arc's turn */
-    if (size > most) {
-        lag = ndli_scale(most / size, lag);
-        *heading = ndli_tip_unit(ndli_add(t, lag));
-    }
-    *heading = ndli_tip_unit(ndli_madd(*heading, curvature * advance, m2));
-    return ndli_scale(advance, ndli_madd(lag, 0.5 * curvature * advance, m2));
+    double length = fmax(needle->rod->rest_length[needle->rod->node_count - 2], needle->site->mean_edge);
+    double curvature = fabs(ndli_bevel_curvature(&needle->bevel)), lag = ndli_bevel_lag(&needle->bevel);
+    if (needle->bevel.law == NDL_BEVEL_CURVATURE)
+        return 2 * curvature * length;
+    return lag + (1 - fmin(needle->wave / length, 1)) * 2 * fmin(curvature, lag / needle->wave) * length;
 }
 
-/* Where the tip, now above X, cuts to in the material. */
-static sb_vec3 ndli_tip_bevelled(ndl_needle *needle, sb_vec3 X)
+/* In the material, how far aside a bevel puts the tip that has advanced along the last edge; the needle's heading turns
+ * with it. node: of the mesh, about which. */
+static ndli_v3 ndli_tip_aside(ndl_needle *needle, int node)
 {
-    const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
-    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, tip), inverse;
-    double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
-    ndli_v3 heading, aside;
-    if (!(sb_m3_det(f) > 0) || !(edge > 0))
-        return X;
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, node), inverse;
+    ndli_v3 t = needle->rod->tangent[needle->rod->node_count - 2], heading, way;
+    if (!(sb_m3_det(f) > 0) || !(needle->advance > 0))
+        return ndli_v(0, 0, 0);
     inverse = sb_m3_inverse(f);
     heading = ndli_tip_unit(ndli_tip_mapped(&f, needle->heading));
-    aside = ndli_tip_aside(needle, needle->advance, edge, &heading);
+    way = ndli_bevel_go(needle, needle->advance, t, ndli_tip_lag(needle), &heading);
     needle->heading = ndli_tip_unit(ndli_tip_mapped(&inverse, heading));
-    return sb_v3_add(X, ndli_to(ndli_tip_mapped(&inverse, aside)));
+    return ndli_tip_mapped(&inverse, ndli_madd(way, -ndli_dot(way, t), t));
+}
+
+/* Along the shaft, about the entry. */
+static ndli_v3 ndli_tip_straight(const ndl_needle *needle, int entry)
+{
+    ndli_v3 t = needle->rod->tangent[needle->rod->node_count - 2];
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, entry);
+    if (!(sb_m3_det(f) > 0))
+        return t;
+    f = sb_m3_inverse(f);
+    return ndli_tip_unit(ndli_tip_mapped(&f, t));
+}
+
+/* The way of a tip that has just come in. */
+static void ndli_tip_begin(ndl_needle *needle)
+{
+    int count;
+    const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
+    needle->aside = ndli_v(0, 0, 0);
+    if (count > 0)
+        needle->heading = ndli_tip_straight(needle, path[0]);
+}
+
+/* A shallow tip goes on, or back, to `depth` (m): its way bends from the skin on, before it has a node. */
+static void ndli_tip_go_shallow(ndl_needle *needle, double depth)
+{
+    int entry = needle->path[0];
+    if (needle->advance > 0) {
+        needle->aside = ndli_add(needle->aside, ndli_tip_aside(needle, entry));
+        return;
+    }
+    needle->aside = ndli_scale(depth / (depth - needle->advance), needle->aside);
+    needle->heading = ndli_tip_unit(ndli_madd(ndli_tip_straight(needle, entry), 2 / depth, needle->aside));
 }
 
 /* The heading of the path that is there: that of the circle through its last three nodes. */
@@ -124,10 +142,12 @@ static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_er
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
+    sb_result result;
     if (!ndli_topology_hit(needle->site->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_tip_judge(
-        needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
+    result = ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own);
+    ndli_tip_begin(needle);
+    return ndli_tip_judge(needle, result, &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it; it loses it from the first of them on where tets
@@ -140,28 +160,6 @@ static sb_real ndli_tip_enough(const ndl_needle *needle, double depth)
 {
     double share = depth / ndli_tip_deep(needle);
     return share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
-}
-
-/* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
- * looks there. */
-static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *heading)
-{
-    const ndli_topology *mesh = needle->site->mesh;
-    const ndl_bevel *bevel = &needle->bevel;
-    ndli_v3 way = ndli_from(sb_v3_sub(X, mesh->X[needle->path[0]])), side;
-    double length = ndli_norm(way), curvature = bevel->law == NDL_BEVEL_CURVATURE ? (double)bevel->curvature : 0;
-    sb_mat3 f = ndli_tip_gradient(mesh, needle->path[0]);
-    sb_real aside = (sb_real)(0.5 * curvature * length * length);
-    *heading = ndli_scale(1 / length, way);
-    if (!(sb_m3_det(f) > 0))
-        return X;
-    f = sb_m3_inverse(f);
-    side = ndli_tip_mapped(&f, ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2));
-    side = ndli_rod_across(side, *heading);
-    if (bevel->law == NDL_BEVEL_ANGLE)
-        ndl_bevel_offset(bevel, (sb_real)length, (sb_real)length, &aside);
-    *heading = ndli_tip_unit(ndli_madd(*heading, curvature * length, side));
-    return sb_v3_madd(X, aside, ndli_to(side));
 }
 
 /* Gives the tip its first node below the entry, at X, or on the way there when that cannot be done in one operation
@@ -194,16 +192,17 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     int last = rod->node_count - 1, entry = needle->path[0];
     double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
     ndl_remesh_info sunk;
-    ndli_v3 heading;
     sb_vec3 X;
     sb_error own;
     sb_result result;
     if (depth < 0)
         return ndl_remesh_withdraw(remesh, needle->index, done, error);
+    if (depth > 0)
+        ndli_tip_go_shallow(needle, depth);
     if (depth < ndli_tip_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
-    X = ndli_tip_first_arc(needle, X, &heading);
+    X = sb_v3_add(X, ndli_to(needle->aside));
     result = ndli_tip_sink(needle, depth, X, &sunk);
     if (result == SB_ERROR_MESH && depth < 2 * ndli_tip_deep(needle))
         return SB_OK; /* better when it is deeper */
@@ -214,7 +213,6 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     done->candidates += sunk.candidates;
     done->smoothed += sunk.smoothed;
     done->released += sunk.released;
-    needle->heading = heading;
     if (result != SB_OK) /* the first operations may have been done */
         ndli_tip_take_heading(needle);
     return ndli_tip_judge(needle, result, &own, error);
@@ -248,6 +246,7 @@ static void ndli_tip_make_shallow(ndl_needle *needle, sb_real quality)
                           ndli_to(rod->x[rod->node_count - 1]), &hit))
         (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL,
                                           NULL); /* without success it is out: a little early */
+    ndli_tip_begin(needle);
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in
@@ -270,13 +269,13 @@ static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb
     ndl_remesh *remesh = needle->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, inside;
-    sb_vec3 X;
+    sb_vec3 X; /* where the tip cuts to, first straight on */
     sb_error own;
     sb_result result;
     inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
         return ndli_tip_draw_back(needle, X, inside, done, error);
-    X = ndli_tip_bevelled(needle, X);
+    X = sb_v3_add(X, ndli_to(ndli_tip_aside(needle, needle->path[needle->line.count - 1])));
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
         result = sbi_fail(&own, SB_ERROR_MESH, "the tip would leave the tissue");

@@ -41,21 +41,33 @@ NDL_API ndl_tip_pose ndl_tip_turn(const ndl_tip_pose *start, sb_real angle);
 NDL_API sb_real ndl_helix_radius(sb_real curvature, sb_real twist);
 NDL_API sb_real ndl_helix_pitch(sb_real curvature, sb_real twist);
 
-/* ---- what a bevel does in a mesh of tissue ----
- * When the tip node advances by d along t, its material point is put aside by an offset h against which the needle then
- * bends: X <- X(x_tip) + F^-1 h m2. */
+/* ---- what a bevel does in tissue ----
+ * The way of a tip turns by a curvature as it goes on, towards m2. A needle (needle.h) that follows it in rigid tissue
+ * goes in circles of that curvature. Soft tissue gives way, and the shaft bends over a length lam = (4 EI / k)^(1/4), k
+ * its stiffness across (N/m^2): the way leaves the shaft's direction by an angle `lag` at most, which gives a curvature
+ * of lag/lam there, whatever the mesh (with NDL_REMESH and NDL_BEVEL_CURVATURE the mesh's edges set that limit). A
+ * turning bevel draws the helix of its turn (ndl_helix_pose), also from the skin on and with a turn of radians in a
+ * step: its axis leaves the straight way by curvature/twist.
+ *
+ * For tips in meshes of your own: one that advances by d along t has its material point put aside by an offset h
+ * against which the needle then bends: X <- X(x_tip) + F^-1 h m2. */
 
 typedef enum ndl_bevel_law {
-    NDL_BEVEL_ANGLE = 1,    /* h = d tan(angle), as the thesis has it: the curvature depends on the edge length */
-    NDL_BEVEL_CURVATURE = 2 /* h = d tan(curvature (l + d)/2): circles of that curvature in rigid tissue for any edge
-                             * length l and step d; softer tissue gives less */
+    NDL_BEVEL_ANGLE = 1,    /* the curvature is 2 tan(angle)/guide, the lag the angle. h = d tan(angle) */
+    NDL_BEVEL_CURVATURE = 2 /* h = d tan(curvature (l + d)/2): circles in rigid tissue for any edge length l and step d;
+                             * softer tissue gives less */
 } ndl_bevel_law;
 
+/* Of a needle, start from ndl_default_needle_def. */
 typedef struct ndl_bevel {
     ndl_bevel_law law;
-    sb_real angle;     /* rad, |angle| < 1.5; for NDL_BEVEL_ANGLE. With edges of mm an effective angle of few degrees,
-                        * not the ground one: 2 tan(angle)/l is the curvature in rigid tissue */
+    sb_real angle;     /* rad, |angle| < 1.5; for NDL_BEVEL_ANGLE: between what the tip cuts and the shaft behind it. An
+                        * effective angle of few degrees, not the ground one */
     sb_real curvature; /* 1/m, for NDL_BEVEL_CURVATURE. Measured: radii of 5 to 50 cm are usual; 0: symmetric tip */
+    sb_real guide;     /* m, > 0, for NDL_BEVEL_ANGLE of a needle: length of shaft that guides the tip in rigid tissue.
+                        * A needle's default 0.005 */
+    sb_real lag;       /* rad, > 0, for NDL_BEVEL_CURVATURE of a needle. It can be measured in one soft gel: curvature
+                        * times lam. A needle's default 0.1 */
 } ndl_bevel;
 
 /* Offset h (m) for an advance d (m) of a tip whose last edge is edge_length (m) long; 0 for d <= 0 (retraction).
@@ -66,7 +78,8 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
  * averaged by volume over the tip's star (that of one element jumps). SB_ERROR_INVERTED when det F <= 0,
  * SB_ERROR_NOT_FINITE; *shift is then untouched. */
 NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *deformation, sb_vec3 *shift);
-/* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). */
+/* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). That of
+ * a needle has advance 0, edge_length the bevel's guide. */
 NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature);
 
 /* ---- obstacles ---- */

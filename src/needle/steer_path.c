@@ -193,7 +193,8 @@ static sb_result ndli_bevel_check(const ndl_bevel *bevel, double d, double l)
 {
     if (!bevel)
         return SB_ERROR_ARGUMENT;
-    if (!sb_is_finite(bevel->angle) || !sb_is_finite(bevel->curvature) || !ndli_is_finite(d) || !ndli_is_finite(l))
+    if (!sb_is_finite(bevel->angle) || !sb_is_finite(bevel->curvature) || !sb_is_finite(bevel->guide) ||
+        !sb_is_finite(bevel->lag) || !ndli_is_finite(d) || !ndli_is_finite(l))
         return SB_ERROR_NOT_FINITE;
     if (!(l > 0))
         return SB_ERROR_ARGUMENT;

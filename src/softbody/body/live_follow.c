@@ -144,6 +144,52 @@ static void sbi_live_list_nodes(sbi_live_following *work)
     }
 }
 
+/* Asks for what following reads of a cell about a changed node, and of the node. */
+static void sbi_live_fetch_cell(const sb_body *body, int corner)
+{
+    SBI_PREFETCH(body->assembly.live->pair_next + 6 * (corner / 4), 0);
+    SBI_PREFETCH(body->live->masses + corner, 0);
+}
+
+static void sbi_live_fetch_node(const sb_body *body, int node)
+{
+    const sb_matrix *matrix = &body->matrix;
+    int first = matrix->row_start[node];
+    SBI_PREFETCH(matrix->columns + first, 0);
+    SBI_PREFETCH(matrix->live->heads + first, 0);
+    SBI_PREFETCH(matrix->live->uses + first, 0);
+    SBI_PREFETCH(body->reference + node, 0);
+    SBI_PREFETCH(body->position + node, 0);
+    SBI_PREFETCH(body->velocity + node, 0);
+}
+
+enum { SBI_LIVE_ABREAST = 8 };
+
+/* Walks the rings of the listed nodes, some side by side: after steps each next corner of a ring is a miss of the
+ * caches, and what follows would wait for one after the other. */
+static void sbi_live_fetch(const sbi_live_following *work)
+{
+    const sb_body *body = work->body;
+    for (int first = 0; first < work->node_count; first += SBI_LIVE_ABREAST) {
+        int at[SBI_LIVE_ABREAST], count = sbi_min_int(SBI_LIVE_ABREAST, work->node_count - first), left = 0;
+        for (int k = 0; k < count; k++) {
+            int node = work->lists->nodes[first + k];
+            at[k] = node < work->old_nodes ? sbi_live_first_cell(body, node) : -1;
+            left += at[k] >= 0;
+            if (at[k] >= 0)
+                sbi_live_fetch_node(body, node);
+        }
+        while (left > 0)
+            for (int k = 0; k < count; k++) {
+                if (at[k] < 0)
+                    continue;
+                sbi_live_fetch_cell(body, at[k]);
+                at[k] = sbi_live_next_cell(body, work->lists->nodes[first + k], at[k]);
+                left -= at[k] < 0;
+            }
+    }
+}
+
 /* 1 when a node has more cells than so many before the change. */
 static int sbi_live_has_more_cells(const sb_body *body, int node, int most)
 {
@@ -248,6 +294,7 @@ static int sbi_live_change_fits(sbi_live_following *work)
     if (!good)
         return 0;
     sbi_live_list_nodes(work);
+    sbi_live_fetch(work);
     good = sbi_live_leave_all(work) && (work->body->live->erodes || sbi_live_keep_some(work));
     for (int k = 0; k < work->node_count; k++)
         work->body->live->node_marks[work->lists->nodes[k]] = 0;
