@@ -687,6 +687,82 @@ static unsigned long long play_with_failure(sb_integrator integrator, int corota
     return hash;
 }
 
+/* ---- steps of another length ---- */
+
+/* A beam that falls under its weight: 60 steps, after every 20 of which a far shorter one comes between where `between`
+ * is not 0; it is saved before the next and goes on in another body. Displacements: *u [node_count], the caller's. */
+static int step_between(sb_body_def *def, sb_real dt, sb_real between, sb_vec3 *u)
+{
+    sb_body *body = scene_body(def), *loaded = scene_body(def);
+    size_t room = 0;
+    void *state = NULL;
+    sb_step_info info;
+    sb_error error;
+    int done = 0;
+    scene_fix_plane(body, def->mesh, 0, 0, SB_XYZ);
+    scene_fix_plane(loaded, def->mesh, 0, 0, SB_XYZ);
+    for (int s = 0; s < 60; s++) {
+        if (!CHECK_OK(sb_body_step(body, dt, &info)))
+            break;
+        done++;
+        if (s % 20 != 10 || !(between > 0))
+            continue;
+        CHECK_OK(sb_body_step(body, between, &info));
+        room = sb_body_state_size(body);
+        state = realloc(state, room);
+        CHECK_OK(sb_body_state_save(body, state, room));
+        CHECK_OK(sb_body_state_load(loaded, state, room, &error));
+    }
+    for (int s = 51; s < 60 && between > 0; s++)
+        CHECK_OK(sb_body_step(loaded, dt, &info));
+    CHECK(!(between > 0) || sb_body_state_hash(loaded) == sb_body_state_hash(body));
+    memcpy(u, sb_body_displacements(body), (size_t)def->mesh->node_count * sizeof *u);
+    sb_body_destroy(body);
+    sb_body_destroy(loaded);
+    free(state);
+    return done;
+}
+
+/* Steps that are far shorter than those around them change what follows by no more than the time they take: their
+ * displacements are rounding, which must not become acceleration. */
+static void test_far_shorter_steps(void)
+{
+    unsigned long long seed = 12;
+    for (int k = 0; k < check_rounds(20); k++) {
+        static const sb_integrator kinds[3] = {SB_EULER, SB_NEWMARK, SB_GENERALISED_ALPHA};
+        sb_mesh mesh =
+            scene_box(element_types[k % ELEMENT_TYPES], 4, 1, 2, sb_v3(REAL(0.1), REAL(0.02), REAL(0.02)), 0.1);
+        sb_body_def def = sb_default_body_def();
+        double least = SB_REAL_IS_FLOAT ? 1e-3 : 1e-10, dt = 0.005 + 0.02 * check_random(&seed);
+        double share = 1e-2 * pow(least / 1e-2, check_random(&seed)), most = 0, size = 0;
+        sb_vec3 *u[2];
+        def.mesh = &mesh;
+        def.material = k % 2 ? sb_material_corotated(REAL(2e4), REAL(0.4), 1000)
+                             : sb_material_stable_neo_hookean(REAL(2e4), REAL(0.4), 1000);
+        def.integrator = kinds[k / 2 % 3];
+        def.spectral_radius = REAL(k % 5) / 4;
+        def.max_newton = k % 4 ? 20 : 1;
+        def.tolerance = def.newton_tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-5 : 1e-9);
+        def.gravity = sb_v3(0, 0, -5);
+        def.damping_mass = REAL(0.5);
+        def.damping_stiffness = k % 3 ? 0 : REAL(1e-3);
+        for (int j = 0; j < 2; j++) {
+            u[j] = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof(sb_vec3));
+            CHECK_INT(step_between(&def, REAL(dt), j ? REAL(share * dt) : 0, u[j]), 60);
+        }
+        for (int i = 0; i < mesh.node_count; i++) {
+            most = fmax(most, (double)sb_v3_norm(sb_v3_sub(u[0][i], u[1][i])));
+            size = fmax(size, (double)sb_v3_norm(u[0][i]));
+        }
+        if (!CHECK(most < (3 * share + (SB_REAL_IS_FLOAT ? 1e-2 : 1e-5)) * size))
+            printf("    %s, radius %g, %g of a step between: off by %g of %g m\n", names[def.integrator],
+                   (double)def.spectral_radius, share, most, size);
+        free(u[0]);
+        free(u[1]);
+        sb_mesh_free(&mesh);
+    }
+}
+
 static void test_undo(void)
 {
     check_bad_numbers();
@@ -823,8 +899,8 @@ static void test_no_allocation(void)
     }
 }
 
-CHECK_SUITE(integrators, {"orders in time", test_orders}, {"spectral radius", test_spectral_radius},
-            {"generalised alpha gains no energy", test_alpha_never_gains},
+CHECK_SUITE(integrators, {"orders in time", test_orders}, {"far shorter steps", test_far_shorter_steps},
+            {"spectral radius", test_spectral_radius}, {"generalised alpha gains no energy", test_alpha_never_gains},
             {"generalised alpha balances", test_alpha_balance}, {"generalised alpha follows", test_alpha_follows},
             {"generalised alpha is robust", test_alpha_is_robust},
             {"generalised alpha survives inversion", test_alpha_survives_inversion}, {"stable step", test_stable_step},

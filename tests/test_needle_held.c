@@ -259,6 +259,59 @@ static void test_way(void)
     }
 }
 
+/* Steps of next to no time between others change nothing that follows, held or remeshed, with any integrator. */
+static void test_tiny_steps(void)
+{
+    for (int k = 0; k < 4; k++) {
+        const sb_real tiny = SB_REAL_IS_FLOAT ? REAL(1e-5) : REAL(k % 2 ? 1e-12 : 1e-9);
+        needle_scene s[2];
+        double most = 0;
+        for (int j = 0; j < 2; j++) {
+            s[j] = needle_scene_default();
+            s[j].needle_def.follow = k / 2 ? NDL_REMESH : NDL_EMBED;
+            s[j].body_def.slack = k / 2 ? REAL(0.2) : 0;
+            s[j].body_def.integrator = k % 2 ? SB_NEWMARK : SB_GENERALISED_ALPHA;
+            if (!needle_scene_make(s + j))
+                return;
+            for (int i = 0; i < 60; i++) {
+                if (j && i % 15 == 7)
+                    needle_scene_run(s + j, (double)tiny, 1, needle_command(speed, 0));
+                needle_scene_run(s + j, dt, 1, needle_command(speed, 0));
+            }
+        }
+        CHECK_NEAR(needle_push(s + 1), needle_push(s), scene_tolerance(1e-3, 100) * needle_push(s));
+        for (int i = 0; i < s[0].mesh.node_count && k / 2 == 0;
+             i++) /* remeshing moves nodes from material to material */
+            most = fmax(
+                most, (double)sb_v3_norm(sb_v3_sub(sb_body_positions(s[0].body)[i], sb_body_positions(s[1].body)[i])));
+        CHECK(most < 1e-6);
+        needle_scene_free(s);
+        needle_scene_free(s + 1);
+    }
+}
+
+/* However fast a needle is drawn back, all of what was asked for is done. */
+static void test_fast_withdrawal(void)
+{
+    unsigned long long seed = 77;
+    for (int k = 0; k < check_rounds(20); k++) {
+        needle_scene s = needle_scene_default();
+        double stride = 0.005 * pow(10, check_random(&seed)); /* m a step: from half an edge of the needle on */
+        s.needle_def.follow = k % 2 ? NDL_REMESH : NDL_EMBED;
+        s.body_def.slack = k % 2 ? REAL(0.2) : 0;
+        if (!needle_scene_make(&s) ||
+            !needle_scene_run(&s, dt, 20 + (int)(60 * check_random(&seed)), needle_command(speed, 0)))
+            return;
+        stride = fmin(stride, 0.5 * (double)ndl_needle_fed(s.needles[0]));
+        while ((double)ndl_needle_fed(s.needles[0]) > stride) {
+            if (!needle_scene_run(&s, dt, 1, needle_command(-stride / dt, 0)) || !CHECK_INT(s.info.limited, 0))
+                break;
+        }
+        CHECK((double)ndl_needle_fed(s.needles[0]) <= stride);
+        needle_scene_free(&s);
+    }
+}
+
 /* ---- bodies that are cut ---- */
 
 static sb_cut *make_cut(const needle_scene *s)
@@ -600,6 +653,7 @@ static void test_random_use(void)
 
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"neighbours", test_neighbours},
             {"balance", test_balance}, {"membranes", test_membranes}, {"way", test_way},
+            {"tiny steps", test_tiny_steps}, {"fast withdrawal", test_fast_withdrawal},
             {"cut across a needle", test_cut_across_needle}, {"into a cut body", test_into_cut_body},
             {"states of cut bodies", test_cut_states}, {"states before a change", test_states_before_a_change},
             {"a body that grows", test_growing_body}, {"ablation", test_ablation}, {"viscous friction", test_viscous},

@@ -210,8 +210,9 @@ struct sb_body {
     /* state */
     sb_vec3 *reference; /* [node_count] (m) */
     sb_vec3 *position, *displacement, *velocity, *acceleration;
-    int acceleration_known; /* 0: the next Newmark step solves M a = f first */
-    int force_current;      /* 1: internal holds the force at displacement */
+    int acceleration_known;    /* 0: the next Newmark step solves M a = f first */
+    sb_real acceleration_step; /* s, of the step that left the acceleration; 0: no matter */
+    int force_current;         /* 1: internal holds the force at displacement */
     sbi_step_guard guard;
 
     /* vectors of a solve, [node_count] each */

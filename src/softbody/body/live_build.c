@@ -514,6 +514,7 @@ SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *cha
     if (result != SB_OK)
         return result;
     next->acceleration_known = body->acceleration_known;
+    next->acceleration_step = body->acceleration_step;
     next->assembly.unknots = body->assembly.unknots;
     sbi_precond_set_memory(next->precond, sbi_precond_get_memory(body->precond));
     sbi_live_carry_momentum(body, change, next);

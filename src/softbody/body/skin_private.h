@@ -21,6 +21,9 @@ struct sb_skin {
     int point_count, face_count;
     const int (*triangles)[3]; /* [face_count] points; three times the same: none */
     void (*get_point)(const struct sb_skin *skin, int point, sbi_skin_point *at);
+    /* A name of a point, the same wherever the skin is made of the same body, whatever its number; NULL: numbers are.
+     */
+    uint64_t (*get_name)(const struct sb_skin *skin, int point);
 };
 
 #endif /* SBI_SKIN_PRIVATE_H */

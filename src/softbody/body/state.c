@@ -599,14 +599,6 @@ static void sbi_state_tractions(sb_body *body, sbi_state_walk *walk)
     walk->store = 0;
 }
 
-/* 1 when there are some: in the body, or in the image, whose next part it is then. */
-static int sbi_state_has_tractions(const sb_body *body, const sbi_state_walk *walk, int number)
-{
-    if (!sbi_state_is_image(walk))
-        return body->traction_count > 0;
-    return walk->size - walk->used >= 4 && sbi_get_bytes(walk->in + walk->used, 4) == (uint64_t)number;
-}
-
 /* ---- loads that follow the body ---- */
 
 /* What passing the rows of a load found out. */
@@ -1005,6 +997,23 @@ static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
     body->acceleration_known = known;
     body->force_current = current;
     sbi_body_update_positions(body);
+}
+
+/* Of a body that will go on from its acceleration; earlier versions have it of none. */
+static int sbi_state_has_last_step(const sb_body *body)
+{
+    return (body->integrator == SB_NEWMARK || body->integrator == SB_GENERALISED_ALPHA) && body->acceleration_known &&
+           body->acceleration_step > 0;
+}
+
+/* The length of the step that left the acceleration. */
+static void sbi_state_last_step(sb_body *body, sbi_state_walk *walk)
+{
+    sb_real step = sbi_state_real(walk, body->acceleration_step);
+    if (sbi_state_checks(walk) && (!(step > 0) || !sb_is_finite(step)))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved step is %g s long", (double)step));
+    if (walk->pass == SBI_STATE_READ)
+        body->acceleration_step = step;
 }
 
 /* A unit quaternion, as the solvers for rotations leave it. */
@@ -1425,12 +1434,40 @@ static const sbi_state_own sbi_state_owns[] = {
     {6, sbi_state_rotations},
     {13, sbi_state_prony},
     {7, sbi_state_motion},
+    {20, sbi_state_last_step},
     {14, sbi_state_guard},
     {8, sbi_state_precond},
 };
 enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
+
+/* 1: the body has a part that most have not, or the image, whose next one it is then. */
+static int sbi_state_has_part(const sbi_state_walk *walk, const sbi_state_own *part, int is_in_body)
+{
+    if (!sbi_state_is_image(walk))
+        return is_in_body;
+    return walk->size - walk->used >= 4 && sbi_get_bytes(walk->in + walk->used, 4) == (uint64_t)part->number;
+}
+
+/* 0: the part is left out; what the body has of it is then as without. */
+static int sbi_state_enters_part(sb_body *body, const sbi_state_walk *walk, const sbi_state_own *part)
+{
+    int reads = walk->pass == SBI_STATE_READ;
+    if (part->walk == sbi_state_live)
+        return body->live != NULL;
+    if (part->walk == sbi_state_make)
+        return !walk->plain;
+    if (part->walk == sbi_state_tractions && !sbi_state_has_part(walk, part, body->traction_count > 0)) {
+        body->traction_count = reads ? 0 : body->traction_count;
+        return 0;
+    }
+    if (part->walk == sbi_state_last_step && !sbi_state_has_part(walk, part, sbi_state_has_last_step(body))) {
+        body->acceleration_step = reads ? 0 : body->acceleration_step;
+        return 0;
+    }
+    return 1;
+}
 
 static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pass)
 {
@@ -1439,13 +1476,8 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
     for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
         const sbi_state_own *part = sbi_state_owns + i;
         int number = part->number;
-        if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
+        if (!sbi_state_enters_part(body, walk, part))
             continue;
-        if (part->walk == sbi_state_tractions && !sbi_state_has_tractions(body, walk, number)) {
-            if (walk->pass == SBI_STATE_READ)
-                body->traction_count = 0;
-            continue;
-        }
         if (part->walk == sbi_state_live)
             number = sbi_state_live_number(body);
         sbi_state_int(walk, number, number, number, "part");

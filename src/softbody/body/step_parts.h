@@ -65,12 +65,14 @@ typedef struct sbi_step {
     sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
     int max_newton, max_iterations;
     int line_search;
-    int linearised;     /* one iteration, taken as it is */
-    int lagged_damping; /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
-                         * has it in A already */
-    int has_velocity;   /* v may differ from 0 at the current u */
-    int pushed;         /* 1: live_push.c holds something in this step, */
-    sb_real push;       /* and its factor in A; 0: there is none */
+    int linearised;         /* one iteration, taken as it is */
+    int lagged_damping;     /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
+                             * has it in A already */
+    int has_velocity;       /* v may differ from 0 at the current u */
+    int needs_acceleration; /* 1: the step first solves M a = f */
+    int keeps_acceleration; /* 1: it leaves the acceleration that it found */
+    int pushed;             /* 1: live_push.c holds something in this step, */
+    sb_real push;           /* and its factor in A; 0: there is none */
 
     /* where it is */
     int moves_supports;      /* the present increment moves supported nodes or closes gaps of constraints */

@@ -211,7 +211,8 @@ SBI_API sb_result sbi_step_finish(sbi_step *step)
         if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
             return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite", i);
         b->velocity[i] = v;
-        b->acceleration[i] = a;
+        if (!step->keeps_acceleration)
+            b->acceleration[i] = a;
     }
     if (step->moved && b->integrator != SB_EULER)
         step->touch->brake(step->touch->user, b->displacement, b->velocity);

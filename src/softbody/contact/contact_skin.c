@@ -1,6 +1,7 @@
 /* contact_skin: rows of a skin's points, places and motions of these, and how they follow the body's mesh. */
 #include <string.h>
 
+#include "../base/bytes.h"
 #include "../body/body_private.h"
 #include "../body/live_private.h"
 #include "contact_private.h"
@@ -293,16 +294,35 @@ static void sbi_skin_match_entries(sb_contact *contact, const sbi_contact_faces 
         first[sbi_contact_face_nodes(old, contact->entries[e].face)[0]] = -1;
 }
 
-/* Entries that waited become those of this skin. */
-static void sbi_skin_take_waiting(sb_contact *contact)
+SBI_API uint64_t sbi_contact_skin_name(const sb_contact *contact, int face, const int *corners)
+{
+    const sb_skin *source = contact->skin.source;
+    uint64_t name = 0;
+    if (!source->get_name)
+        return (uint64_t)face;
+    for (int k = 0; k < 3; k++)
+        name = sbi_hash_word(name, source->get_name(source, corners[k]));
+    return name;
+}
+
+SBI_API void sbi_contact_skin_take_waiting(sb_contact *contact)
 {
     const sbi_contact_faces *faces = contact->faces;
-    int all = contact->skin.waiting;
-    contact->skin.waiting = 0;
+    sbi_contact_skin *skin = &contact->skin;
+    int all = skin->waiting;
+    for (int e = 0; e < all; e++)
+        skin->found[e] = -1;
+    for (int f = 0; all > 0 && f < faces->face_end; f++) {
+        uint64_t name = faces->areas[f] > 0 ? sbi_contact_skin_name(contact, f, skin->source->triangles[f]) : 0;
+        for (int e = 0; e < all && faces->areas[f] > 0; e++)
+            if (contact->entries[e].name == name)
+                skin->found[e] = f;
+    }
+    skin->waiting = 0;
     for (int e = 0; e < all; e++) {
         sbi_contact_entry entry = contact->entries[e];
-        if (entry.face < faces->face_end && faces->areas[entry.face] > 0 &&
-            entry.sample < sbi_contact_face_rule(faces, entry.face, entry.parts)->count)
+        entry.face = skin->found[e];
+        if (entry.face >= 0 && entry.sample < sbi_contact_face_rule(faces, entry.face, entry.parts)->count)
             sbi_contact_insert_entry(contact, &entry);
     }
 }
@@ -339,7 +359,7 @@ SBI_API sb_result sbi_contact_skin_update(sb_contact *contact, sb_error *error)
     result = sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles,
                                          skin->source->face_count, skin->cells, skin->rest, error);
     if (result == SB_OK)
-        sbi_skin_take_waiting(contact);
+        sbi_contact_skin_take_waiting(contact);
     return result;
 }
 

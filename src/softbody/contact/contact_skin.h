@@ -58,6 +58,10 @@ typedef struct sbi_contact_skin {
 } sbi_contact_skin;
 
 /* ---- contact_skin.c ---- */
+/* Name of a triangle with these corners. */
+SBI_API uint64_t sbi_contact_skin_name(const struct sb_contact *contact, int face, const int *corners);
+/* Entries that wait become those of the triangles that there are. */
+SBI_API void sbi_contact_skin_take_waiting(struct sb_contact *contact);
 /* Brings skin and faces up to the body's mesh, entries too; takes memory where there are more points or triangles than
  * there was room for: always when `faces` are made. SB_ERROR_MEMORY, SB_ERROR_STATE, SB_ERROR_MESH: nothing of it is to
  * be used before it succeeds. */

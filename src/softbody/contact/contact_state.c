@@ -1,11 +1,12 @@
 /* contact_state: a contact in the saved state of its body and in its recording. Shapes of tools are not kept: a state
- * is loaded into a body whose contact has the same tools. Faces are named by cell and side, those of a skin by their
- * numbers. */
+ * is loaded into a body whose contact has the same tools. Faces are named by cell and side, triangles of a skin by what
+ * they are of: numbers may be others where it is made anew. */
 #include <string.h>
 
+#include "../base/bytes.h"
 #include "contact_private.h"
 
-enum { SBI_CONTACT_VERSION = 5 }; /* 3: springs of tools; 4: skins; 5: integers of four bytes */
+enum { SBI_CONTACT_VERSION = 6 }; /* 3: springs of tools; 4: skins; 5: integers of four bytes; 6: names of triangles */
 
 /* ---- what goes from step to step ---- */
 
@@ -49,8 +50,12 @@ static void sbi_contact_put_entry(const sb_contact *contact, const sbi_contact_e
     sb_real reals[SBI_CONTACT_ENTRY_REALS] = {entry->gap, entry->area};
     sbi_part_put_int(out, entry->tool);
     if (contact->skin.source) {
-        sbi_part_put_int(out, entry->face);
-        sbi_part_put_int(out, 0);
+        uint64_t name =
+            contact->skin.waiting > 0
+                ? entry->name
+                : sbi_contact_skin_name(contact, entry->face, sbi_contact_face_nodes(contact->faces, entry->face));
+        sbi_part_put_int(out, sbi_int_of(name & 0xFFFFFFFFu));
+        sbi_part_put_int(out, sbi_int_of(name >> 32));
     } else {
         sbi_part_put_int(out, contact->faces->elements[entry->face]);
         sbi_part_put_int(out, contact->faces->sides[entry->face]);
@@ -150,12 +155,9 @@ SBI_API int sbi_contact_find_face(const sbi_contact_faces *faces, int element, i
     return low < faces->face_end && faces->elements[low] == element && faces->sides[low] == side ? low : -1;
 }
 
-/* What is to become of the face of an entry: -1, but where the mesh has it, and it has the sample; or, of a skin that
- * is not there yet, its number. */
-typedef enum sbi_contact_finding { SBI_CONTACT_CHECKS, SBI_CONTACT_FINDS, SBI_CONTACT_WAITS } sbi_contact_finding;
-
-static void sbi_contact_get_entry(const sb_contact *contact, sbi_part_in *in, sbi_contact_finding finding,
-                                  sbi_contact_entry *entry)
+/* finds: its face becomes that which the mesh has, or -1, also where that has no such sample; of a skin it is to be
+ * found by the name. */
+static void sbi_contact_get_entry(const sb_contact *contact, sbi_part_in *in, int finds, sbi_contact_entry *entry)
 {
     sb_real reals[SBI_CONTACT_ENTRY_REALS];
     int element, side;
@@ -173,10 +175,11 @@ static void sbi_contact_get_entry(const sb_contact *contact, sbi_part_in *in, sb
     entry->normal = sb_v3(reals[8], reals[9], reals[10]);
     entry->force = sb_v3(reals[11], reals[12], reals[13]);
     in->bad |= entry->tool < 0 || entry->tool >= contact->max_tools || !contact->tools[entry->tool].shape ||
-               element < 0 || side < 0 || entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS ||
-               entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
-    entry->face = finding == SBI_CONTACT_WAITS && !in->bad ? element : -1;
-    if (finding != SBI_CONTACT_FINDS || in->bad)
+               (!contact->skin.source && (element < 0 || side < 0)) || entry->parts < 1 ||
+               entry->parts > SBI_CONTACT_MOST_PARTS || entry->sample < 0 || !(entry->area > 0) || (entry->sticks & ~1);
+    entry->face = -1;
+    entry->name = (uint64_t)(uint32_t)element | (uint64_t)(uint32_t)side << 32;
+    if (!finds || in->bad || contact->skin.source)
         return;
     entry->face = sbi_contact_find_face(contact->faces, element, side);
     if (entry->face >= 0 && entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
@@ -226,7 +229,7 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
                         contact->max_contacts);
     for (int e = 0; e < count && !in.bad; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, SBI_CONTACT_CHECKS, &entry);
+        sbi_contact_get_entry(contact, &in, 0, &entry);
     }
     pressures = sbi_contact_get_pressure_count(contact, &in);
     for (int i = 0; i < pressures && !in.bad; i++)
@@ -255,12 +258,14 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         return;
     for (int e = 0; e < count; e++) {
         sbi_contact_entry entry;
-        sbi_contact_get_entry(contact, &in, waits ? SBI_CONTACT_WAITS : SBI_CONTACT_FINDS, &entry);
-        if (entry.face >= 0 && waits)
+        sbi_contact_get_entry(contact, &in, 1, &entry);
+        if (contact->skin.source)
             contact->entries[contact->skin.waiting++] = entry;
         else if (entry.face >= 0)
             sbi_contact_insert_entry(contact, &entry);
     }
+    if (!waits && contact->skin.source)
+        sbi_contact_skin_take_waiting(contact);
     pressures = sbi_contact_get_pressure_count(contact, &in);
     for (int i = 0; i < pressures; i++) {
         sbi_contact_pressure pressure = sbi_contact_get_pressure(contact, &in);

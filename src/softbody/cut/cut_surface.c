@@ -11,6 +11,7 @@
 
 #include <string.h>
 
+#include "../base/bytes.h"
 #include "../body/skin_private.h"
 #include "cut_private.h"
 
@@ -1016,6 +1017,16 @@ static void sbi_draw_get_point(const struct sb_skin *skin, int point, sbi_skin_p
         at->xi[k] = vertex->origin.weights[k + 1];
 }
 
+/* Numbers are in the order in which cuts came; what vertices are named by is saved with the cut. */
+static uint64_t sbi_draw_get_name(const struct sb_skin *skin, int point)
+{
+    const sb_cut_surface *s = (const sb_cut_surface *)skin->user;
+    uint64_t name = 0;
+    for (int i = 0; i < SBI_DRAW_KEY; i++)
+        name = sbi_hash_word(name, (uint64_t)(uint32_t)s->names.keys[point].at[i]);
+    return name;
+}
+
 SBI_API struct sb_skin *sbi_cut_surface_get_skin(sb_cut_surface *s) { return &s->skin; }
 
 /* ---- creation ---- */
@@ -1086,6 +1097,7 @@ SB_API sb_result sb_cut_surface_create(sb_cut *cut, const sb_allocator *allocato
     made->skin.is_late = 1;
     made->skin.update = sbi_draw_update_skin;
     made->skin.get_point = sbi_draw_get_point;
+    made->skin.get_name = sbi_draw_get_name;
     result = sbi_draw_take_skin(made) ? sb_cut_surface_update(made, error)
                                       : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
     if (result != SB_OK) {
