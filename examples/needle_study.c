@@ -131,7 +131,7 @@ static sb_vec3 scene_tip(const scene *c)
 static double base_stiffness(const settings *s, ndl_rod_preset preset, double edge)
 {
     scene c = scene_begin(s, 0.07, 0.012, preset);
-    double before, found = NAN;
+    double before, found = (double)NAN;
     if (scene_make(&c, 0.07, edge, 60e3, 0.0341) && scene_go(&c, 0.05, 46, 0.02, 0)) {
         before = (double)scene_force(&c).x;
         if (scene_go(&c, 0.05, 4, 0, 0.0025) && scene_go(&c, 0.05, 16, 0, 0))
@@ -144,7 +144,7 @@ static double base_stiffness(const settings *s, ndl_rod_preset preset, double ed
 static double tip_aside(const settings *s, double young, double edge)
 {
     scene c = scene_begin(s, 0.11, 0.012, NDL_NITINOL_083);
-    double found = NAN;
+    double found = (double)NAN;
     int good;
     c.friction.friction = 5, c.friction.cutting = (sb_real)0.1;
     c.def.bevel.curvature = 8;
@@ -190,7 +190,7 @@ static double shaft_off_way(const settings *s, double edge)
     for (int i = good ? ndl_needle_entry(c.needle) : 0; good && i < ndl_rod_node_count(rod); i++)
         most = fmax(most, off_way(way, count, ndl_rod_positions(rod)[i]));
     scene_end(&c);
-    return good ? most : NAN;
+    return good ? most : (double)NAN;
 }
 
 /* Peak of the push through a skin of 2 N, 1 mm, at 2 cm/s; *beyond: most of it without that skin, beyond 0.5 N to cut
@@ -213,7 +213,7 @@ static double skin_peak(const settings *s, double dt, int skin, double *beyond)
         *beyond = fmax(*beyond, -(double)scene_force(&c).z - 0.5 - 20 * (double)ndl_needle_depth(c.needle));
     }
     scene_end(&c);
-    return good ? peak : NAN;
+    return good ? peak : (double)NAN;
 }
 
 /* ---- charts ---------------------------------------------------------------------------------------------------- */
@@ -262,7 +262,7 @@ static void study_steps(settings *s, plot *p)
     for (int i = 0; i < count; i++) {
         keep(s, "skin", "2 N and 0.5 N", steps[i], peaks[i] = skin_peak(s, 1e-3 * steps[i], 1, &unused), "N");
         unused = skin_peak(s, 1e-3 * steps[i], 0, more + i);
-        keep(s, "beyond the law", "no skin", steps[i], unused - unused == 0 ? more[i] : NAN, "N");
+        keep(s, "beyond the law", "no skin", steps[i], unused - unused == 0 ? more[i] : (double)NAN, "N");
     }
     panel = plot_add_panel(p, "puncture of a skin", "step (ms)", "peak of the push (N)");
     plot_add_curve(panel, "2 cm/s", steps, peaks, count);
