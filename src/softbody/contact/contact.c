@@ -80,6 +80,7 @@ static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
     p->links = (sbi_pair_link *)sbi_arena_take(arena, samples, sizeof *p->links);
     p->active = (int *)sbi_arena_take(arena, samples, sizeof(int));
     p->slots = (int *)sbi_arena_take(arena, (size_t)p->slot_room, sizeof(int));
+    p->slot_used = (unsigned char *)sbi_arena_take(arena, (size_t)p->slot_room, 1);
     p->blocks = (sb_real(*)[9])sbi_arena_take(arena, blocks, sizeof *p->blocks);
     p->saved = (sbi_contact_saved *)sbi_arena_take(arena, blocks, sizeof *p->saved);
     p->region_sum = (sb_real *)sbi_arena_take(arena, regions, sizeof(sb_real));

@@ -259,7 +259,7 @@ static int sbi_apart_look_around(sbi_apart_look *look)
     }
     if (sbi_apart_is_slow(contact))
         return !look->found;
-    sbi_pairs_find_near(contact, 0, NULL);
+    sbi_pairs_find_near(contact, 0, SBI_NEAR_LOOKING);
     for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
         if (!sbi_apart_look_at(look, face))
             return 0;

@@ -15,10 +15,15 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->box_low = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->box_high = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
+    p->still.near =
+        (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
+    p->still.until = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->still.tired = (signed char *)sbi_arena_take(arena, faces, 1);
+    p->still.seen = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     p->organs = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->found = (int *)sbi_arena_take(arena, faces, sizeof(int));
     for (int list = 0; list < SBI_PAIR_LISTS; list++)
-        p->lists[list] = (int *)sbi_arena_take(arena, faces, sizeof(int));
+        p->lists[list] = (sbi_pair_ball *)sbi_arena_take(arena, faces, sizeof(sbi_pair_ball));
     p->slot_of = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->around = (int *)sbi_arena_take(arena, faces, (size_t)c->faces->width * sizeof(int));
     p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
@@ -36,6 +41,7 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->corner_normals = (sb_vec3 *)sbi_arena_take(arena, faces, SBI_PAIR_CORNERS * sizeof(sb_vec3));
     p->corners_known = (unsigned char *)sbi_arena_take(arena, faces, 1);
     p->radii = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
+    p->bulges = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->ways = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->spreads = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));

@@ -20,7 +20,11 @@
 /* Normals that are part of a smooth surface have at rest a product above this: 60 degrees. */
 #define SBI_NEAR_SMOOTH ((sb_real)0.5)
 /* In lengths of a face: how high above it samples are paired with it. */
-#define SBI_NEAR_HIGH ((sb_real)0.5)
+#define SBI_NEAR_HIGH ((sb_real)0.25)
+/* Balls are larger than rounding makes them. */
+#define SBI_NEAR_LOOSE ((sb_real)1.001)
+/* Of the thickness: what lies deeper is taken to be on the other side. */
+#define SBI_NEAR_DEEPEST ((sb_real)0.5)
 /* Of a face's length, more than rounding makes of heights. */
 #define SBI_NEAR_ROUNDED ((sb_real)1e-3)
 
@@ -139,6 +143,14 @@ static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *
     return least;
 }
 
+/* How far a sample in front of a face, or hardly behind it, may be that is paired with it (m). */
+static sb_real sbi_near_farthest(const sb_contact *contact, int face)
+{
+    const sb_real length = contact->faces->lengths[face], lean = SBI_PAIR_LEAN;
+    sb_real height = sb_max(sbi_pairs_highest(contact, face), SBI_PAIR_DEEP * length);
+    return SBI_NEAR_LOOSE * (sb_sqrt(1 + lean * lean) * height + SBI_PAIR_BESIDE * length);
+}
+
 /* First and last organ below each box of the tree. */
 static void sbi_near_place_organs(sb_contact *contact)
 {
@@ -164,11 +176,15 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
     const sb_vec3 *rest = sb_body_rest_positions(contact->body);
     if (!contact->pairs.kinds)
         return;
+    contact->pairs.still.known = 0;
     sbi_near_measure_organs(contact);
     sbi_near_list_around(contact);
     sbi_contact_faces_refit(contact->faces, rest, NULL, 0);
-    for (int f = 0; f < contact->faces->face_end; f++)
+    contact->pairs.farthest = 0;
+    for (int f = 0; f < contact->faces->face_end; f++) {
         contact->pairs.thickness[f] = sbi_near_thickness(contact, f, rest);
+        contact->pairs.farthest = sb_max(contact->pairs.farthest, sbi_near_farthest(contact, f));
+    }
     sbi_near_place_organs(contact);
     sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
 }
@@ -265,21 +281,48 @@ static void sbi_near_fit_leaf(const sb_contact *contact, int leaf, sbi_pair_cone
     }
 }
 
-/* A ball around a face; a curved one may go beyond its nodes by as much again. */
+/* Control points of a face with nodes x, which it lies between: its corners; of a quadratic one those of its polynomial
+ * in Bernstein's form, as in face_tree.c. Returns how many. */
+static int sbi_near_controls(int size, const sb_vec3 *x, sb_vec3 *controls)
+{
+    int corners = size == 3 || size == 6 ? 3 : 4, count = 0;
+    sb_vec3 ends = {0, 0, 0}, middles = {0, 0, 0};
+    for (int a = 0; a < corners; a++)
+        controls[count++] = x[a];
+    for (int a = 0; a < corners && size > 4; a++) {
+        sb_vec3 sum = sb_v3_add(x[a], x[a + 1 < corners ? a + 1 : 0]);
+        controls[count++] = sb_v3_madd(sb_v3_scale(2, x[corners + a]), (sb_real)-0.5, sum);
+        ends = sb_v3_add(ends, x[a]);
+        middles = sb_v3_add(middles, x[corners + a]);
+    }
+    if (size == 8)
+        controls[count++] = sb_v3_madd(middles, (sb_real)-0.75, ends);
+    if (size == 9)
+        controls[count++] = sb_v3_sub(sb_v3_madd(sb_v3_scale(4, x[8]), (sb_real)0.25, ends), middles);
+    return count;
+}
+
+/* A ball around a face, and how thick that has to be along its normal. */
 static void sbi_near_fit_ball(sb_contact *contact, int face, const sb_vec3 *x)
 {
     const int *nodes = sbi_contact_face_nodes(contact->faces, face);
-    int count = contact->faces->sizes[face], corners = contact->faces->kinds[count].corners;
-    sb_vec3 middle = {0, 0, 0};
-    sb_real square = 0;
+    int size = contact->faces->sizes[face], corners = contact->faces->kinds[size].corners, count;
+    sb_vec3 at[SB_MAX_FACE_NODES], controls[SB_MAX_FACE_NODES], middle = {0, 0, 0};
+    sb_real square = 0, bulge = 0;
+    for (int a = 0; a < size; a++)
+        at[a] = x[nodes[a]];
     for (int a = 0; a < corners; a++)
-        middle = sb_v3_madd(middle, 1 / (sb_real)corners, x[nodes[a]]);
+        middle = sb_v3_madd(middle, 1 / (sb_real)corners, at[a]);
+    count = sbi_near_controls(size, at, controls);
     for (int a = 0; a < count; a++) {
-        sb_vec3 way = sb_v3_sub(x[nodes[a]], middle);
+        sb_vec3 way = sb_v3_sub(controls[a], middle);
         square = sb_max(square, sb_v3_dot(way, way));
+        if (size > 3)
+            bulge = sb_max(bulge, sb_abs(sb_v3_dot(way, contact->pairs.normals[face])));
     }
     contact->pairs.middles[face] = middle;
-    contact->pairs.radii[face] = (sb_real)(corners < count ? 2.0 : 1.001) * sb_sqrt(square);
+    contact->pairs.radii[face] = SBI_NEAR_LOOSE * sb_sqrt(square);
+    contact->pairs.bulges[face] = SBI_NEAR_LOOSE * bulge;
 }
 
 SBI_API void sbi_pairs_look(sb_contact *contact, const sb_vec3 *x)
@@ -333,8 +376,17 @@ static int sbi_near_is_far(const sb_contact *contact, int face, int other, sb_re
 {
     const sbi_pairs *pairs = &contact->pairs;
     sb_vec3 way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
-    sb_real reach = grow + pairs->radii[face] + pairs->radii[other] + sbi_pairs_closing(contact, face, other);
-    return sb_v3_dot(way, way) > reach * reach;
+    sb_real square = sb_v3_dot(way, way), reach = grow + pairs->radii[face] + pairs->radii[other];
+    if (square <= reach * reach) /* most are */
+        return 0;
+    reach += sbi_pairs_closing(contact, face, other);
+    return square > reach * reach;
+}
+
+SBI_API sb_real sbi_pairs_deepest(const sb_contact *contact, int face)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    return SBI_NEAR_DEEPEST * sb_min(pairs->thickness[face], 2 * pairs->organ_lengths[pairs->organs[face]]);
 }
 
 SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face)
@@ -345,27 +397,58 @@ SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face)
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    sb_real height = sb_v3_dot(pairs->normals[other], sb_v3_sub(at, pairs->middles[other]));
-    return contact->faces->sizes[other] == 3 && height > most + SBI_NEAR_ROUNDED * contact->faces->lengths[other];
+    sb_real height = sb_v3_dot(pairs->normals[other], sb_v3_sub(at, pairs->middles[other])) - pairs->bulges[other];
+    return height > most + SBI_NEAR_ROUNDED * contact->faces->lengths[other];
 }
 
-/* 1 when a point of a face may be paired with another: some are not too high above that where the step begins, or come
- * down to it. */
-static int sbi_near_may_hold(const sb_contact *contact, const sb_vec3 *x, int face, int other)
+/* A face as a disc around its middle, against the plane and the ball of another. */
+SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other)
 {
-    const sbi_contact_faces *faces = contact->faces;
-    const int *nodes = sbi_contact_face_nodes(faces, face);
-    int curved = faces->sizes[face] != 3, above = 1;
-    sb_real most = sbi_pairs_highest(contact, other);
-    for (int pass = 0; pass < 2 && above; pass++) {
-        if (pass == 1) /* most are high, or not, without it */
-            most = sb_max(most, sbi_pairs_closing(contact, face, other));
-        if (curved)
-            above = sbi_pairs_is_above(contact, other, contact->pairs.middles[face], most + contact->pairs.radii[face]);
-        for (int a = 0; a < 3 && above && !curved; a++)
-            above = sbi_pairs_is_above(contact, other, x[nodes[a]], most);
-    }
-    return !above;
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_vec3 n = pairs->normals[other], way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
+    sb_real square = sb_v3_dot(way, way), height = sb_v3_dot(n, way), beside = square - height * height;
+    sb_real turn = sb_v3_dot(n, pairs->normals[face]), radius = pairs->radii[face];
+    sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
+    sb_real wide = radius + pairs->radii[other] + rounded, thick = pairs->bulges[face] + pairs->bulges[other] + rounded;
+    sb_real most = sbi_pairs_highest(contact, other), closing, tall, low, high, reach;
+    int lists = 0;
+    if (height > most + radius + thick && !(turn < SBI_NEAR_FACING))
+        return 0;
+    closing = turn < SBI_NEAR_FACING ? sbi_pairs_closing(contact, face, other) : 0;
+    if (height > sb_max(most, closing) + radius + thick)
+        return 0;
+    tall = radius * sb_sqrt(sb_max((sb_real)0, 1 - turn * turn)) + thick;
+    low = height - tall, high = height + tall;
+    reach =
+        wide + SBI_PAIR_LEAN * sb_max((sb_real)0, sb_min(high, most)) + SBI_PAIR_LEAN_INSIDE * sb_max((sb_real)0, -low);
+    if (low <= most && -high <= sbi_pairs_deepest(contact, other) && beside <= reach * reach)
+        lists |= 1 << SBI_PAIR_HOLDERS;
+    reach = wide - SBI_PAIR_SLANTED * low;
+    if (low < 0 && beside <= reach * reach)
+        lists |= 1 << SBI_PAIR_BACKS;
+    reach = wide + closing;
+    if (closing > 0 && low <= closing && square <= reach * reach)
+        lists |= 1 << SBI_PAIR_COMERS;
+    return lists;
+}
+
+/* How far a face is from the plane of another at least, on either side. */
+static sb_real sbi_near_off_plane(const sbi_pairs *pairs, int face, int other, sb_real lean)
+{
+    sb_vec3 way = sb_v3_sub(pairs->middles[face], pairs->middles[other]);
+    sb_real height = sb_abs(sb_v3_dot(pairs->normals[other], way));
+    return height - pairs->radii[face] * lean - pairs->bulges[face] - pairs->bulges[other];
+}
+
+SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real turn = sb_v3_dot(pairs->normals[face], pairs->normals[other]);
+    sb_real lean = sb_sqrt(sb_max((sb_real)0, 1 - turn * turn)), most;
+    most =
+        sb_v3_norm(sb_v3_sub(pairs->middles[face], pairs->middles[other])) - pairs->radii[face] - pairs->radii[other];
+    most = sb_max(most, sbi_near_off_plane(pairs, face, other, lean));
+    return sb_max(most, sbi_near_off_plane(pairs, other, face, lean));
 }
 
 /* 1 when a normal of one may look at one of the other: the least product of numbers in the boxes. */
@@ -385,8 +468,8 @@ static int sbi_near_may_face(const sbi_pair_cone *a, const sbi_pair_cone *b, int
 
 typedef struct sbi_near_walk {
     sb_contact *contact;
-    float grow;       /* m */
-    const sb_vec3 *x; /* of nodes where the step begins: what can be paired counts alone; or NULL */
+    float grow; /* m */
+    sbi_near_kind kind;
 } sbi_near_walk;
 
 static int sbi_near_boxes_meet(const sbi_face_box *a, const sbi_face_box *b, float grow)
@@ -406,7 +489,7 @@ static int sbi_near_boxes_touch(const sbi_near_walk *walk, int a, int b)
     int same = first[a] == last[a] && first[a] == first[b] && first[a] == last[b];
     if (!(pairs->kinds & SB_CONTACT_SELF) && same)
         return 0;
-    return sbi_near_may_face(pairs->cones + a, pairs->cones + b, same) &&
+    return (walk->kind == SBI_NEAR_ANY || sbi_near_may_face(pairs->cones + a, pairs->cones + b, same)) &&
            (a == b || sbi_near_boxes_meet(boxes + a, boxes + b, walk->grow));
 }
 
@@ -426,11 +509,12 @@ static void sbi_near_match(const sbi_near_walk *walk, int face, int other)
     sb_contact *contact = walk->contact;
     uint64_t *marks = contact->pairs.near;
     int one = sbi_near_is_marked(marks, face), two = sbi_near_is_marked(marks, other);
-    if ((one && two) || !sbi_pairs_may_touch(contact, face, other))
+    if ((one && two) || !(walk->kind == SBI_NEAR_ANY ? sbi_pairs_are_apart(contact, face, other)
+                                                     : sbi_pairs_may_touch(contact, face, other)))
         return;
-    if (!one && (!walk->x || sbi_near_may_hold(contact, walk->x, face, other)))
+    if (!one && (walk->kind != SBI_NEAR_PAIRED || sbi_pairs_relate(contact, face, other)))
         sbi_near_mark(marks, face);
-    if (!two && (!walk->x || sbi_near_may_hold(contact, walk->x, other, face)))
+    if (!two && (walk->kind != SBI_NEAR_PAIRED || sbi_pairs_relate(contact, other, face)))
         sbi_near_mark(marks, other);
 }
 
@@ -469,14 +553,14 @@ typedef struct sbi_near_pair {
 
 enum { SBI_NEAR_STACK = 4 * SBI_FACE_TREE_LEVELS };
 
-SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec3 *x)
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, sbi_near_kind kind)
 {
     const sbi_face_tree *tree = &contact->faces->tree;
     sbi_near_pair stack[SBI_NEAR_STACK];
     sbi_near_walk walk;
     int top = 0;
     walk.contact = contact;
-    walk.x = x;
+    walk.kind = kind;
     walk.grow = (float)(grow + 2 * tree->spacing);
     for (int place = 0; place < tree->count; place++)
         sbi_face_tree_place_box(tree, place, contact->pairs.box_low + place, contact->pairs.box_high + place);
@@ -526,6 +610,14 @@ static int sbi_near_query(sb_contact *contact, int face, sb_vec3 low, sb_vec3 hi
     groups.left_out = contact->pairs.kinds & SB_CONTACT_SELF ? -1 : contact->pairs.organs[face];
     return sbi_face_tree_query_groups(&faces->tree, low, high, &groups, faces->marks, contact->pairs.found,
                                       faces->face_room);
+}
+
+SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most)
+{
+    const sb_vec3 at = contact->pairs.middles[face];
+    most += contact->pairs.radii[face];
+    return sbi_near_query(contact, face, sb_v3(at.x - most, at.y - most, at.z - most),
+                          sb_v3(at.x + most, at.y + most, at.z + most));
 }
 
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,

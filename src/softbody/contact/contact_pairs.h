@@ -62,16 +62,53 @@ typedef struct sbi_pair_pressure {
 
 enum { SBI_PAIR_CORNERS = 4 }; /* of a face at most */
 
-/* Faces found near one whose samples are to be paired: whose middle may be the nearest to a sample; that may hold one
- * where the step begins; that one may be behind; that one may come to on its way. */
-enum { SBI_PAIR_GUESSES = 0, SBI_PAIR_HOLDERS = 1, SBI_PAIR_BACKS = 2, SBI_PAIR_COMERS = 3, SBI_PAIR_LISTS = 4 };
+/* In lengths of a face: how far a sample may lie beside the point it is paired with. */
+#define SBI_PAIR_BESIDE ((sb_real)1e-3)
+/* The way from y to x may lean against the normal so far, as faces of a coarse curved surface make it; and where it
+ * goes into the other organ, whose nearest point then lies within a face, or is none of this way at all. */
+#define SBI_PAIR_LEAN ((sb_real)0.7)
+#define SBI_PAIR_LEAN_INSIDE ((sb_real)0.02)
+/* Of a face's length: overlap deeper than this is looked at from all sides. */
+#define SBI_PAIR_DEEP ((sb_real)0.1)
+/* Faces whose normals have a product below this do not look the same way. */
+#define SBI_PAIR_TURNED ((sb_real)0.5)
+/* What lies so far behind a face lies no farther beside it, in these, than what leans by that: sqrt(1 / 0.5^2 - 1). */
+#define SBI_PAIR_SLANTED ((sb_real)1.7330)
+
+/* Faces found near one whose samples are to be paired: that may hold one where the step begins; that one may be behind;
+ * that one may come to on its way. */
+enum { SBI_PAIR_HOLDERS = 0, SBI_PAIR_BACKS = 1, SBI_PAIR_COMERS = 2, SBI_PAIR_LISTS = 3 };
+
+/* A face in such a list: no point of it is farther from the middle than the radius; a sample farther from it than most
+ * has nothing to do with it (m). */
+typedef struct sbi_pair_ball {
+    sb_vec3 middle;
+    sb_real radius, most;
+    int face;
+} sbi_pair_ball;
 
 /* Smallest and largest, of the unit normals below a box of the tree. */
 typedef struct sbi_pair_cone {
     float low[3], high[3];
 } sbi_pair_cone;
 
+/* Which faces near each other count: those of two organs; that look at each other, too; whose samples can be paired. */
+typedef enum sbi_near_kind { SBI_NEAR_ANY, SBI_NEAR_LOOKING, SBI_NEAR_PAIRED } sbi_near_kind;
+
 typedef enum sbi_zones { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } sbi_zones;
+
+/* What need not be looked for anew while nodes have gone little since it was, see contact_still.c. What it leaves out
+ * has no partner: results are those without it. */
+typedef struct sbi_pairs_still {
+    int known;          /* 0: nothing is */
+    sb_vec3 *seen;      /* [nodes] where the last step began */
+    sb_real gone;       /* m: as far as faces may have gone in all since `near` was made */
+    sb_real last;       /* m: in the last step alone */
+    sb_real ahead;      /* m: in this step, as it coasts */
+    uint64_t *near;     /* faces which were then near others */
+    sb_real *until;     /* [faces] gone (m) up to which no sample has a partner, of those that are not thinned */
+    signed char *tired; /* [faces] times that it is not asked for */
+} sbi_pairs_still;
 
 typedef struct sbi_pairs {
     int kinds; /* SB_CONTACT_SELF | SB_CONTACT_ORGANS; 0: none of all this is there */
@@ -86,6 +123,7 @@ typedef struct sbi_pairs {
     int *organ_counts;             /* [nodes] */
     int *first_face, *around;      /* [nodes + 1], faces of each node */
     sb_real longest, shortest;     /* of organ_lengths */
+    sb_real farthest;              /* m: nothing in front of any face that is farther from it is paired with it */
     sb_real reach;                 /* m: boxes this near are looked at */
     sbi_pair_cone *cones;          /* by the tree's boxes */
     int *first_organ, *last_organ; /* likewise */
@@ -95,14 +133,16 @@ typedef struct sbi_pairs {
     sb_vec3 *vectors;             /* across each face, twice its area long (m^2), where the step begins */
     sb_vec3 *middles;             /* m, there: no point of the face is farther from it than: */
     sb_real *radii;               /* m */
+    sb_real *bulges;              /* m: none is higher above or below the plane through the middle; 0: flat */
     sb_vec3 *corner_normals;      /* [faces][SBI_PAIR_CORNERS] of the smooth surface, where corners_known has a bit */
     unsigned char *corners_known; /* bits of corners */
     sb_vec3 *normals;             /* unit, or 0 where a face has no area */
     sb_vec3 *ways;                /* m, over the step: no point of the face goes otherwise by more than: */
     sb_real *spreads;             /* m */
     uint64_t *near;               /* a bit for each face that is near one that it looks at */
+    sbi_pairs_still still;        /* what is known of steps before */
     int *found;
-    int *lists[SBI_PAIR_LISTS]; /* of those found, what samples of the face at hand need to look at */
+    sbi_pair_ball *lists[SBI_PAIR_LISTS]; /* of those found, what samples of the face at hand need to look at */
     int list_counts[SBI_PAIR_LISTS];
     int *slot_of; /* -1 between steps */
     int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
@@ -120,7 +160,8 @@ typedef struct sbi_pairs {
     int *region_count;
     int *slots; /* [slot_room] faces with blocks */
     int slot_count, slot_room;
-    sb_real (*blocks)[9]; /* [slot_room][width^2] */
+    sb_real (*blocks)[9];     /* [slot_room][width^2] */
+    unsigned char *slot_used; /* [slot_room] 1: something touches there, the blocks are not 0 */
     struct sbi_contact_saved *saved;
     int saved_count;
     sbi_pair_link *links; /* [max_contacts] of the system */
@@ -138,6 +179,21 @@ typedef struct sbi_closest {
     sb_real shares[SB_MAX_FACE_NODES]; /* of the face's nodes */
     sb_vec3 point;
 } sbi_closest;
+
+/* A face whose samples are to be paired, and the one at hand while its partner is looked for. */
+typedef struct sbi_pair_search {
+    struct sb_contact *contact;
+    const sbi_touch_step *step;
+    int face, others; /* the others are in pairs->found */
+    int first;        /* of them: is likely to be the nearest; -1: nothing is known */
+    sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
+    int best;         /* -1: none */
+    sb_real measure;
+    int nearest; /* face whose point is nearest, whether or not it may be paired with; -1: none */
+    sb_real nearest_away, nearest_height;
+    int within_organ, within; /* whether the sample lies in this organ; -1: none was asked for */
+    sbi_closest closest;
+} sbi_pair_search;
 
 /* ---- contact_closest.c ---- */
 /* The point of a face with its nodes at x that is nearest to p. */

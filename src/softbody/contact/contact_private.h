@@ -234,16 +234,39 @@ SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face);
 SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares);
 /* How high (m) above a face a sample may be that is paired with it where the step begins. */
 SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face);
-/* 1 when a point is higher than that above a flat face, wherever beside it. */
+/* 1 when a point is higher than that above a face, wherever beside it. */
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most);
-/* Marks faces that have others which they may touch within `grow` (m) of their boxes, as those were refitted last. x
- * [rows]: those alone whose samples can be paired where the step begins, or on its way; or NULL. */
-SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, const sb_vec3 *x);
+/* Marks faces that have others within `grow` (m) of their boxes, as those were refitted last. */
+SBI_API void sbi_pairs_find_near(sb_contact *contact, sb_real grow, sbi_near_kind kind);
 /* The first of them from `face` on, or -1. */
 SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face);
 /* What a face may touch on its way from x to x + dt v (v NULL: at x), in pairs.found, ascending; returns how many. */
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
                                   sb_real grow);
+
+/* What is within `most` (m) of a face, and more, in pairs.found; returns how many. */
+SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most);
+/* Distance (m) that two faces surely keep, as do their middles; lower than 0: they may touch. */
+SBI_API sb_real sbi_pairs_between(const sb_contact *contact, int face, int other);
+/* Deepest overlap with a face at which a point is surely on this side of it (m). */
+SBI_API sb_real sbi_pairs_deepest(const sb_contact *contact, int face);
+/* Which lists another face is in, as bits, for the samples of a face where the step begins, and on their ways. */
+SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other);
+
+/* ---- contact_still.c ---- */
+/* Faces near those of other organs where the step begins, or on its way, marked in pairs.near. */
+SBI_API void sbi_pairs_renew_near(sb_contact *contact, const sbi_touch_step *step);
+/* 1: no sample of a face has a partner in this step. */
+SBI_API int sbi_pairs_is_still(const sb_contact *contact, int face);
+/* None has one now: for how long is noted. Writes pairs.found and contact->scratch. */
+SBI_API void sbi_pairs_let_be(sb_contact *contact, int face);
+
+/* ---- contact_partner.c ---- */
+/* Looks for partners of a face's samples: what is near it. Writes pairs.found and pairs.lists. */
+SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *step, int face, sbi_pair_search *search);
+/* The partner of a sample of it at a place, on a way over the step (m): in search->best and closest. Writes
+ * contact->scratch. */
+SBI_API void sbi_pairs_find_partner(sbi_pair_search *search, sb_vec3 at, sb_vec3 way);
 
 /* ---- contact_pairs.c ---- */
 /* Pairs of the step; after those of tools are known. SB_ERROR_MEMORY: max_contacts are too few however thin. */
@@ -267,6 +290,8 @@ SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin);
 /* 1 when a point is within an organ. Nodes are at x + way (way NULL: at x), and the faces' boxes hold them there.
  * Writes contact->scratch. */
 SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way);
+/* 1 when it is within any organ but this one, with nodes at x. */
+SBI_API int sbi_pairs_is_within_others(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x);
 
 /* ---- contact_apart.c ---- */
 /* How deep (m) a point may lie behind a face at the end of a step. */

@@ -40,12 +40,23 @@ static int sbi_within_face(const sb_contact *contact, int face, sb_vec3 at, cons
     return sum;
 }
 
-SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way)
+/* The sum over faces of an organ, or of all others. */
+static int sbi_within_sum(sb_contact *contact, int organ, int others, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way)
 {
     sb_vec3 end = {SB_REAL_MAX, at.y, at.z};
     int sum = 0, count = sbi_contact_faces_query(contact->faces, at, end, contact->scratch, contact->faces->face_room);
     for (int i = 0; i < count; i++)
-        if (contact->pairs.organs[contact->scratch[i]] == organ)
+        if ((contact->pairs.organs[contact->scratch[i]] != organ) == others)
             sum += sbi_within_face(contact, contact->scratch[i], at, x, way);
-    return sum > 0;
+    return sum;
+}
+
+SBI_API int sbi_pairs_is_within(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x, const sb_vec3 *way)
+{
+    return sbi_within_sum(contact, organ, 0, at, x, way) > 0;
+}
+
+SBI_API int sbi_pairs_is_within_others(sb_contact *contact, int organ, sb_vec3 at, const sb_vec3 *x)
+{
+    return sbi_within_sum(contact, organ, 1, at, x, NULL) > 0;
 }
