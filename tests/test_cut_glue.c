@@ -332,7 +332,7 @@ static block turned_block(sb_element_type element, int turned)
     }
     if (turned == 2)
         turn_block(&b);
-    CHECK_OK(sb_body_set_gravity(b.body, quarter_turn(sb_v3(0, REAL(-1), REAL(-2)), turned != 0)));
+    CHECK_OK(sb_body_set_gravity(b.body, quarter_turn(sb_v3(0, REAL(-0.1), REAL(-0.2)), turned != 0)));
     solve.tolerance = REAL(scene_tolerance(1e-11, 1e6));
     if (!CHECK_OK(sb_body_solve_static(b.body, &solve, &info)))
         printf("%s\n", info.error.message);
@@ -357,8 +357,8 @@ static void test_turned(void)
                 sag = fmax(sag, (double)sb_v3_norm(sb_body_displacements(still.body)[i]));
                 worst = fmax(worst, (double)sb_v3_norm(sb_v3_sub(b.body->position[i], there)));
             }
-            CHECK(sag > 1e-3);
-            CHECK_NEAR(worst, 0, scene_tolerance(1e-8, 1e5) * sag);
+            CHECK(sag > 1e-4);
+            CHECK_NEAR(worst, 0, (SB_REAL_IS_FLOAT ? 0.1 : 1e-8) * sag); /* what is left hangs by a soft hinge */
             block_free(&b);
         }
         block_free(&still);
