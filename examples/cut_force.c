@@ -68,12 +68,13 @@ static int make_scene(const settings *set, double toughness, scene *s)
     sb_cut_def cut_def = sb_default_cut_def();
     sb_error error;
     int n = set->cells;
+    double young = set->steps ? set->young : 100 * set->young; /* what is held still is not dragged along */
     memset(s, 0, sizeof *s);
     if (sb_mesh_beam(SB_TET4, n + n / 5, n * 4 / 5, n, sb_v3(REAL(width), REAL(breadth), REAL(height)), NULL, &s->mesh,
                      &error) != SB_OK)
         return complain("the block", error.message, FAILED);
     def.mesh = &s->mesh;
-    def.material = sb_material_corotated(REAL(set->young), REAL(set->poisson), 1060);
+    def.material = sb_material_corotated(REAL(young), REAL(set->poisson), 1060);
     def.damping_stiffness = REAL(0.02);
     def.slack = 1;
     if (sb_body_create(&def, &s->body, &error) != SB_OK)
@@ -220,8 +221,12 @@ static double highest(const double *values, int count)
 
 static void print_summary(const settings *set, const cut_run *runs, int count)
 {
-    printf("block       %.0f x %.0f x %.0f mm, E %.4g Pa, %d cells over its height\n", 1e3 * width, 1e3 * breadth,
-           1e3 * height, set->young, set->cells);
+    printf("block       %.0f x %.0f x %.0f mm, %d cells over its height, ", 1e3 * width, 1e3 * breadth, 1e3 * height,
+           set->cells);
+    if (set->steps)
+        printf("E %.4g Pa\n", set->young);
+    else
+        printf("held still\n");
     for (int k = 0; k < count; k++) {
         const cut_run *r = runs + k;
         int last = r->frames - 1;

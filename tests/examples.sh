@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, drop, cut_scalpel, cautery, cut_resect, cut_force, one_body, register_liver and insilico as
+# programs, grasp, palpation, drop, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
@@ -706,6 +706,7 @@ expect 2 'the tumour: has no organ there' cut_resect --cells 8 --x 0
 expect 2 'no-such.obj' cut_resect --cells 8 --tumour no-such.obj
 expect 2 'volume.vtk: is no surface of triangles' cut_resect --cells 8 --tumour volume.vtk
 expect 2 '--lattice needs 1, 2 or 4' cut_resect --lattice 3
+expect 2 '--front needs lag or glue' cut_resect --front lead
 expect 2 '--angle needs a number from' cut_resect --angle 90
 expect 2 '--wide is no option' cut_resect --wide 2
 expect_data 2 'is cut as tet4 or tet10 only' cut_resect volumes/beam_hex8.vtk
@@ -733,10 +734,23 @@ expect 2 '--toughness needs a number from' cut_force --toughness -1
 expect 2 'is one word too many' cut_force organ.vtk
 expect 2 'no-such-folder/x.csv: cannot be written' $force --speed 1 -o no-such-folder/x
 
+# ---- cut_study ----
+long expect 0 '^sag_order=[0-9.]* opening_order=[0-9.]* force_order=[0-9.]* sag_mm=34.2' cut_study --quick -o cuts
+long check "quadratic cuts that are glued are as near as a mesh made for them" awk -F, '
+    $1 == "tet10 by hand" { sag[++n] = $7; force[n] = $9 }
+    $1 == "tet10 glue" { m++; if ($7 > 1.3 * sag[m] || $9 > 1.3 * force[m]) bad = 1 }
+    END { exit !(n == 2 && m == 2 && !bad) }' cuts.csv
+long check "errors fall" awk -F, 'NR > 1 { if ($1 == name && $7 > 0.7 * last) bad = 1; name = $1; last = $7; n++ }
+    END { exit !(n == 12 && !bad) }' cuts.csv
+long check "a chart of three panels" eval '[ "$(grep -c "relative error" cuts.svg)" = 3 ]'
+expect 0 '^usage: cut_study' cut_study --help
+expect 2 '--lattice needs 1, 2 or 4' cut_study --lattice 3
+expect 2 'is one word too many' cut_study beam.vtk
+
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation drop cut_scalpel cut_resect cut_force"
+    palpation drop cut_scalpel cut_resect cut_force cut_study"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1

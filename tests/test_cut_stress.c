@@ -3,8 +3,8 @@
  * lost, no hole in the surface, no number that is none; and the same bits for any number of threads, from recordings,
  * from saved states, and taken back.
  *
- * Ten short sequences of small organs here. CHECK_SLOW=200 runs so many long ones, from CHECK_FIRST on, or as many as
- * CHECK_SECONDS of the processor allow; make soak does. */
+ * Ten short sequences of small organs here, three of quadratic elements. CHECK_SLOW=200 runs so many long ones, from
+ * CHECK_FIRST on, or as many as CHECK_SECONDS of the processor allow; make soak does. */
 #include "cut_drawing.h"
 #include "random_case.h"
 
@@ -17,6 +17,8 @@ static int is_long(void) { return getenv("CHECK_SLOW") != NULL; }
 
 typedef struct stress {
     block b;
+    sb_element_type element;
+    int cells; /* of the organ */
     sb_cut_surface *surface;
     scene_memory memory;
     sb_allocator allocator;
@@ -31,19 +33,29 @@ typedef struct stress {
 /* ---- an organ ---------------------------------------------------------------------------------------------------- */
 
 /* Like a liver, or a shared one where there are any. */
-static sb_mesh organ_mesh(unsigned long long number)
+static sb_mesh organ_mesh(const stress *s)
 {
     char path[1024];
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);
-    if (is_long() && number % 8 == 7 && check_shared_path(path, sizeof path, "data/volumes/liver_a_tet4_2k.vtk") &&
+    if (is_long() && s->number % 8 == 7 && check_shared_path(path, sizeof path, "data/volumes/liver_a_tet4_2k.vtk") &&
         CHECK_OK(sb_mesh_load(&mesh, path, NULL, NULL)))
         return mesh;
-    CHECK_OK(sb_mesh_organ(SB_TET4, is_long() ? 4 + (int)(number % 3) : 4, NULL, &mesh, NULL));
+    CHECK_OK(sb_mesh_organ(SB_TET4, s->cells, NULL, &mesh, NULL));
     return mesh;
 }
 
-static void stress_make(stress *s, unsigned long long number, int workers)
+/* The same with straight edges and nodes in their middles. */
+static sb_mesh quadratic_mesh(const stress *s)
+{
+    sb_mesh linear = organ_mesh(s), mesh;
+    memset(&mesh, 0, sizeof mesh);
+    CHECK_OK(sb_mesh_to_tet10(&linear, NULL, &mesh, NULL));
+    sb_mesh_free(&linear);
+    return mesh;
+}
+
+static void stress_make(stress *s, sb_element_type element, unsigned long long number, int cells, int workers)
 {
     sb_body_def def = sb_default_body_def();
     sb_cut_def cut = sb_default_cut_def();
@@ -52,8 +64,11 @@ static void stress_make(stress *s, unsigned long long number, int workers)
     memset(s, 0, sizeof *s);
     s->number = number;
     s->workers = workers;
+    s->tool = -1;
     s->allocator = scene_allocator(&s->memory);
-    s->b.mesh = organ_mesh(number);
+    s->element = element;
+    s->cells = cells;
+    s->b.mesh = element == SB_TET10 ? quadratic_mesh(s) : organ_mesh(s);
     sb_mesh_bounds(&s->b.mesh, &low, &high);
     s->size = (double)sb_v3_norm(sb_v3_sub(high, low));
     def.mesh = &s->b.mesh;
@@ -71,7 +86,7 @@ static void stress_make(stress *s, unsigned long long number, int workers)
     cut.body = s->b.body;
     cut.lattice = intervals_of[number % 3];
     cut.front = number % 4 < 2 ? SB_CUT_LAG : SB_CUT_GLUE;
-    cut.least_piece = number % 6 == 5 ? REAL(0.1) : 1; /* smaller ones are beyond float preconditioners now and then */
+    cut.least_piece = number % 6 == 5 ? 0 : 1;
     cut.toughness = number % 7 == 3 ? 100 : 0;
     cut.allocator = s->allocator;
     if (!CHECK_OK(sb_cut_create(&cut, &s->b.cut, &error)))
@@ -122,7 +137,7 @@ static void check_organ(stress *s)
     d = sb_cut_surface_get(s->surface);
     CHECK_INT(holes_of(&d, &more), 0);
     s->lines += more;
-    CHECK_NEAR(volumes_error(&s->b, &d), 0, close);
+    CHECK_NEAR(volumes_error(&s->b, &d), 0, s->element == SB_TET10 ? 0.02 : close); /* flat triangles, bent elements */
     CHECK(scene_all_finite(d.positions, d.vertex_count) && scene_all_finite(d.normals, d.vertex_count));
 }
 
@@ -158,7 +173,8 @@ static void cut_square(stress *s, sb_vec3 middle, sb_vec3 normal, double half)
 /* Along a face of the mesh where it is now: through its nodes and edges, beyond them too. */
 static void graze_face(stress *s, unsigned long long *seed)
 {
-    const int *nodes = s->b.mesh.elements + 4 * random_below(seed, s->b.mesh.element_count);
+    const int *nodes =
+        s->b.mesh.elements + sb_element_node_count(s->element) * random_below(seed, s->b.mesh.element_count);
     const sb_vec3 *x = sb_body_positions(s->b.body);
     sb_vec3 triangle[3], middle;
     double wide = check_random(seed) < 0.5 ? 1 : check_random_in(seed, 1, 20);
@@ -289,7 +305,7 @@ static void load(stress *s, const saved *state)
 }
 
 /* One sequence, and all that has to lead to the same bits. */
-static void run_sequence(unsigned long long number, int *taken, int *parted)
+static void run_sequence(sb_element_type element, unsigned long long number, int *taken, int *parted)
 {
     static const int workers_of[4] = {1, 2, 3, 7};
     stress s, other;
@@ -297,8 +313,8 @@ static void run_sequence(unsigned long long number, int *taken, int *parted)
     sb_recording *recording = NULL;
     sb_recording_report report;
     int failures = check.failures, actions = is_long() ? 12 : 6;
-    stress_make(&s, number, workers_of[number % 4]);
-    s.tool = -1;
+    int cells = is_long() && element == SB_TET4 ? 4 + (int)(number % 3) : 4;
+    stress_make(&s, element, number, cells, workers_of[number % 4]);
     start = save(&s);
     CHECK_OK(sb_recording_start(s.b.body, 0, &s.allocator, &recording, NULL));
     for (int i = 0; i < actions / 2; i++) {
@@ -312,7 +328,7 @@ static void run_sequence(unsigned long long number, int *taken, int *parted)
     }
     end = save(&s);
     sb_recording_stop(recording);
-    stress_make(&other, number, workers_of[(number + 1) % 4]);
+    stress_make(&other, element, number, cells, workers_of[(number + 1) % 4]);
     if (!CHECK_OK(sb_recording_replay(recording, other.b.body, &report)))
         printf("%s, step %d\n", report.error.message, report.step);
     CHECK(sb_body_state_hash(other.b.body) == end.hash);
@@ -330,7 +346,7 @@ static void run_sequence(unsigned long long number, int *taken, int *parted)
     stress_free(&s);
     stress_free(&other);
     if (check.failures > failures)
-        printf("in %s sequence %llu\n", is_long() ? "long" : "short", number);
+        printf("in %s sequence %llu of %s\n", is_long() ? "long" : "short", number, sb_element_name(element));
     free(start.bytes);
     free(middle.bytes);
     free(end.bytes);
@@ -343,15 +359,35 @@ static double number_in(const char *name, double other)
     return text && *text ? strtod(text, NULL) : other;
 }
 
-static void test_livers(void)
+static void run_sequences(sb_element_type element, int some)
 {
-    int count = (int)number_in("CHECK_SLOW", check_quick() ? 3 : check_rounds(10)), taken = 0, parted = 0, done = 0;
+    int count = (int)number_in("CHECK_SLOW", some), taken = 0, parted = 0, done = 0;
     double first = number_in("CHECK_FIRST", 0), seconds = number_in("CHECK_SECONDS", 0);
     clock_t begun = clock();
     while (done < count && !(seconds > 0 && (double)(clock() - begun) > seconds * (double)CLOCKS_PER_SEC))
-        run_sequence((unsigned long long)first + (unsigned)done++, &taken, &parted);
+        run_sequence(element, (unsigned long long)first + (unsigned)done++, &taken, &parted);
     printf("   %d sequences: %d calls parted cells, %d took something out\n", done, parted, taken);
     CHECK(parted > done && (taken > 0 || done < 3));
 }
 
-CHECK_SUITE(cut_stress, {"livers without mercy", test_livers});
+static void test_livers(void) { run_sequences(SB_TET4, check_quick() ? 3 : check_rounds(10)); }
+
+static void test_quadratic(void) { run_sequences(SB_TET10, check_quick() ? 1 : check_rounds(3)); }
+
+/* Crumbs that are all kept, down to nothing: long sequences after which a preconditioner in single precision was
+ * indefinite on a crumb, and steps failed. */
+static void test_crumbs(void)
+{
+    static const unsigned long long numbers[2] = {17, 29};
+    for (int k = check_quick(); k < 2; k++) {
+        stress s;
+        stress_make(&s, SB_TET4, numbers[k], 6, 1);
+        for (int i = 0; i < 12; i++)
+            act(&s, i);
+        check_organ(&s);
+        stress_free(&s);
+    }
+}
+
+CHECK_SUITE(cut_stress, {"livers without mercy", test_livers}, {"quadratic livers", test_quadratic},
+            {"crumbs are kept", test_crumbs});

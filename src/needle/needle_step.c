@@ -314,7 +314,8 @@ enum { NDLI_FINEST = 64 };
 
 static const double ndli_step_most_substeps = 1000;
 
-/* How far a command takes a needle in the length of half an edge, and in half a radian. */
+/* How far a command takes a needle in the length of half an edge, and in half a radian. What is drawn in comes off the
+ * edge at the sleeve, which may be no longer than that, and needs some left: it counts twice. */
 static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
 {
     const ndl_rod *rod = needle->rod;
@@ -323,7 +324,8 @@ static double ndli_step_stride(const ndl_needle *needle, const ndl_command *comm
     double way = 0, turn = 0;
     if (command) {
         double spin = ndli_norm(ndli_from(command->angular_velocity));
-        way = dt * (fabs((double)command->insertion) + ndli_norm(ndli_from(command->velocity)) + out * spin);
+        double fed = (double)command->insertion;
+        way = dt * (fmax(fed, -2 * fed) + ndli_norm(ndli_from(command->velocity)) + out * spin);
         turn = dt * (fabs((double)command->twist) + spin);
     }
     if (needle->base_given) {

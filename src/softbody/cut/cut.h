@@ -96,9 +96,6 @@
  * far apart that each has a box of its own, glue of pieces without volume may stay.
  * - Parts of the mesh that hang together at an edge or a node alone come apart there where an element of that node is
  *   cut.
- * - Crumbs of less than some hundredths of an element that are kept (least_piece 0) may be too ill-conditioned for
- *   preconditioners, which are of floats: three of 60 livers cut to pieces with lattice 4 could not be stepped any more
- *   (SB_ERROR_INDEFINITE), none with crumbs below a tenth of an element taken out.
  * - Slivers of mass make explicit steps short: in bodies that step explicitly crossings keep off the points of the
  *   lattice by a sixteenth of an edge, for masses and stiffness (0.28 to 0.34 of the uncut step in eight random
  *   planes). */

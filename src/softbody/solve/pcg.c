@@ -38,6 +38,7 @@ typedef struct sbi_pcg_part {
     unsigned char eager; /* 1: goes below its target, which rounding kept a round from meeting by a little */
     unsigned char stuck; /* 1: rounding stops its progress all the same */
     unsigned char faint; /* 1: its rhs is nothing beside that of the others */
+    unsigned char plain; /* 1: the preconditioner is not positive definite there; the diagonal takes its place */
 } sbi_pcg_part;
 
 SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator, sb_pcg_workspace *workspace,
@@ -97,6 +98,7 @@ typedef struct sbi_pcg_state {
     double *partial;            /* [chunks][2] */
     sbi_guest_space *guests;    /* NULL: none */
     const sbi_pcg_extra *extra; /* NULL: nothing */
+    int has_plain;              /* 1: parts are plain */
     double extra_sum;           /* p.Cp */
     const sb_jobs *jobs;
 } sbi_pcg_state;
@@ -279,6 +281,20 @@ static void sbi_pcg_dots_task(void *user, int chunk)
         sums[0] += sbi_pcg_dot(s->r + begin, s->z + begin, count);
         sums[1] += slice.part->fresh ? 0 : sbi_pcg_dot(s->q + begin, s->z + begin, count);
     }
+}
+
+/* z = r over the diagonal, of plain parts */
+static void sbi_pcg_plain_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    int first, last;
+    while (slice.part->plain && !slice.part->done && sbi_pcg_next_run(&slice, &first, &last))
+        for (int i = first; i < last; i++)
+            for (int axis = 0; axis < 3; axis++) {
+                sb_real diagonal = s->matrix->blocks[s->matrix->diagonal[i]][4 * axis];
+                s->z[3 * (size_t)i + (size_t)axis] = s->r[3 * (size_t)i + (size_t)axis] / (diagonal > 0 ? diagonal : 1);
+            }
 }
 
 /* p = z + factor p */
@@ -504,29 +520,54 @@ static void sbi_pcg_advance_guests(const sbi_pcg_state *s)
         sbi_guest_measure(s->guests);
 }
 
+/* Parts of fewer than half of the rows on which the preconditioner is not positive definite begin anew without it:
+ * crumbs that single precision cannot hold. Softening it would spoil it for all others. Returns how many parts are not
+ * positive definite, the crumbs among them negative. SB_ERROR_DIVERGED in *result. */
+static int sbi_pcg_find_indefinite(sbi_pcg_state *s, sb_result *result)
+{
+    int found = 0, made = 0;
+    for (int c = 0; c < s->part_count; c++) {
+        sbi_pcg_part *part = s->parts + c;
+        double rz = part->done ? 1 : sbi_pcg_sum(s, part, 0);
+        int small = s->part_start[c + 1] - s->part_start[c] < s->matrix->row_count / 2;
+        if (!sbi_pcg_is_finite(rz))
+            *result = SB_ERROR_DIVERGED;
+        if (rz > 0)
+            continue;
+        found++;
+        if (!small || part->plain)
+            continue;
+        part->plain = part->fresh = 1;
+        made++;
+    }
+    s->has_plain |= made > 0;
+    return made ? -made : found;
+}
+
 /* Takes the sums of r.z and q.z and sets what p goes on with. SB_ERROR_NOT_CONVERGED: with the preconditioner softened,
- * try again. */
+ * or without it in some parts, try again. */
 static sb_result sbi_pcg_turn(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    int indefinite = 0;
+    sb_result result = SB_OK;
+    int indefinite = sbi_pcg_find_indefinite(s, &result);
+    if (result != SB_OK || indefinite < 0)
+        return result != SB_OK ? result : SB_ERROR_NOT_CONVERGED;
+    if (indefinite) {
+        if (!preconditioner || !sbi_precond_soften(preconditioner))
+            return SB_ERROR_INDEFINITE;
+        for (int c = 0; c < s->part_count; c++)
+            s->parts[c].fresh = 1;
+        return SB_ERROR_NOT_CONVERGED;
+    }
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
         double rz;
         if (part->done)
             continue;
         rz = sbi_pcg_sum(s, part, 0);
-        if (!sbi_pcg_is_finite(rz))
-            return SB_ERROR_DIVERGED;
-        indefinite |= rz <= 0;
         part->factor = part->fresh ? 0 : -part->alpha * sbi_pcg_sum(s, part, 1) / part->last_rz;
         part->last_rz = rz;
     }
-    if (!indefinite)
-        return SB_OK;
-    if (!preconditioner || !sbi_precond_soften(preconditioner))
-        return SB_ERROR_INDEFINITE;
-    for (int c = 0; c < s->part_count; c++)
-        s->parts[c].fresh = 1;
-    return SB_ERROR_NOT_CONVERGED;
+    return SB_OK;
 }
 
 /* Takes the sums of p.q and sets how far to go along p. */
@@ -588,6 +629,8 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
             return SB_ERROR_NOT_CONVERGED;
         }
         sbi_pcg_precondition(s, preconditioner);
+        if (s->has_plain)
+            sbi_pcg_run(s, sbi_pcg_plain_task);
         sbi_pcg_run(s, sbi_pcg_dots_task);
         for (int g = 0; s->guests && g < s->guests->count; g++)
             if (!s->guests->work[g].done)
