@@ -706,6 +706,7 @@ expect 2 'the tumour: has no organ there' cut_resect --cells 8 --x 0
 expect 2 'no-such.obj' cut_resect --cells 8 --tumour no-such.obj
 expect 2 'volume.vtk: is no surface of triangles' cut_resect --cells 8 --tumour volume.vtk
 expect 2 '--lattice needs 1, 2 or 4' cut_resect --lattice 3
+expect 2 '--front needs lag or glue' cut_resect --front lead
 expect 2 '--angle needs a number from' cut_resect --angle 90
 expect 2 '--wide is no option' cut_resect --wide 2
 expect_data 2 'is cut as tet4 or tet10 only' cut_resect volumes/beam_hex8.vtk
