@@ -25,7 +25,7 @@ static const double settling = 0.4;   /* s, after the cut and after the lift */
 static const double lift_speed = 0.1; /* m/s */
 
 typedef struct settings {
-    const char *organ, *tumour, *out;
+    const char *organ, *tumour, *out, *front;
     double scale, young, poisson, ratio, size, depth, x, y, margin, angle, lift, rate;
     int lattice, cells, quadratic, every, help;
 } settings;
@@ -197,7 +197,7 @@ static int make_scene(work *w)
     def.region_material_count = has_stiff_element(&o->mesh);
     def.gravity = sb_v3(0, 0, REAL(-gravity));
     def.damping_stiffness = REAL(0.03);
-    status = cut_scene_make(&w->c, &def, s->lattice, SB_CUT_LAG, 0);
+    status = cut_scene_make(&w->c, &def, s->lattice, strcmp(s->front, "glue") == 0 ? SB_CUT_GLUE : SB_CUT_LAG, 0);
     if (!status)
         status = cut_scene_hold_below(&w->c, (double)o->low.x, (double)o->high.x);
     if (!status)
@@ -523,6 +523,7 @@ static settings default_settings(void)
     settings s;
     memset(&s, 0, sizeof s);
     s.out = program_name;
+    s.front = "lag";
     s.scale = 1;
     s.young = 6000;
     s.poisson = 0.4;
@@ -540,7 +541,7 @@ static settings default_settings(void)
     return s;
 }
 
-enum { OPTION_COUNT = 20 };
+enum { OPTION_COUNT = 21 };
 static void list_options(settings *s, option options[OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
@@ -554,6 +555,8 @@ static void list_options(settings *s, option options[OPTION_COUNT])
         {"--lift", "M", OPTION_NUMBER, NULL, &s->lift, NULL, 0, 10, "how far the grasper lifts it (m)"},
         {"--lattice", "M", OPTION_INTEGER, &s->lattice, NULL, NULL, 1, 4,
          "places along an element's edge that are cut apart: 1, 2 or 4"},
+        {"--front", "KIND", OPTION_TEXT, NULL, NULL, &s->front, 0, 0,
+         "lag: elements hold until they are cut through; glue: what is cut in part is tied"},
         {"--size", "M", OPTION_NUMBER, NULL, &s->size, NULL, 1e-4, 1, "radius of the tumour that is made (m)"},
         {"--depth", "M", OPTION_NUMBER, NULL, &s->depth, NULL, 1e-4, 1, "of its middle below the skin (m)"},
         {"--x", "SHARE", OPTION_NUMBER, NULL, &s->x, NULL, 0, 1, "where it is in the organ's box"},
@@ -578,6 +581,8 @@ static int check_settings(const settings *s)
         return 0;
     if (s->lattice == 3)
         return options_complain(program_name, "--lattice", "needs 1, 2 or 4");
+    if (strcmp(s->front, "lag") != 0 && strcmp(s->front, "glue") != 0)
+        return options_complain(program_name, "--front", "needs lag or glue");
     return 1;
 }
 

@@ -178,4 +178,63 @@ static void test_grown(void)
     }
 }
 
-CHECK_SUITE(contact_change, {"uncovered region", test_uncovered_region}, {"grown", test_grown});
+/* ---- tools too thin for faces that have gone ---- */
+
+/* Takes away all cells and nodes that lie beyond x. */
+static void remove_beyond(press *p, double x)
+{
+    sb_body_change *change;
+    CHECK_OK(sb_body_change_begin(p->body, &change, NULL));
+    for (int e = 0; e < p->mesh.element_count; e++)
+        if ((double)cell_middle(&p->mesh, e).x > x)
+            CHECK_OK(sb_body_change_remove_cell(change, e, NULL));
+    for (int i = 0; i < p->mesh.node_count; i++)
+        if ((double)p->mesh.nodes[i].x > x)
+            CHECK_OK(sb_body_change_remove_node(change, i, NULL, NULL, 0, NULL));
+    CHECK_OK(sb_body_change_commit(change, NULL));
+}
+
+/* A fine block, and far from it a coarse one. */
+static press two_blocks(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 5, 5, 3, sb_v3(REAL(0.1), REAL(0.1), REAL(0.06)), 0.1);
+    sb_mesh coarse = scene_box(SB_TET4, 2, 2, 1, sb_v3(REAL(0.8), REAL(0.8), REAL(0.4)), 0.1);
+    for (int i = 0; i < coarse.node_count; i++)
+        coarse.nodes[i].x += 1;
+    CHECK_OK(sb_mesh_append(&mesh, &coarse, NULL));
+    sb_mesh_free(&coarse);
+    return press_make(mesh, soft_def(1), press_exact());
+}
+
+/* Faces count as they are when a tool is added, not as they were at the last step: after a change, and after a state
+ * with another mesh was loaded. */
+static void test_thin_tool(void)
+{
+    sb_tool_def thin = press_sphere(0.006, 0, sb_v3(REAL(0.05), REAL(0.05), REAL(0.0671)));
+    press p = two_blocks(), loaded = two_blocks();
+    size_t sizes[2];
+    void *state[2];
+    int tool;
+    for (int k = 0; k < 2; k++) {
+        CHECK_RESULT(sb_contact_add_tool(p.contact, &thin, &tool, NULL), k == 0 ? SB_ERROR_UNSUPPORTED : SB_OK);
+        if (k == 1)
+            CHECK_OK(sb_contact_remove_tool(p.contact, tool));
+        sizes[k] = sb_body_state_size(p.body);
+        state[k] = malloc(sizes[k]);
+        CHECK_OK(sb_body_state_save(p.body, state[k], sizes[k]));
+        CHECK_OK(sb_body_state_load(loaded.body, state[k], sizes[k], NULL));
+        CHECK_RESULT(sb_contact_add_tool(loaded.contact, &thin, &tool, NULL), k == 0 ? SB_ERROR_UNSUPPORTED : SB_OK);
+        if (k == 0)
+            remove_beyond(&p, 0.5);
+    }
+    CHECK_OK(sb_contact_remove_tool(loaded.contact, tool));
+    CHECK_OK(sb_body_state_load(loaded.body, state[0], sizes[0], NULL));
+    CHECK_RESULT(sb_contact_add_tool(loaded.contact, &thin, &tool, NULL), SB_ERROR_UNSUPPORTED);
+    free(state[0]);
+    free(state[1]);
+    press_free(&p);
+    press_free(&loaded);
+}
+
+CHECK_SUITE(contact_change, {"uncovered region", test_uncovered_region}, {"grown", test_grown},
+            {"thin tool", test_thin_tool});

@@ -325,7 +325,8 @@ static void check_giving(double young, double toughness, double speed, double dt
         }
     }
     mean /= counted * toughness * 0.04;
-    if (!CHECK(mean > 0.9 && mean < 1.03 + 0.8 * drag) || !CHECK(worst < 0.02 * sum.along) || getenv("CHECK_TELL"))
+    if (!CHECK(mean > 0.9 && mean < 1.03 + 0.8 * drag + (SB_REAL_IS_FLOAT ? 0.05 : 0)) ||
+        !CHECK(worst < 0.02 * sum.along) || getenv("CHECK_TELL"))
         printf(
             "   E %.0f Pa, J_c %.0f J/m2, %.1f cm/s, %.1f ms: %.3f of J_c w, J_c/(E h) %.2f, energy %.2g of %.3g J\n",
             young, toughness, 100 * speed, 1e3 * dt, mean, drag, worst, sum.along);

@@ -143,5 +143,107 @@ static void test_slipped(void) { check_entries(NDL_REMESH, ndl_default_needle_de
 static void test_in_place(void) { check_entries(NDL_REMESH, 0, 4, entry_count(4)); }
 static void test_held(void) { check_entries(NDL_EMBED, 0, 0, entry_count(getenv("CHECK_SLOW") ? 200 : 12)); }
 
+/* ---- programs: in, a rest, turns and out again, several in one organ ---- */
+
+/* A needle that meets the skin at `tilt` (rad) from its normal. */
+static ndl_needle *make_tilted(sb_body *body, const ndl_friction *friction, unsigned long long *seed)
+{
+    ndl_needle_def def = ndl_default_needle_def();
+    ndl_needle *needle = NULL;
+    double turn = check_random_in(seed, 0, 6.283), up = check_random_in(seed, -0.2, 1), flat = sqrt(1 - up * up);
+    double tilt = check_random_in(seed, 0, 1.2217), way = check_random_in(seed, 0, 6.283); /* to 70 degrees */
+    sb_vec3 at, normal, side, other;
+    at = sb_v3(REAL(flat * cos(turn)) * radii[0], REAL(flat * sin(turn)) * radii[1], REAL(up) * radii[2]);
+    normal = sb_v3(at.x / (radii[0] * radii[0]), at.y / (radii[1] * radii[1]), at.z / (radii[2] * radii[2]));
+    normal = sb_v3_scale(1 / sb_v3_norm(normal), normal);
+    side = sb_v3_cross(normal, sb_abs(normal.x) < REAL(0.7) ? sb_v3(1, 0, 0) : sb_v3(0, 1, 0));
+    side = sb_v3_scale(1 / sb_v3_norm(side), side);
+    other = sb_v3_cross(normal, side);
+    side = sb_v3_add(sb_v3_scale(REAL(cos(way)), side), sb_v3_scale(REAL(sin(way)), other));
+    def.body = body;
+    def.follow = NDL_EMBED;
+    def.frictions = friction;
+    def.friction_count = 1;
+    def.direction = sb_v3_madd(sb_v3_scale(REAL(-cos(tilt)), normal), REAL(sin(tilt)), side);
+    def.length = REAL(0.012);
+    def.base = sb_v3_madd(at, REAL(-0.015), def.direction);
+    ndl_rod_section_preset(check_random(seed) < 0.5 ? NDL_STYLET_18G : NDL_NITINOL_083, &def.section);
+    if (ndl_needle_create(&def, &needle, NULL) != SB_OK) /* nearly along skin that bulges it may start inside */
+        return NULL;
+    return needle;
+}
+
+/* One step; what the hand feels beyond the law (N). */
+static double program_step(sb_body *body, ndl_needle *needle, const ndl_friction *f, double dt, double speed,
+                           double twist)
+{
+    ndl_command command = {0, 0, {0, 0, 0}, {0, 0, 0}};
+    ndl_step_info info;
+    double depth = (double)ndl_needle_depth(needle);
+    sb_vec3 force;
+    sb_error error;
+    command.insertion = REAL(speed);
+    command.twist = REAL(twist);
+    if (!CHECK_OK(ndl_step(body, &needle, 1, REAL(dt), &command, &info, &error))) {
+        printf("%s\n", error.message);
+        return 1e9;
+    }
+    depth = fmax(depth, (double)ndl_needle_depth(needle));
+    ndl_needle_base_wrench(needle, &force, NULL);
+    return info.blocked ? 0
+                        : (double)sb_v3_norm(force) - (double)f->cutting -
+                              ((double)f->friction + (double)f->viscous * fabs(speed)) * depth;
+}
+
+/* Most beyond the law in any step of a program; it ends with the needle outside. */
+static double run_program(sb_body *body, ndl_needle *needle, const ndl_friction *f, unsigned long long *seed)
+{
+    const double dt = check_random_in(seed, 0.01, 0.03), speed = check_random_in(seed, 0.01, 0.03);
+    const int in = (int)(check_random_in(seed, 0.008, 0.02) / (speed * dt));
+    double beyond = 0;
+    for (int i = 0; i < in; i++)
+        beyond = fmax(beyond, program_step(body, needle, f, dt, speed, 0));
+    for (int i = 0; i < 5; i++)
+        beyond = fmax(beyond, program_step(body, needle, f, dt, 0, check_random_in(seed, -3, 3)));
+    for (int i = 0; i < 3 * in && ndl_needle_depth(needle) > 0; i++)
+        beyond = fmax(beyond, program_step(body, needle, f, dt, -speed, 0));
+    if (!CHECK(ndl_needle_depth(needle) == 0))
+        printf("dt %g, %g m/s, %d steps in: %g m still in, fed %g\n", dt, speed, in, (double)ndl_needle_depth(needle),
+               (double)ndl_needle_fed(needle));
+    return beyond;
+}
+
+static void test_programs(void)
+{
+    unsigned long long seed = 2929;
+    double beyond = 0;
+    int programs = 0, wanted = check_quick() ? 6 : getenv("CHECK_SLOW") ? 300 : 60;
+    for (int organ = 0; programs < wanted && organ < wanted; organ++) {
+        entry e;
+        memset(&e, 0, sizeof e);
+        if (make_body(&e, &seed))
+            for (int i = 0; i < 8 && programs < wanted; i++) {
+                ndl_friction f = {0, 0, 0, 0, 0};
+                f.friction = REAL(check_random_in(&seed, 0, 40)), f.viscous = REAL(check_random_in(&seed, 0, 100));
+                f.cutting = REAL(check_random_in(&seed, 0.1, 1));
+                e.needle = make_tilted(e.body, &f, &seed);
+                if (!e.needle)
+                    continue;
+                programs++;
+                {
+                    double more = run_program(e.body, e.needle, &f, &seed);
+                    if (!CHECK(more < 0.15))
+                        printf("program %d: %.3f N beyond the law\n", programs, more);
+                    beyond = fmax(beyond, more);
+                }
+                ndl_needle_destroy(e.needle);
+            }
+        sb_body_destroy(e.body);
+        sb_mesh_free(&e.mesh);
+    }
+    CHECK_INT(programs, wanted);
+    printf("%d programs, at most %.3f N beyond the law\n", programs, beyond);
+}
+
 CHECK_SUITE(needle_entry, {"entries put aside", test_slipped}, {"entries where they are", test_in_place},
-            {"needles that are held", test_held});
+            {"needles that are held", test_held}, {"programs", test_programs});

@@ -92,16 +92,19 @@ static double stiffness(sb_element_type type, int cells, ndl_rod_preset preset, 
 }
 
 /* A line load has no limit in a continuum, and so a mesh by itself has none: held by springs of what it does not show,
- * a needle is as stiff in coarse meshes as in fine ones. References: a mesh graded to the needle's radius, tied to it.
- */
+ * a needle is as stiff in coarse meshes as in fine ones. References: the needle as a solid of hex20 in hex20 tissue
+ * graded to it, a quarter of the block, static; 511, 503, 497 N/m (nitinol, 60 kPa) and 1371, 1363, 1354 (steel) as it
+ * is refined. */
 static void test_stiffness(void)
 {
     const struct {
         ndl_rod_preset preset;
-        double young, reference, share; /* steel's long bends reach the block's sides: 9 to 11 % less than theirs */
-    } cases[] = {
-        {NDL_NITINOL_083, 60e3, 487, 0.95}, {NDL_NITINOL_083, 12e3, 172, 0.95}, {NDL_STYLET_18G, 60e3, 1444, 0.88}};
-    for (int k = 0; k < (check_quick() ? 1 : 3); k++) {
+        double young, reference, share;
+    } cases[] = {{NDL_NITINOL_083, 60e3, 497, 0.95},
+                 {NDL_STYLET_18G, 60e3, 1354, 0.95},
+                 {NDL_NITINOL_083, 12e3, 175, 0.95},
+                 {NDL_STYLET_18G, 12e3, 449, 0.92}};
+    for (int k = 0; k < (check_quick() ? 1 : 4); k++) {
         double least = 1e9, most = 0;
         const int cells[] = {4, 6, 10};
         for (int i = 0; i < (check_quick() ? 2 : 3); i++) {
@@ -113,11 +116,15 @@ static void test_stiffness(void)
         CHECK(most < 1.06 * least);
         CHECK(least > cases[k].share * cases[k].reference && most < 1.05 * cases[k].reference);
     }
-    { /* uneven and distorted: 7 % more */
+    { /* uneven and distorted: 5 % more */
         const int uneven[3] = {8, 5, 6};
-        CHECK_NEAR(stiffness_in(SB_TET4, uneven, 0.25, NDL_NITINOL_083, 60e3), 487, 0.1 * 487);
+        CHECK_NEAR(stiffness_in(SB_TET4, uneven, 0.25, NDL_NITINOL_083, 60e3), 497, 0.1 * 497);
     }
-    CHECK_NEAR(stiffness(SB_HEX8, 6, NDL_NITINOL_083, 60e3), 487, 0.1 * 487);
+    for (int k = 1; k < (check_quick() ? 3 : 5); k++) {
+        double found = stiffness(types[k], k < 3 ? 6 : 4, NDL_NITINOL_083, 60e3);
+        printf("in %s: %.0f N/m\n", sb_element_name(types[k]), found);
+        CHECK_NEAR(found, 497, 0.1 * 497);
+    }
 }
 
 /* Four needles side by side, closer than the elements are wide. */
@@ -190,6 +197,64 @@ static void test_membranes(void)
         CHECK_NEAR(most[0], 1.5, 0.1);
         CHECK_NEAR(most[1], 2.5, 0.15);
         CHECK_NEAR(after, 0.5, 0.1);
+        needle_scene_free(&s);
+    }
+}
+
+/* ---- the way ---- */
+
+/* Distance of a point from a polyline (m). */
+static double off_way(const sb_vec3 *way, int count, sb_vec3 x)
+{
+    double least = 1;
+    for (int i = 0; i + 1 < count; i++) {
+        sb_vec3 edge = sb_v3_sub(way[i + 1], way[i]), to = sb_v3_sub(x, way[i]);
+        double share = (double)sb_v3_dot(to, edge) / (double)sb_v3_dot(edge, edge);
+        share = fmin(fmax(share, 0), 1);
+        least = fmin(least, (double)sb_v3_norm(sb_v3_sub(to, sb_v3_scale(REAL(share), edge))));
+    }
+    return least;
+}
+
+static double shaft_off_way(const ndl_needle *needle, const sb_vec3 *way, int count)
+{
+    const ndl_rod *rod = ndl_needle_rod(needle);
+    double most = 0;
+    for (int i = ndl_needle_entry(needle); i < ndl_rod_node_count(rod); i++)
+        most = fmax(most, off_way(way, count, ndl_rod_positions(rod)[i]));
+    return most;
+}
+
+/* In gel that does not give way the shaft stays on what its tip cut, in and drawn back, whatever the mesh's edges. */
+static void test_way(void)
+{
+    static const double edges[3] = {0.02, 0.011, 0.0073};
+    enum { STEPS = 90 };
+    for (int k = 0; k < (check_quick() ? 2 : 3); k++) {
+        needle_scene s = held_scene(SB_TET4);
+        static sb_vec3 way[STEPS + 1];
+        int count = 1;
+        s.size = sb_v3(REAL(0.05), REAL(0.08), REAL(0.1));
+        s.cells[0] = (int)(0.05 / edges[k] + 0.5), s.cells[1] = (int)(0.08 / edges[k] + 0.5);
+        s.cells[2] = (int)(0.1 / edges[k] + 0.5);
+        s.materials[0].young = REAL(1e9);
+        ndl_rod_section_preset(NDL_NITINOL_083, &s.needle_def.section);
+        s.needle_def.base = sb_v3(REAL(0.0253), REAL(0.0241), REAL(0.1115));
+        s.needle_def.length = REAL(0.011);
+        s.needle_def.director = sb_v3(-1, 0, 0);
+        s.needle_def.bevel.curvature = 8;
+        way[0] = sb_v3(s.needle_def.base.x, s.needle_def.base.y, s.size.z);
+        if (!needle_scene_make(&s))
+            return;
+        for (int i = 0; i < STEPS && needle_scene_run(&s, dt, 1, needle_command(0.001 / dt, 0)); i++)
+            if (ndl_needle_depth(s.needles[0]) > 0)
+                way[count++] = needle_tip(s.needles[0]);
+        CHECK(ndl_needle_depth(s.needles[0]) > REAL(0.08) && way[count - 1].y > way[0].y + REAL(0.02));
+        CHECK(shaft_off_way(s.needles[0], way, count) < 5e-5);
+        needle_scene_run(&s, dt, 100, needle_command(-0.0004 / dt, 0));
+        CHECK(ndl_needle_depth(s.needles[0]) < REAL(0.06) && ndl_needle_depth(s.needles[0]) > REAL(0.03));
+        if (!CHECK(shaft_off_way(s.needles[0], way, count) < 5e-5))
+            printf("edges %g: %g m\n", edges[k], shaft_off_way(s.needles[0], way, count));
         needle_scene_free(&s);
     }
 }
@@ -587,10 +652,10 @@ static void test_random_use(void)
 }
 
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"neighbours", test_neighbours},
-            {"balance", test_balance}, {"membranes", test_membranes}, {"tiny steps", test_tiny_steps},
-            {"fast withdrawal", test_fast_withdrawal}, {"cut across a needle", test_cut_across_needle},
-            {"into a cut body", test_into_cut_body}, {"states of cut bodies", test_cut_states},
-            {"states before a change", test_states_before_a_change}, {"a body that grows", test_growing_body},
-            {"ablation", test_ablation}, {"viscous friction", test_viscous},
+            {"balance", test_balance}, {"membranes", test_membranes}, {"way", test_way},
+            {"tiny steps", test_tiny_steps}, {"fast withdrawal", test_fast_withdrawal},
+            {"cut across a needle", test_cut_across_needle}, {"into a cut body", test_into_cut_body},
+            {"states of cut bodies", test_cut_states}, {"states before a change", test_states_before_a_change},
+            {"a body that grows", test_growing_body}, {"ablation", test_ablation}, {"viscous friction", test_viscous},
             {"soft tissue's states", test_states_in_soft_tissue}, {"bad definitions", test_bad_definitions},
             {"memory", test_memory}, {"far side", test_far_side}, {"random use", test_random_use});

@@ -10,8 +10,17 @@
 
 /* ---- what a mesh does not show of the tissue about a needle ---- */
 
-/* Of an element's edge: radius over which a mesh spreads a line of point loads, measured: 0.56 to 0.70 in tets. */
-static const double ndli_held_spread = 0.58;
+/* Of an element's edge: radius over which a mesh spreads a line of point loads. Measured in tet4 (0.56 to 0.70), in
+ * others by what makes a needle in them as stiff as in fine tet4; quadratic ones have nodes at half of their edges. */
+static double ndli_held_spread(sb_element_type type)
+{
+    switch (type) {
+    case SB_TET4: return 0.58;
+    case SB_HEX8: return 0.42;
+    default: return 0.2;
+    }
+}
+
 /* Least ratio of that radius to the needle's: with finer meshes the needle is held as if it were thinner. */
 static const double ndli_held_least_ratio = 1.5;
 static const double ndli_held_pi = 3.14159265358979323846;
@@ -25,7 +34,7 @@ static ndli_held_tissue ndli_held_get_tissue(const ndl_needle *needle, int eleme
 {
     const ndli_bed *bed = &needle->site->bed;
     const sb_material *material = sbi_body_cell_material(bed->body, row->cell);
-    double radius = ndli_held_spread * ndli_bed_edge(bed, element);
+    double radius = ndli_held_spread(bed->mesh.element_type) * ndli_bed_edge(bed, element);
     ndli_held_tissue tissue;
     tissue.poisson = (double)sb_material_poisson(material);
     tissue.shear = (double)sb_material_young(material) / (2 * (1 + tissue.poisson));

@@ -36,10 +36,15 @@ static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *
 
 /* ---- checks ---- */
 
-static sb_result sbi_contact_check_thickness(const sb_contact *contact, const sbi_tool *shape, sb_error *error)
+/* Of the faces as the mesh is now. */
+static sb_result sbi_contact_check_thickness(sb_contact *contact, const sbi_tool *shape, sb_error *error)
 {
     int face = 0;
-    sb_real thinnest = sbi_contact_faces_thinnest(contact->faces, &face);
+    sb_real thinnest;
+    sb_result result = sbi_contact_update_faces(contact, error);
+    if (result != SB_OK)
+        return result;
+    thinnest = sbi_contact_faces_thinnest(contact->faces, &face);
     if (sbi_tool_radius(shape) >= thinnest)
         return SB_OK;
     return sbi_fail_element(error, SB_ERROR_UNSUPPORTED, contact->faces->elements[face],
