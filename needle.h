@@ -11997,11 +11997,10 @@ NDLI_API double ndli_held_wave(double bending, double radius, double young, doub
 NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
 /* What they add (N) to what cutting at X takes. */
 NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X);
-/* Share of the way between two points of the material at which what they add changes, or a little more; 1: nowhere but
- * at its very end. */
-NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to);
-/* The same of the way of a tip that has just come through the skin, where that is one of them; `way` (m) long. */
-NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way);
+/* Share of a substep of dt (s) at which the tip comes to where what they add changes, or a little more; 1: nowhere but at
+ * its very end. Of one that is solved, with the rod moved, before the tip is followed: there the body's mesh is still
+ * what it was. */
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, double dt);
 
 /* ---- needle_resist ---- */
 
@@ -13123,45 +13122,83 @@ static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3
     return gone + slack < length ? gone : length;
 }
 
-NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to)
+/* Share of the way between two points of the material at which what membranes ask for changes, or a little more; 1:
+ * nowhere but at its very end. */
+static double ndli_membrane_share(const ndl_needle *needle, ndli_v3 X, ndli_v3 way)
 {
-    ndli_v3 X = ndli_from(from), way = ndli_sub(ndli_from(to), X);
     double length = ndli_norm(way), least = length;
     for (int i = 0; i < needle->capsule_count && length > 0; i++)
         least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
     return least < length ? least / length : 1;
 }
 
-/* Where the skin is now that the tip went through. */
-static ndli_v3 ndli_membrane_entry(const ndl_needle *needle)
-{
-    const ndli_bed *bed = &needle->site->bed;
-    ndli_track_point begin;
-    ndli_place place;
-    ndli_bed_row row;
-    if (!needle->site->embeds)
-        return ndli_from(needle->site->mesh->x[needle->path[0]]);
-    begin = ndli_track_at(&needle->track, 0);
-    (void)ndli_bed_locate(bed, ndli_to(begin.X), begin.element, &place);
-    if (!ndli_bed_row_at(bed, &place, &row))
-        return needle->rod->x[needle->rod->node_count - 1];
-    return ndli_bed_at(bed, &row);
-}
-
-NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way)
+/* The way of a tip in the tissue (m in the material), which the mesh and the track do not follow yet; from *X. */
+static ndli_v3 ndli_membrane_way(const ndl_needle *needle, ndli_v3 *X)
 {
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1;
-    double slack = -1, past;
+    ndl_remesh *remesh = needle->site->remesh;
+    int last = rod->node_count - 1, foremost = ndli_line_foremost(&needle->line);
+    double slip = needle->line.slip[foremost];
+    ndli_v3 before = ndli_madd(rod->x[last], -slip, rod->tangent[last - 1]);
+    sb_vec3 from, to;
+    ndl_needle_tip_material(needle, &from);
+    *X = ndli_from(from);
+    if (needle->site->embeds)
+        return ndli_scale(slip / needle->stretch[foremost], needle->heading);
+    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &to);
+    if (needle->shallow) { /* where it was is where it is now, less its slip */
+        ndl_remesh_material_point(remesh, needle->index, ndli_to(before), &from);
+        *X = ndli_from(from);
+    }
+    return ndli_sub(ndli_from(to), *X);
+}
+
+/* Slack of the skin, where that is a membrane (m); -1: it is none. */
+static double ndli_membrane_skin(const ndl_needle *needle)
+{
+    double slack = -1;
     for (int i = 0; i < needle->capsule_count; i++) {
         const ndl_membrane *membrane = &needle->capsules[i].def;
         if (membrane->regions[0] < 0 || membrane->regions[1] < 0)
             slack = ndli_membrane_slack * (double)membrane->thickness;
     }
-    if (slack < 0)
-        return 1;
-    past = ndli_dot(ndli_sub(rod->x[last], ndli_membrane_entry(needle)), rod->tangent[last - 1]);
+    return slack;
+}
+
+/* How far a tip has come through the skin that was outside (m). */
+static double ndli_membrane_past_skin(const ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    sb_vec3 from = ndli_to(rod->x[last - 1]), to = ndli_to(rod->x[last]), at = to;
+    ndl_surface_hit hit;
+    ndli_place place;
+    if (needle->site->embeds)
+        return ndli_bed_hit(&needle->site->bed, from, to, &place, &at) ? (double)sb_v3_norm(sb_v3_sub(to, at)) : 0;
+    if (!ndli_topology_hit(needle->site->mesh, from, to, &hit))
+        return 0;
+    return (1 - (double)hit.along) * (double)sb_v3_norm(sb_v3_sub(to, from));
+}
+
+/* The same of a tip that was outside, and went `way` (m). */
+static double ndli_membrane_share_to_skin(const ndl_needle *needle, double way)
+{
+    double slack = ndli_membrane_skin(needle), past = slack < 0 ? 0 : ndli_membrane_past_skin(needle);
     return past > 2 * slack && past < way ? 1 - (past - slack) / way : 1;
+}
+
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, double dt)
+{
+    const ndl_rod *rod = needle->rod;
+    ndli_v3 X, way;
+    if (needle->capsule_count == 0 || needle->lost)
+        return 1;
+    if (needle->line.count == 0)
+        return ndli_membrane_share_to_skin(needle, dt * ndli_norm(rod->v[rod->node_count - 1]));
+    if (!(needle->line.slip[ndli_line_foremost(&needle->line)] > 0))
+        return 1;
+    way = ndli_membrane_way(needle, &X);
+    return ndli_membrane_share(needle, X, way);
 }
 
 /* ==== src/needle/needle_resist.c ==== */
@@ -14695,53 +14732,40 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     return result;
 }
 
-/* dt is `share` of what is left of the step. */
-static sb_result ndli_step_substep(const ndli_stepping *s, double dt, double share)
+/* A substep up to where the rods have moved; dt is `share` of what is left of the step. */
+static sb_result ndli_step_advance(const ndli_stepping *s, double dt, double share)
 {
     sb_result result = ndli_step_prepare(s, dt, share);
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
     if (result == SB_OK)
         result = ndli_site_look(s->site, s->error);
+    return result;
+}
+
+/* The rest of it: tips are followed. */
+static sb_result ndli_step_end_substep(const ndli_stepping *s)
+{
+    sb_result result = SB_OK;
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         s->info->peak_base = sb_max(s->info->peak_base, (sb_real)ndli_norm(s->needles[k]->base_force));
+    s->info->substeps++;
     return result;
 }
 
 /* ---- membranes within a step ---- */
 
-/* Where the tips of needles with membranes are in the material. */
-typedef struct ndli_step_tips {
-    sb_vec3 X[NDL_MAX_NEEDLES];
-    int within[NDL_MAX_NEEDLES]; /* 1: in the tissue */
-} ndli_step_tips;
-
-static void ndli_step_find_tips(const ndli_stepping *s, ndli_step_tips *tips)
-{
-    for (int k = 0; k < s->count; k++)
-        tips->within[k] = s->needles[k]->capsule_count > 0 && ndl_needle_tip_material(s->needles[k], tips->X + k);
-}
-
 /* Substeps get no shorter than that share of one: their rounding would be felt. */
 static const double ndli_step_shortest = 1e-3;
 
-/* Share of a substep of dt in which the first tip came to where a membrane begins or ends; 1: none did. */
-static double ndli_step_share_to_edge(const ndli_stepping *s, const ndli_step_tips *before, double dt)
+/* Share of a substep of dt in which the first tip comes to where a membrane begins or ends; 1: none does. */
+static double ndli_step_share_to_edge(const ndli_stepping *s, double dt)
 {
     double least = 1;
-    for (int k = 0; k < s->count; k++) {
-        const ndl_needle *needle = s->needles[k];
-        sb_vec3 X;
-        if (needle->capsule_count == 0 || !ndl_needle_tip_material(needle, &X))
-            continue;
-        if (!before->within[k])
-            least = fmin(
-                least, ndli_needle_share_to_skin(needle, dt * ndli_norm(needle->rod->v[needle->rod->node_count - 1])));
-        else if (needle->advance > 0)
-            least = fmin(least, ndli_needle_share_to_edge(needle, before->X[k], X));
-    }
+    for (int k = 0; k < s->count; k++)
+        least = fmin(least, ndli_needle_share_to_edge(s->needles[k], dt));
     return least < 1 - ndli_step_shortest ? fmax(least, ndli_step_shortest) : 1;
 }
 
@@ -14770,19 +14794,17 @@ static sb_result ndli_step_run_to_edge(const ndli_stepping *s, double dt, const 
     s->info->worst_quality = 1;
     *edge = 0;
     for (double t = 0, end; t < ends->substeps && result == SB_OK; t = end) {
+        int looks = ends->edge_count < NDLI_STEP_EDGES;
         double length, share;
-        ndli_step_tips before;
         end = ndli_step_end_after(ends, t);
         length = (end - t) * (dt / ends->substeps);
-        ndli_step_find_tips(s, &before);
-        result = ndli_step_substep(s, length, (end - t) / (ends->substeps - t));
-        s->info->substeps++;
-        if (result != SB_OK || ends->edge_count == NDLI_STEP_EDGES || end - t < 2 * ndli_step_shortest)
-            continue;
-        share = ndli_step_share_to_edge(s, &before, length);
+        result = ndli_step_advance(s, length, (end - t) / (ends->substeps - t));
+        share = result == SB_OK && looks && end - t > 2 * ndli_step_shortest ? ndli_step_share_to_edge(s, length) : 1;
         *edge = t + share * (end - t);
         if (share < 1)
             return SB_OK;
+        if (result == SB_OK)
+            result = ndli_step_end_substep(s);
     }
     *edge = 0;
     return result;

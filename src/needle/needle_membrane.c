@@ -159,43 +159,81 @@ static double ndli_membrane_edge(const ndli_capsule *capsule, ndli_v3 X, ndli_v3
     return gone + slack < length ? gone : length;
 }
 
-NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, sb_vec3 from, sb_vec3 to)
+/* Share of the way between two points of the material at which what membranes ask for changes, or a little more; 1:
+ * nowhere but at its very end. */
+static double ndli_membrane_share(const ndl_needle *needle, ndli_v3 X, ndli_v3 way)
 {
-    ndli_v3 X = ndli_from(from), way = ndli_sub(ndli_from(to), X);
     double length = ndli_norm(way), least = length;
     for (int i = 0; i < needle->capsule_count && length > 0; i++)
         least = fmin(least, ndli_membrane_edge(needle->capsules + i, X, way, length));
     return least < length ? least / length : 1;
 }
 
-/* Where the skin is now that the tip went through. */
-static ndli_v3 ndli_membrane_entry(const ndl_needle *needle)
-{
-    const ndli_bed *bed = &needle->site->bed;
-    ndli_track_point begin;
-    ndli_place place;
-    ndli_bed_row row;
-    if (!needle->site->embeds)
-        return ndli_from(needle->site->mesh->x[needle->path[0]]);
-    begin = ndli_track_at(&needle->track, 0);
-    (void)ndli_bed_locate(bed, ndli_to(begin.X), begin.element, &place);
-    if (!ndli_bed_row_at(bed, &place, &row))
-        return needle->rod->x[needle->rod->node_count - 1];
-    return ndli_bed_at(bed, &row);
-}
-
-NDLI_API double ndli_needle_share_to_skin(const ndl_needle *needle, double way)
+/* The way of a tip in the tissue (m in the material), which the mesh and the track do not follow yet; from *X. */
+static ndli_v3 ndli_membrane_way(const ndl_needle *needle, ndli_v3 *X)
 {
     const ndl_rod *rod = needle->rod;
-    int last = rod->node_count - 1;
-    double slack = -1, past;
+    ndl_remesh *remesh = needle->site->remesh;
+    int last = rod->node_count - 1, foremost = ndli_line_foremost(&needle->line);
+    double slip = needle->line.slip[foremost];
+    ndli_v3 before = ndli_madd(rod->x[last], -slip, rod->tangent[last - 1]);
+    sb_vec3 from, to;
+    ndl_needle_tip_material(needle, &from);
+    *X = ndli_from(from);
+    if (needle->site->embeds)
+        return ndli_scale(slip / needle->stretch[foremost], needle->heading);
+    ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &to);
+    if (needle->shallow) { /* where it was is where it is now, less its slip */
+        ndl_remesh_material_point(remesh, needle->index, ndli_to(before), &from);
+        *X = ndli_from(from);
+    }
+    return ndli_sub(ndli_from(to), *X);
+}
+
+/* Slack of the skin, where that is a membrane (m); -1: it is none. */
+static double ndli_membrane_skin(const ndl_needle *needle)
+{
+    double slack = -1;
     for (int i = 0; i < needle->capsule_count; i++) {
         const ndl_membrane *membrane = &needle->capsules[i].def;
         if (membrane->regions[0] < 0 || membrane->regions[1] < 0)
             slack = ndli_membrane_slack * (double)membrane->thickness;
     }
-    if (slack < 0)
-        return 1;
-    past = ndli_dot(ndli_sub(rod->x[last], ndli_membrane_entry(needle)), rod->tangent[last - 1]);
+    return slack;
+}
+
+/* How far a tip has come through the skin that was outside (m). */
+static double ndli_membrane_past_skin(const ndl_needle *needle)
+{
+    const ndl_rod *rod = needle->rod;
+    int last = rod->node_count - 1;
+    sb_vec3 from = ndli_to(rod->x[last - 1]), to = ndli_to(rod->x[last]), at = to;
+    ndl_surface_hit hit;
+    ndli_place place;
+    if (needle->site->embeds)
+        return ndli_bed_hit(&needle->site->bed, from, to, &place, &at) ? (double)sb_v3_norm(sb_v3_sub(to, at)) : 0;
+    if (!ndli_topology_hit(needle->site->mesh, from, to, &hit))
+        return 0;
+    return (1 - (double)hit.along) * (double)sb_v3_norm(sb_v3_sub(to, from));
+}
+
+/* The same of a tip that was outside, and went `way` (m). */
+static double ndli_membrane_share_to_skin(const ndl_needle *needle, double way)
+{
+    double slack = ndli_membrane_skin(needle), past = slack < 0 ? 0 : ndli_membrane_past_skin(needle);
     return past > 2 * slack && past < way ? 1 - (past - slack) / way : 1;
+}
+
+NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, double dt)
+{
+    const ndl_rod *rod = needle->rod;
+    ndli_v3 X, way;
+    if (needle->capsule_count == 0 || needle->lost)
+        return 1;
+    if (needle->line.count == 0)
+        return ndli_membrane_share_to_skin(needle, dt * ndli_norm(rod->v[rod->node_count - 1]));
+    if (!(needle->line.slip[ndli_line_foremost(&needle->line)] > 0))
+        return 1;
+    way = ndli_membrane_way(needle, &X);
+    return ndli_membrane_share(needle, X, way);
 }

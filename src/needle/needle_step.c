@@ -214,53 +214,40 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     return result;
 }
 
-/* dt is `share` of what is left of the step. */
-static sb_result ndli_step_substep(const ndli_stepping *s, double dt, double share)
+/* A substep up to where the rods have moved; dt is `share` of what is left of the step. */
+static sb_result ndli_step_advance(const ndli_stepping *s, double dt, double share)
 {
     sb_result result = ndli_step_prepare(s, dt, share);
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
     if (result == SB_OK)
         result = ndli_site_look(s->site, s->error);
+    return result;
+}
+
+/* The rest of it: tips are followed. */
+static sb_result ndli_step_end_substep(const ndli_stepping *s)
+{
+    sb_result result = SB_OK;
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         s->info->peak_base = sb_max(s->info->peak_base, (sb_real)ndli_norm(s->needles[k]->base_force));
+    s->info->substeps++;
     return result;
 }
 
 /* ---- membranes within a step ---- */
 
-/* Where the tips of needles with membranes are in the material. */
-typedef struct ndli_step_tips {
-    sb_vec3 X[NDL_MAX_NEEDLES];
-    int within[NDL_MAX_NEEDLES]; /* 1: in the tissue */
-} ndli_step_tips;
-
-static void ndli_step_find_tips(const ndli_stepping *s, ndli_step_tips *tips)
-{
-    for (int k = 0; k < s->count; k++)
-        tips->within[k] = s->needles[k]->capsule_count > 0 && ndl_needle_tip_material(s->needles[k], tips->X + k);
-}
-
 /* Substeps get no shorter than that share of one: their rounding would be felt. */
 static const double ndli_step_shortest = 1e-3;
 
-/* Share of a substep of dt in which the first tip came to where a membrane begins or ends; 1: none did. */
-static double ndli_step_share_to_edge(const ndli_stepping *s, const ndli_step_tips *before, double dt)
+/* Share of a substep of dt in which the first tip comes to where a membrane begins or ends; 1: none does. */
+static double ndli_step_share_to_edge(const ndli_stepping *s, double dt)
 {
     double least = 1;
-    for (int k = 0; k < s->count; k++) {
-        const ndl_needle *needle = s->needles[k];
-        sb_vec3 X;
-        if (needle->capsule_count == 0 || !ndl_needle_tip_material(needle, &X))
-            continue;
-        if (!before->within[k])
-            least = fmin(
-                least, ndli_needle_share_to_skin(needle, dt * ndli_norm(needle->rod->v[needle->rod->node_count - 1])));
-        else if (needle->advance > 0)
-            least = fmin(least, ndli_needle_share_to_edge(needle, before->X[k], X));
-    }
+    for (int k = 0; k < s->count; k++)
+        least = fmin(least, ndli_needle_share_to_edge(s->needles[k], dt));
     return least < 1 - ndli_step_shortest ? fmax(least, ndli_step_shortest) : 1;
 }
 
@@ -289,19 +276,17 @@ static sb_result ndli_step_run_to_edge(const ndli_stepping *s, double dt, const 
     s->info->worst_quality = 1;
     *edge = 0;
     for (double t = 0, end; t < ends->substeps && result == SB_OK; t = end) {
+        int looks = ends->edge_count < NDLI_STEP_EDGES;
         double length, share;
-        ndli_step_tips before;
         end = ndli_step_end_after(ends, t);
         length = (end - t) * (dt / ends->substeps);
-        ndli_step_find_tips(s, &before);
-        result = ndli_step_substep(s, length, (end - t) / (ends->substeps - t));
-        s->info->substeps++;
-        if (result != SB_OK || ends->edge_count == NDLI_STEP_EDGES || end - t < 2 * ndli_step_shortest)
-            continue;
-        share = ndli_step_share_to_edge(s, &before, length);
+        result = ndli_step_advance(s, length, (end - t) / (ends->substeps - t));
+        share = result == SB_OK && looks && end - t > 2 * ndli_step_shortest ? ndli_step_share_to_edge(s, length) : 1;
         *edge = t + share * (end - t);
         if (share < 1)
             return SB_OK;
+        if (result == SB_OK)
+            result = ndli_step_end_substep(s);
     }
     *edge = 0;
     return result;
