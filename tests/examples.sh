@@ -747,10 +747,25 @@ expect 0 '^usage: cut_study' cut_study --help
 expect 2 '--lattice needs 1, 2 or 4' cut_study --lattice 3
 expect 2 'is one word too many' cut_study beam.vtk
 
+# ---- needle_study ----
+long expect 0 'needles_step.svg written' needle_study --quick -o needles
+long check "14 rows and a head of CSV" eval '[ "$(wc -l <needles.csv | tr -d " ")" = 15 ]'
+long check "charts of three and two panels" eval '[ "$(grep -c "edge (mm)" needles_mesh.svg)" = 3 ] &&
+    [ "$(grep -c "step (ms)" needles_step.svg)" = 2 ]'
+# the base is as stiff as that of a solid needle to 8 %, tips come as far aside in both meshes to 5 %
+long check "needles hardly depend on the mesh" awk -F, '
+    $1 == "base stiffness" { r = $4 / ($2 == "steel" ? 1354 : 497); if (r < 0.92 || r > 1.08) bad = 1; n++ }
+    $1 == "tip aside" { if (seen[$2] && ($4 / seen[$2] > 1.05 || $4 / seen[$2] < 0.95)) bad = 1; seen[$2] = $4; n++ }
+    $1 == "shaft off its way" { if ($4 > 0.05) bad = 1; n++ }
+    END { exit !(n == 10 && !bad) }' needles.csv
+expect 0 '^needle_study \[OPTIONS\]' needle_study --help
+expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
+
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation drop cut_scalpel cut_resect cut_force cut_study"
+    palpation drop cut_scalpel cut_resect cut_force cut_study
+    needle_study"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1

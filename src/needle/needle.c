@@ -65,7 +65,7 @@ static sb_result ndli_needle_check_bevel(const ndl_needle_def *def, double edge,
     sb_real curvature;
     sb_result result =
         ndl_bevel_curvature(bevel, 0, bevel->law == NDL_BEVEL_ANGLE ? bevel->guide : (sb_real)edge, &curvature);
-    if (result == SB_OK && (!(bevel->lag > 0) || !(sb_abs(curvature) * edge <= 2)))
+    if (result == SB_OK && (!(bevel->lag > 0) || !(fabs((double)curvature) * edge <= 2)))
         result = SB_ERROR_ARGUMENT;
     if (result != SB_OK)
         return sbi_fail(error, result, "bevel: law %d, angle %g, guide %g, curvature %g, lag %g with edges of %g m",
