@@ -11997,9 +11997,9 @@ NDLI_API double ndli_held_wave(double bending, double radius, double young, doub
 NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
 /* What they add (N) to what cutting at X takes. */
 NDLI_API double ndli_needle_membranes_at(const ndl_needle *needle, sb_vec3 X);
-/* Share of a substep of dt (s) at which the tip comes to where what they add changes, or a little more; 1: nowhere but at
- * its very end. Of one that is solved, with the rod moved, before the tip is followed: there the body's mesh is still
- * what it was. */
+/* Share of a substep of dt (s) at which the tip comes to where what they add changes, or a little more; 1: nowhere but
+ * at its very end. Of one that is solved, with the rod moved, before the tip is followed: there the body's mesh is
+ * still what it was. */
 NDLI_API double ndli_needle_share_to_edge(const ndl_needle *needle, double dt);
 
 /* ---- needle_resist ---- */
