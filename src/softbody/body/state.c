@@ -999,18 +999,17 @@ static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
     sbi_body_update_positions(body);
 }
 
-/* Of a body that will go on from its acceleration; earlier versions have it of none. */
+/* Of a body whose integrator goes on from accelerations; earlier versions have it of none. */
 static int sbi_state_has_last_step(const sb_body *body)
 {
-    return (body->integrator == SB_NEWMARK || body->integrator == SB_GENERALISED_ALPHA) && body->acceleration_known &&
-           body->acceleration_step > 0;
+    return body->integrator == SB_NEWMARK || body->integrator == SB_GENERALISED_ALPHA;
 }
 
-/* The length of the step that left the acceleration. */
+/* The length of the step that left the acceleration, 0 where that is not known. */
 static void sbi_state_last_step(sb_body *body, sbi_state_walk *walk)
 {
-    sb_real step = sbi_state_real(walk, body->acceleration_step);
-    if (sbi_state_checks(walk) && (!(step > 0) || !sb_is_finite(step)))
+    sb_real step = sbi_state_real(walk, body->acceleration_known ? body->acceleration_step : 0);
+    if (sbi_state_checks(walk) && (!(step >= 0) || !sb_is_finite(step)))
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved step is %g s long", (double)step));
     if (walk->pass == SBI_STATE_READ)
         body->acceleration_step = step;
