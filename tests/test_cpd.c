@@ -756,6 +756,7 @@ static void test_beyond_numbers(void)
     sb_real most = sizeof(sb_real) == 4 ? REAL(3e38) : REAL(1.7e308);
     unsigned long long seed = 90;
     int beyond = 0;
+    check_bad_numbers();
     options.max_iterations = 8;
     for (int kase = 0; kase < 40; kase++) {
         sb_error error;
