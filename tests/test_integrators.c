@@ -733,7 +733,7 @@ static void test_far_shorter_steps(void)
         sb_mesh mesh =
             scene_box(element_types[k % ELEMENT_TYPES], 4, 1, 2, sb_v3(REAL(0.1), REAL(0.02), REAL(0.02)), 0.1);
         sb_body_def def = sb_default_body_def();
-        double least = SB_REAL_IS_FLOAT ? 1e-3 : 1e-10, dt = 0.005 + 0.02 * check_random(&seed);
+        double least = SB_REAL_IS_FLOAT ? 5e-3 : 1e-10, dt = 0.005 + 0.02 * check_random(&seed);
         double share = 1e-2 * pow(least / 1e-2, check_random(&seed)), most = 0, size = 0;
         sb_vec3 *u[2];
         def.mesh = &mesh;

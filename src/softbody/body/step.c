@@ -256,7 +256,7 @@ static sb_result sbi_step_open(sb_body *body, sb_real dt, sb_step_info *info, sb
  * displacements over a far shorter step than those around it are of rounding and of the solver's tolerance: such a step
  * leaves the acceleration that it found. (Half of its length is noted, lest many do so.) With a spectral radius below 1
  * generalised alpha leaves the acceleration of a time that is off by a share of its step (Arnold and Bruels 2007): one
- * of another length begins with M a = f, but where guests move within it. */
+ * of another length begins with M a = f, but where guests move within it, or tools and organs press. */
 static void sbi_step_look_back(sbi_step *step)
 {
     const sb_real another = 4, of_rounding = 1000;
@@ -270,7 +270,7 @@ static void sbi_step_look_back(sbi_step *step)
     if (!b->acceleration_known || !(last > 0))
         return;
     step->keeps_acceleration = far_shorter * dt < last;
-    if (shifted && step->guests.count == 0 && !step->keeps_acceleration)
+    if (shifted && step->guests.count == 0 && !step->touch && !step->keeps_acceleration)
         step->needs_acceleration = dt > another * last || last > another * dt;
     else
         step->needs_acceleration = dt > of_rounding * last;
