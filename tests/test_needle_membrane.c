@@ -31,6 +31,16 @@ static needle_scene membrane_scene(membrane_case *c, ndl_follow follow, unsigned
     return s;
 }
 
+/* The needle comes at an angle of up to 40 degrees, 1 mm before the skin. */
+static void tilt_needle(needle_scene *s, unsigned long long *seed)
+{
+    double tilt = 0.7 * check_random(seed), turn = 6.28 * check_random(seed);
+    double across = sin(tilt), along = cos(tilt), to_skin = 0.071 + 0.01 / along;
+    s->needle_def.direction = sb_v3(REAL(across * cos(turn)), REAL(across * sin(turn)), REAL(-along));
+    s->needle_def.director = sb_v3(REAL(along * cos(turn)), REAL(along * sin(turn)), REAL(across));
+    s->needle_def.base = sb_v3_madd(sb_v3(REAL(0.02), REAL(0.02), REAL(0.03)), REAL(-to_skin), s->needle_def.direction);
+}
+
 /* Largest force beside friction about the skin and about the membrane below (N), as the needle goes on. */
 static void find_peaks(needle_scene *s, double speed, double dt, double peaks[2])
 {
@@ -53,11 +63,13 @@ static void find_peaks(needle_scene *s, double speed, double dt, double peaks[2]
 }
 
 /* The peaks are what the law asks for, with steps in which the needle would run through. */
-static void check_peaks(ndl_follow follow, unsigned long long seed, double dt)
+static void check_peaks(ndl_follow follow, int tilted, unsigned long long seed, double dt)
 {
     membrane_case c;
     needle_scene s = membrane_scene(&c, follow, &seed);
     double peaks[2];
+    if (tilted)
+        tilt_needle(&s, &seed);
     if (needle_scene_make(&s)) {
         find_peaks(&s, c.speed, dt, peaks);
         for (int i = follow == NDL_EMBED ? 0 : 1; i < 2; i++) {
@@ -74,14 +86,21 @@ static void test_embedded(void)
 {
     static const double dts[] = {0.05, 0.02, 0.01, 0.005};
     for (int k = 0; k < check_rounds(12); k++)
-        check_peaks(NDL_EMBED, 700 + (unsigned)k, dts[k % 4]);
+        check_peaks(NDL_EMBED, 0, 700 + (unsigned)k, dts[k % 4]);
+}
+
+static void test_oblique(void)
+{
+    static const double dts[] = {0.05, 0.02, 0.01, 0.005};
+    for (int k = 0; k < check_rounds(12); k++)
+        check_peaks(NDL_EMBED, 1, 9000 + (unsigned)k, dts[k % 4]);
 }
 
 static void test_remeshed(void)
 {
     static const double dts[] = {0.05, 0.02, 0.01};
     for (int k = 0; k < check_rounds(6); k++)
-        check_peaks(NDL_REMESH, 800 + (unsigned)k, dts[k % 3]);
+        check_peaks(NDL_REMESH, 0, 800 + (unsigned)k, dts[k % 3]);
 }
 
 /* One scene at four steps: the same peaks. */
@@ -133,5 +152,5 @@ static void test_two_needles(void)
     needle_scene_free(&s);
 }
 
-CHECK_SUITE(needle_membrane, {"embedded", test_embedded}, {"remeshed", test_remeshed}, {"steps", test_steps},
-            {"two needles", test_two_needles});
+CHECK_SUITE(needle_membrane, {"embedded", test_embedded}, {"oblique", test_oblique}, {"remeshed", test_remeshed},
+            {"steps", test_steps}, {"two needles", test_two_needles});
