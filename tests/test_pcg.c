@@ -1118,5 +1118,6 @@ CHECK_SUITE(pcg, {"defaults and no preconditioner", test_none_and_defaults},
             {"warm start", test_warm_start}, {"zero rhs and one node", test_zero_rhs_and_one_node},
             {"scales", test_scales}, {"threads", test_threads}, {"golden solve", test_golden_solve},
             {"iteration cap", test_cap}, {"tolerance zero", test_tolerance_zero},
-            {"indefinite solve", test_indefinite_solve}, {"a crumb on its diagonal", test_crumb}, {"singular", test_singular}, {"not finite", test_not_finite},
-            {"bad arguments", test_bad_arguments}, {"failing memory", test_failing_memory});
+            {"indefinite solve", test_indefinite_solve}, {"a crumb on its diagonal", test_crumb},
+            {"singular", test_singular}, {"not finite", test_not_finite}, {"bad arguments", test_bad_arguments},
+            {"failing memory", test_failing_memory});
