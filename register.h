@@ -587,12 +587,13 @@ REG_API int reg_field_sweeps(const reg_field *field);
 #define REG_ICP_H
 
 
-/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. */
+/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. Points in one place count once. */
 typedef struct reg_icp_shape {
     const sb_vec3 *points; /* [count], m; also of a surface: its nodes, or samples of it */
     int count;
     const sb_vec3 *normals;    /* [count], outward, or NULL: taken from the surface, else fitted to the points */
     const sb_real *weights;    /* [count] >= 0, how much a point counts (patches that are known well); NULL: all 1 */
+    const sb_real *sd;         /* [count] > 0, m, how sure a point is: counts as a weight of 1 / sd^2; NULL: alike */
     const sb_surface *surface; /* closest points are looked for on this surface; NULL: among the points */
     const reg_kdtree *tree;    /* of the points; NULL: one is made */
     int has_camera;            /* 1: this is a view, from `camera`: normals face it, and nothing is in front of it */
@@ -3758,7 +3759,8 @@ typedef struct regi_icp_set {
 /* A shape: what is found, and samples of it that look. */
 typedef struct regi_icp_side {
     const sb_vec3 *points, *normals;
-    const sb_real *weights;
+    const sb_real *weights, *sd;
+    sb_real usual_sd; /* m, the median; 1 without sd */
     int count;
     const sb_surface *surface;
     const reg_kdtree *tree;
@@ -3769,7 +3771,7 @@ typedef struct regi_icp_side {
     int closed;  /* a closed surface */
     reg_kdtree *own_tree;
     reg_cloud own;
-    sb_real *own_weights;
+    sb_real *own_weights; /* from weights and sd */
     regi_icp_set sample; /* of the last stage */
     regi_icp_set spread; /* of the search: evenly spread, so that any first part of it is, too */
     reg_kdtree *spread_tree;
@@ -3821,15 +3823,28 @@ typedef struct regi_pose {
     sb_real likelihood; /* nats, tempered */
     sb_real noise;      /* m, robust, of the gaps */
     sb_real lost;       /* share of points that find nothing within 6 noise */
+    sb_real correlation; /* of neighbouring gaps, in [0, 1] */
+    sb_real in_front;    /* share of the model that would hide what the camera saw */
     int flip;
 } regi_pose;
+
+/* Normal equations of the small motion, turn about a's moved centre and shift, that lowers sum w (n . (x - to))^2.
+ * Lengths are in units of a's size, so that turns and shifts are alike. */
+typedef struct regi_icp_system {
+    sb_real matrix[6][6], right[6]; /* lower triangle */
+} regi_icp_system;
 
 /* ---- icp_side.c ---- */
 REGI_API sb_result regi_icp_no_memory(const regi_icp *icp);
 REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side);
+/* What a point of the side counts, by its weight and its sd. */
+REGI_API sb_real regi_icp_weight(const regi_icp_side *side, int point);
 REGI_API void regi_icp_side_free(const sb_allocator *allocator, regi_icp_side *side);
 /* Mean of the normals: where an open shape is seen from; 0 for a closed one. */
 REGI_API sb_vec3 regi_icp_facing(const regi_icp_set *set);
+
+/* The motion of the model onto the target. */
+REGI_API reg_rigid regi_icp_of_model(const regi_icp *icp, const reg_rigid *motion);
 
 /* ---- icp_step.c ---- */
 /* Pairs for this motion, and the score: the mean of min(distance, lost), landmarks included. */
@@ -3840,13 +3855,33 @@ REGI_API int regi_icp_measure(const regi_icp_pairs *pairs, sb_real *mean, sb_rea
 REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
                               reg_rigid *motion, sb_real *score, int *converged);
 
+/* Of the pairs and the landmarks. */
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, regi_icp_system *system);
+/* Cholesky, in place; the solution replaces the right-hand side. The matrix has to be positive definite, by damping. */
+REGI_API void regi_icp_solve(regi_icp_system *system);
+
+/* ---- pose_view.c ---- */
+/* Log-likelihood of a pose by what the caller knows; angles may be off by `slack` (rad) for nothing, and shifts then
+ * do not count. */
+REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_real slack);
+/* Share of the model, of what is inside the camera's view of the target, that would be nearer to the camera than what
+ * it saw by 2 % of the model's size; 0 without a camera. */
+REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion);
+
 /* ---- pose.c ---- */
+/* As many independent points as what looks is worth: patches of a tenth of the model's size in radius, as far as the
+ * points' gaps are correlated. */
+REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation);
+/* Fills the poses' likelihoods and what they come from, and sorts them by it. Overwrites the pairs. */
+REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count);
 /* Finds poses[REG_ICP_POSES], the likeliest first: *count >= 1; *tried: how many were begun with. */
 REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last,
                                     regi_pose *poses, int *count, int *tried);
 
-/* Independent patches of what looks: a tenth of the model's size in radius. */
-REGI_API sb_real regi_pose_patches(const regi_icp *icp);
+/* ---- icp_report.c ---- */
+/* Noise, covariance, and warnings of the result, of which the pairs are the last. Overwrites them. */
+REGI_API sb_result regi_icp_report(regi_icp *icp, const regi_icp_stage *stage, const regi_pose *best,
+                                   reg_icp_info *info);
 
 #endif /* REG_ICP_PRIVATE_H */
 
@@ -3907,6 +3942,30 @@ static int regi_icp_stride(const regi_icp *icp, const regi_icp_side *side, int w
     return 1;
 }
 
+REGI_API sb_real regi_icp_weight(const regi_icp_side *side, int point)
+{
+    sb_real weight = side->weights ? side->weights[point] : 1, sure;
+    if (!side->sd)
+        return weight;
+    sure = side->usual_sd / side->sd[point];
+    return weight * sb_min(sure * sure, 1 / SB_EPSILON);
+}
+
+/* How many of the side's points are where this one is, itself included; 16 at most. */
+static int regi_icp_copies(const regi_icp_side *side, int point)
+{
+    int indices[16], found = 0;
+    sb_real squared[16];
+    for (int k = 2; k <= 16; k *= 8) { /* few have any */
+        found = reg_kdtree_k_nearest(side->tree, side->points[point], k, indices, squared);
+        while (found > 1 && squared[found - 1] > 0)
+            found--;
+        if (found < k)
+            break;
+    }
+    return sbi_max_int(found, 1);
+}
+
 /* The side's points chosen[count] (NULL: the first ones) as a set. */
 static sb_result regi_icp_take(const regi_icp *icp, const regi_icp_side *side, const int *chosen, int count,
                                regi_icp_set *set)
@@ -3917,7 +3976,7 @@ static sb_result regi_icp_take(const regi_icp *icp, const regi_icp_side *side, c
         int at = chosen ? chosen[i] : i;
         set->points[i] = side->points[at];
         set->normals[i] = sb_v3_scale((sb_real)side->sign, side->normals[at]);
-        set->weights[i] = side->weights ? side->weights[at] : 1;
+        set->weights[i] = regi_icp_weight(side, at) / (sb_real)regi_icp_copies(side, at);
     }
     return SB_OK;
 }
@@ -4013,8 +4072,8 @@ static sb_result regi_icp_gather(const regi_icp *icp, const regi_icp_side *side,
     int weighed = 0;
     if (!regi_icp_stride(icp, side, crowd->count, crowd->chosen))
         return regi_icp_no_memory(icp);
-    for (int i = 0; side->weights && i < crowd->count; i++)
-        if (side->weights[crowd->chosen[i]] > 0)
+    for (int i = 0; i < crowd->count; i++)
+        if (regi_icp_weight(side, crowd->chosen[i]) > 0)
             crowd->chosen[weighed++] = crowd->chosen[i];
     crowd->count = weighed > 0 ? weighed : crowd->count;
     for (int i = 0; i < crowd->count; i++) {
@@ -4049,7 +4108,7 @@ static sb_result regi_icp_spread(const regi_icp *icp, const regi_icp_side *side,
         for (int i = 0; result == SB_OK && i < count; i++) {
             set->points[i] = crowd.points[best[i]];
             set->normals[i] = sb_v3_scale((sb_real)side->sign, crowd.normals[best[i]]);
-            set->weights[i] = side->weights ? side->weights[crowd.chosen[best[i]]] : 1;
+            set->weights[i] = regi_icp_weight(side, crowd.chosen[best[i]]);
         }
     }
     regi_icp_crowd_free(icp, &crowd);
@@ -4063,14 +4122,13 @@ static sb_result regi_icp_own(const regi_icp *icp, regi_icp_side *side, const in
 {
     reg_kdtree *tree = NULL;
     sb_result result = regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error);
-    if (result == SB_OK && side->weights) {
+    if (result == SB_OK) {
         side->own_weights = (sb_real *)sbi_alloc(icp->allocator, (size_t)count, sizeof(sb_real));
         result = side->own_weights ? SB_OK : regi_icp_no_memory(icp);
     }
     for (int i = 0; result == SB_OK && i < count; i++) {
         side->own.points[i] = side->points[chosen[i]];
-        if (side->weights)
-            side->own_weights[i] = side->weights[chosen[i]];
+        side->own_weights[i] = regi_icp_weight(side, chosen[i]);
     }
     if (result == SB_OK)
         result = reg_kdtree_create(side->own.points, count, icp->allocator, &tree, icp->error);
@@ -4080,7 +4138,8 @@ static sb_result regi_icp_own(const regi_icp *icp, regi_icp_side *side, const in
     side->own_tree = tree;
     side->tree = tree;
     side->points = side->own.points;
-    side->weights = side->weights ? side->own_weights : NULL;
+    side->weights = side->own_weights;
+    side->sd = NULL;
     side->count = count;
     return SB_OK;
 }
@@ -4248,6 +4307,11 @@ static void regi_icp_measure_side(regi_icp_side *side)
     side->spacing = sb_sqrt(sb_max(share, 0));
 }
 
+REGI_API reg_rigid regi_icp_of_model(const regi_icp *icp, const reg_rigid *motion)
+{
+    return icp->swapped ? reg_rigid_inverse(motion) : *motion;
+}
+
 REGI_API sb_vec3 regi_icp_facing(const regi_icp_set *set)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
@@ -4256,12 +4320,27 @@ REGI_API sb_vec3 regi_icp_facing(const regi_icp_set *set)
     return sb_v3_scale(1 / (sb_real)set->count, sum);
 }
 
+static sb_result regi_icp_usual_sd(const regi_icp *icp, regi_icp_side *side)
+{
+    sb_real *scratch;
+    side->usual_sd = 1;
+    if (!side->sd)
+        return SB_OK;
+    scratch = (sb_real *)sbi_alloc(icp->allocator, (size_t)side->count, sizeof(sb_real));
+    if (!scratch)
+        return regi_icp_no_memory(icp);
+    side->usual_sd = reg_outlier_limit(side->sd, side->count, REG_OUTLIERS_TRIM, (sb_real)0.5, scratch);
+    sbi_free(icp->allocator, scratch);
+    return SB_OK;
+}
+
 REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side)
 {
     sb_result result = SB_OK;
     side->points = shape->points;
     side->normals = shape->normals;
     side->weights = shape->weights;
+    side->sd = shape->sd;
     side->count = shape->count;
     side->surface = shape->surface;
     side->tree = shape->tree;
@@ -4269,6 +4348,8 @@ REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape,
         result = reg_kdtree_create(shape->points, shape->count, icp->allocator, &side->own_tree, icp->error);
         side->tree = side->own_tree;
     }
+    if (result == SB_OK)
+        result = regi_icp_usual_sd(icp, side);
     if (result == SB_OK)
         result = regi_icp_normals(icp, shape, side);
     if (result == SB_OK)
@@ -4311,10 +4392,10 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
         *normal = sb_v3_scale((sb_real)side->sign, sb_surface_normal(side->surface, &hit));
         *weight = 1;
         *distance = hit.distance;
-        if (!side->weights)
+        if (!side->weights && !side->sd)
             return 1;
         at = reg_kdtree_nearest(side->tree, hit.point, SB_REAL_MAX, NULL);
-        *weight = side->weights[at];
+        *weight = regi_icp_weight(side, at);
         return 1;
     }
     guess = sb_v3_sub(points[*partner], p);
@@ -4326,7 +4407,7 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
         return 0;
     *point = points[at];
     *normal = coarse ? side->spread.normals[at] : sb_v3_scale((sb_real)side->sign, side->normals[at]);
-    *weight = coarse ? side->spread.weights[at] : side->weights ? side->weights[at] : 1;
+    *weight = coarse ? side->spread.weights[at] : regi_icp_weight(side, at);
     *distance = sb_sqrt(squared);
     return 1;
 }
@@ -4399,11 +4480,6 @@ REGI_API sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const
 
 /* ==== fits ======================================================================================================== */
 
-/* Normal equations of the small motion, turn about `centre` and shift, that lowers sum w (n . (x - to))^2. */
-typedef struct regi_icp_system {
-    sb_real matrix[6][6], right[6]; /* lower triangle */
-} regi_icp_system;
-
 static void regi_icp_add_row(regi_icp_system *system, sb_vec3 arm, sb_vec3 normal, sb_real gap, sb_real weight)
 {
     sb_vec3 turn = sb_v3_cross(arm, normal);
@@ -4417,8 +4493,7 @@ static void regi_icp_add_row(regi_icp_system *system, sb_vec3 arm, sb_vec3 norma
     }
 }
 
-/* Cholesky, in place; the solution replaces the right-hand side. The matrix is positive definite by its damping. */
-static void regi_icp_solve(regi_icp_system *system)
+REGI_API void regi_icp_solve(regi_icp_system *system)
 {
     sb_real(*m)[6] = system->matrix, *x = system->right;
     for (int i = 0; i < 6; i++)
@@ -4440,16 +4515,12 @@ static void regi_icp_solve(regi_icp_system *system)
     }
 }
 
-/* One Gauss-Newton step to the planes. Lengths are in units of the size, so that turns and shifts are alike; a damping
- * of a millionth holds what the planes leave open. */
-static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, regi_icp_system *system)
 {
     const regi_icp_pairs *pairs = &icp->pairs;
-    regi_icp_system system;
-    sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle, total = 0;
-    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
-    reg_rigid step;
-    memset(&system, 0, sizeof system);
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, total = 0;
+    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre);
+    memset(system, 0, sizeof *system);
     for (int i = 0; i < pairs->count; i++) {
         sb_vec3 x, gap;
         if (!(pairs->weight[i] > 0))
@@ -4457,7 +4528,7 @@ static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
         x = reg_rigid_apply(motion, pairs->from[i]);
         gap = sb_v3_scale(1 / size, sb_v3_sub(x, pairs->to[i]));
         total += pairs->weight[i];
-        regi_icp_add_row(&system, sb_v3_scale(1 / size, sb_v3_sub(x, centre)), pairs->normal[i],
+        regi_icp_add_row(system, sb_v3_scale(1 / size, sb_v3_sub(x, centre)), pairs->normal[i],
                          sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
     }
     for (int i = 0; i < icp->options->landmark_count; i++) {
@@ -4465,10 +4536,20 @@ static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
         sb_vec3 arm = sb_v3_scale(1 / size, sb_v3_sub(x, centre));
         sb_vec3 gap = sb_v3_scale(1 / size, sb_v3_sub(x, icp->landmarks_b[i]));
         sb_real weight = total * icp->options->landmarks[i].weight;
-        regi_icp_add_row(&system, arm, sb_v3(1, 0, 0), gap.x, weight);
-        regi_icp_add_row(&system, arm, sb_v3(0, 1, 0), gap.y, weight);
-        regi_icp_add_row(&system, arm, sb_v3(0, 0, 1), gap.z, weight);
+        regi_icp_add_row(system, arm, sb_v3(1, 0, 0), gap.x, weight);
+        regi_icp_add_row(system, arm, sb_v3(0, 1, 0), gap.y, weight);
+        regi_icp_add_row(system, arm, sb_v3(0, 0, 1), gap.z, weight);
     }
+}
+
+/* One Gauss-Newton step to the planes; a damping of a millionth holds what they leave open. */
+static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
+{
+    regi_icp_system system;
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle;
+    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
+    reg_rigid step;
+    regi_icp_equations(icp, motion, &system);
     for (int i = 0; i < 6; i++)
         trace += system.matrix[i][i];
     for (int i = 0; i < 6; i++)
@@ -4562,6 +4643,133 @@ REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int ro
 }
 
 
+/* ==== src/register/pose_view.c ==== */
+/* pose_view: what the caller knows of a pose: a rough start, from where the organ was seen, and that nothing was in
+ * front of what the camera saw. */
+
+/* Where the target looks, in its frame; flip -1: its normals point inwards. */
+static sb_vec3 regi_pose_view(const regi_icp *icp, int flip)
+{
+    const regi_icp_side *target = icp->swapped ? &icp->a : &icp->b;
+    if (icp->target->has_camera)
+        return regi_cloud_unit(sb_v3_sub(icp->target->camera, target->centre));
+    return sb_v3_scale((sb_real)flip, regi_cloud_unit(regi_icp_facing(&target->spread)));
+}
+
+static sb_real regi_pose_square(sb_real x, sb_real slack, sb_real sd)
+{
+    sb_real beyond = sb_max(x - slack, 0) / sd;
+    return beyond * beyond;
+}
+
+REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_real slack)
+{
+    const reg_icp_options *o = icp->options;
+    const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a;
+    reg_rigid motion = regi_icp_of_model(icp, &pose->motion);
+    sb_real sum = 0;
+    if (o->start_shift_sd > 0 && o->start_turn_sd > 0) {
+        reg_rigid back = reg_rigid_inverse(&o->start), between = reg_rigid_compose(&motion, &back);
+        sb_real shift =
+            sb_v3_norm(sb_v3_sub(reg_rigid_apply(&motion, model->centre), reg_rigid_apply(&o->start, model->centre)));
+        sum += regi_pose_square(reg_rigid_angle(&between), slack, o->start_turn_sd);
+        if (!(slack > 0))
+            sum += regi_pose_square(shift, 0, o->start_shift_sd);
+    }
+    if (o->seen_from_sd > 0 && !icp->both) {
+        sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
+        sb_vec3 wanted = regi_cloud_unit(o->seen_from);
+        sb_real angle =
+            (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
+        sum += regi_pose_square(angle, slack, o->seen_from_sd);
+    }
+    return -sum / 2;
+}
+
+/* ==== free space ================================================================================================== */
+
+enum { REGI_VIEW_CELLS = 32 }; /* along a side of the camera's image, at most */
+
+/* What the camera saw of the target: the depth of the nearest point in each cell of an image. */
+typedef struct regi_view {
+    sb_vec3 camera, right, up, ahead;
+    sb_real low[2], step[2];
+    sb_real depth[REGI_VIEW_CELLS * REGI_VIEW_CELLS]; /* m; 0: nothing was seen there */
+    int cells;
+} regi_view;
+
+/* A point's place in the image and its depth; 0 behind the camera. */
+static int regi_view_project(const regi_view *view, sb_vec3 point, sb_real image[2], sb_real *depth)
+{
+    sb_vec3 ray = sb_v3_sub(point, view->camera);
+    *depth = sb_v3_dot(ray, view->ahead);
+    if (!(*depth > 0))
+        return 0;
+    image[0] = sb_v3_dot(ray, view->right) / *depth;
+    image[1] = sb_v3_dot(ray, view->up) / *depth;
+    return 1;
+}
+
+/* The cell of a place in the image, or -1 beside it. */
+static int regi_view_cell(const regi_view *view, const sb_real image[2])
+{
+    int at[2];
+    for (int k = 0; k < 2; k++) {
+        sb_real cell = (image[k] - view->low[k]) / view->step[k];
+        if (!(cell >= 0 && cell < (sb_real)view->cells))
+            return -1;
+        at[k] = (int)cell;
+    }
+    return at[1] * view->cells + at[0];
+}
+
+/* 0 where the camera's image has no size. */
+static int regi_view_frame(const regi_icp_side *target, sb_vec3 camera, regi_view *view)
+{
+    sb_real high[2] = {-SB_REAL_MAX, -SB_REAL_MAX}, image[2], depth;
+    view->camera = camera;
+    view->ahead = regi_cloud_unit(sb_v3_sub(target->centre, camera));
+    view->right = sb_v3_cross(view->ahead, sb_abs(view->ahead.x) < (sb_real)0.6 ? sb_v3(1, 0, 0) : sb_v3(0, 1, 0));
+    view->right = regi_cloud_unit(view->right);
+    view->up = sb_v3_cross(view->right, view->ahead);
+    view->low[0] = view->low[1] = SB_REAL_MAX;
+    for (int i = 0; i < target->spread.count; i++)
+        for (int k = 0; k < 2 && regi_view_project(view, target->spread.points[i], image, &depth); k++) {
+            view->low[k] = sb_min(view->low[k], image[k]);
+            high[k] = sb_max(high[k], image[k]);
+        }
+    view->cells = sbi_min_int(REGI_VIEW_CELLS, (int)sb_sqrt((sb_real)target->spread.count / 3));
+    for (int k = 0; k < 2; k++) /* a little more, so that the last point is inside */
+        view->step[k] = (high[k] - view->low[k]) * (1 + 16 * SB_EPSILON) / (sb_real)sbi_max_int(view->cells, 1);
+    return view->cells > 0 && view->step[0] > 0 && view->step[1] > 0 && sb_is_finite(view->step[0] + view->step[1]);
+}
+
+REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion)
+{
+    const regi_icp_side *target = icp->swapped ? &icp->a : &icp->b, *model = icp->swapped ? &icp->b : &icp->a;
+    reg_rigid placed = regi_icp_of_model(icp, motion);
+    sb_real image[2], depth, margin = (sb_real)0.02 * model->extent;
+    regi_view view;
+    int inside = 0, in_front = 0;
+    if (!icp->target->has_camera || !regi_view_frame(target, icp->target->camera, &view))
+        return 0;
+    memset(view.depth, 0, sizeof view.depth);
+    for (int i = 0; i < target->spread.count; i++) {
+        int cell = regi_view_project(&view, target->spread.points[i], image, &depth) ? regi_view_cell(&view, image) : -1;
+        if (cell >= 0 && (!(view.depth[cell] > 0) || depth < view.depth[cell]))
+            view.depth[cell] = depth;
+    }
+    for (int i = 0; i < model->spread.count; i++) {
+        sb_vec3 at = reg_rigid_apply(&placed, model->spread.points[i]);
+        int cell = regi_view_project(&view, at, image, &depth) ? regi_view_cell(&view, image) : -1;
+        if (cell < 0 || !(view.depth[cell] > 0))
+            continue;
+        inside++;
+        in_front += depth < view.depth[cell] - margin;
+    }
+    return inside > 0 ? (sb_real)in_front / (sb_real)inside : 0;
+}
+
 /* ==== src/register/pose.c ==== */
 /* pose: the search for poses, and how they are weighed. */
 
@@ -4624,60 +4832,6 @@ static void regi_pose_add(regi_pose *poses, int *count, reg_rigid motion, int fl
     poses[(*count)++].flip = flip;
 }
 
-/* ==== what the caller knows ======================================================================================= */
-
-static reg_rigid regi_pose_of_model(const regi_icp *icp, const reg_rigid *motion)
-{
-    return icp->swapped ? reg_rigid_inverse(motion) : *motion;
-}
-
-static sb_vec3 regi_pose_unit(sb_vec3 v)
-{
-    sb_real length = sb_v3_norm(v);
-    return sb_v3_scale(length > 0 ? 1 / length : 0, v);
-}
-
-/* Where the target looks, in its frame; flip -1: its normals point inwards. */
-static sb_vec3 regi_pose_view(const regi_icp *icp, int flip)
-{
-    const regi_icp_side *target = icp->swapped ? &icp->a : &icp->b;
-    if (icp->target->has_camera)
-        return regi_pose_unit(sb_v3_sub(icp->target->camera, target->centre));
-    return sb_v3_scale((sb_real)flip, regi_pose_unit(regi_icp_facing(&target->spread)));
-}
-
-static sb_real regi_pose_square(sb_real x, sb_real slack, sb_real sd)
-{
-    sb_real beyond = sb_max(x - slack, 0) / sd;
-    return beyond * beyond;
-}
-
-/* Log-likelihood of a pose by what the caller knows; angles may be off by `slack` (rad) for nothing, and shifts then
- * do not count. */
-static sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_real slack)
-{
-    const reg_icp_options *o = icp->options;
-    const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a;
-    reg_rigid motion = regi_pose_of_model(icp, &pose->motion);
-    sb_real sum = 0;
-    if (o->start_shift_sd > 0 && o->start_turn_sd > 0) {
-        reg_rigid back = reg_rigid_inverse(&o->start), between = reg_rigid_compose(&motion, &back);
-        sb_real shift =
-            sb_v3_norm(sb_v3_sub(reg_rigid_apply(&motion, model->centre), reg_rigid_apply(&o->start, model->centre)));
-        sum += regi_pose_square(reg_rigid_angle(&between), slack, o->start_turn_sd);
-        if (!(slack > 0))
-            sum += regi_pose_square(shift, 0, o->start_shift_sd);
-    }
-    if (o->seen_from_sd > 0 && !icp->both) {
-        sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
-        sb_vec3 wanted = regi_pose_unit(o->seen_from);
-        sb_real angle =
-            (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
-        sum += regi_pose_square(angle, slack, o->seen_from_sd);
-    }
-    return -sum / 2;
-}
-
 /* All poses to try, after the caller's own and that of the landmarks; not those that the caller rules out by more than
  * three deviations. */
 static int regi_pose_candidates(const regi_icp *icp, const reg_rigid *start, regi_pose *poses)
@@ -4726,7 +4880,7 @@ static void regi_pose_sort(regi_pose *poses, int count, int kept)
 static int regi_pose_differ(const regi_icp *icp, const regi_pose *p, const regi_pose *q)
 {
     const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a;
-    reg_rigid first = regi_pose_of_model(icp, &p->motion), second = regi_pose_of_model(icp, &q->motion);
+    reg_rigid first = regi_icp_of_model(icp, &p->motion), second = regi_icp_of_model(icp, &q->motion);
     reg_rigid back = reg_rigid_inverse(&first), between = reg_rigid_compose(&second, &back);
     int probes = sbi_min_int(model->spread.count, REGI_POSE_PROBES);
     sb_real sum = 0;
@@ -4775,6 +4929,27 @@ static sb_real regi_pose_gap(const regi_icp *icp, const reg_rigid *motion, int n
     return sb_sqrt(plane * plane + sb_max(beside, 0));
 }
 
+/* Share of neighbouring points' signed gaps that is common to them, in [0, 1]: noise has none, deformation and wrong
+ * poses much. gap: of the pose; residual[count]: scratch. */
+static sb_real regi_pose_correlation(const regi_icp *icp, const regi_pose *pose, const sb_real *gap, sb_real *residual)
+{
+    const regi_icp_side *side = &icp->a;
+    sb_real products = 0, squares = 0, limit = 3 * pose->noise;
+    for (int i = 0; i < side->spread.count; i++) {
+        sb_vec3 way = sb_v3_sub(reg_rigid_apply(&pose->motion, icp->pairs.from[i]), icp->pairs.to[i]);
+        residual[i] = gap[i] <= limit ? sb_v3_dot(way, icp->pairs.normal[i]) : 0;
+    }
+    for (int i = 0; i < side->spread.count; i++) {
+        int pair[2];
+        sb_real squared[2];
+        if (reg_kdtree_k_nearest(side->spread_tree, side->spread.points[i], 2, pair, squared) < 2)
+            continue;
+        squares += residual[i] * residual[i] + residual[pair[1]] * residual[pair[1]];
+        products += 2 * residual[i] * residual[pair[1]];
+    }
+    return squares > 0 ? sb_max(products / squares, 0) : 1;
+}
+
 /* The gaps of one pose, and its noise: 1.48 times their median. */
 static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose *pose, regi_pose_gaps *gaps, int which)
 {
@@ -4801,6 +4976,7 @@ static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose 
     pose->lost = 0;
     for (int i = 0; i < icp->pairs.count; i++)
         pose->lost += gap[i] > 6 * pose->noise ? 1 / (sb_real)icp->pairs.count : 0;
+    pose->correlation = regi_pose_correlation(icp, pose, gap, gaps->scratch);
 }
 
 /* Student's distribution with three degrees of freedom, as log against that of gap 0. */
@@ -4831,7 +5007,8 @@ static sb_real regi_pose_mean(const regi_icp *icp, const regi_pose *pose, const 
     return sum / share;
 }
 
-REGI_API sb_real regi_pose_patches(const regi_icp *icp)
+/* Patches of a tenth of the model's size in radius, of what looks. */
+static sb_real regi_pose_patches(const regi_icp *icp)
 {
     const double pi = 3.141592653589793;
     double radius = 0.1 * (double)(icp->swapped ? icp->b.extent : icp->a.extent);
@@ -4839,25 +5016,36 @@ REGI_API sb_real regi_pose_patches(const regi_icp *icp)
     return (sb_real)fmin(fmax(patches, 1), (double)icp->a.spread.count);
 }
 
+REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation)
+{
+    sb_real n = (sb_real)icp->a.spread.count;
+    return n / (1 + correlation * (n / regi_pose_patches(icp) - 1));
+}
+
 /* Their likelihoods, by a common noise: the least of all. */
 static void regi_pose_weigh(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count,
                             regi_pose_gaps *gaps)
 {
-    sb_real noise = SB_REAL_MAX, patches = regi_pose_patches(icp);
+    sb_real noise = SB_REAL_MAX, patches = regi_pose_patches(icp), points;
     for (int i = 0; i < count; i++) {
         regi_pose_look(icp, last, poses + i, gaps, i);
         noise = sb_min(noise, poses[i].noise);
     }
     noise = sb_max(noise, 64 * SB_EPSILON * (icp->a.extent + icp->b.extent));
     for (int i = 0; i < count; i++)
+        poses[i].score = -regi_pose_mean(icp, poses + i, gaps, i, noise);
+    regi_pose_sort(poses, count, count);
+    points = regi_pose_points(icp, poses[0].correlation);
+    for (int i = 0; i < count; i++) {
+        poses[i].in_front = regi_pose_in_front(icp, &poses[i].motion);
         poses[i].likelihood =
-            patches * regi_pose_mean(icp, poses + i, gaps, i, noise) + regi_pose_prior(icp, poses + i, 0);
-    for (int i = 0; i < count; i++)
+            regi_pose_prior(icp, poses + i, 0) - points * poses[i].score - 10 * patches * poses[i].in_front;
         poses[i].score = -poses[i].likelihood;
+    }
     regi_pose_sort(poses, count, count);
 }
 
-static sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count)
+REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count)
 {
     regi_pose_gaps gaps;
     size_t room = (size_t)icp->a.spread.count + (size_t)icp->b.spread.count;
@@ -4894,14 +5082,17 @@ static int regi_pose_stage(regi_icp *icp, const regi_pose_plan *plan, regi_icp_s
     }
     *begun = count;
     regi_pose_sort(poses, count, count);
-    return plan->distinct ? regi_pose_distinct(icp, poses, count, plan->kept) : sbi_min_int(count, plan->kept);
+    count = plan->distinct ? regi_pose_distinct(icp, poses, count, plan->kept) : sbi_min_int(count, plan->kept);
+    while (count > 3 && plan->distinct && poses[count - 1].score > 2 * poses[0].score)
+        count--; /* far off; some stay to compare with */
+    return count;
 }
 
 REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last,
                                     regi_pose *poses, int *count, int *tried)
 {
     static const regi_pose_plan plan[REGI_POSE_STAGES] = {
-        {1, 60, 4, 100, 0}, {1, 150, 8, 20, 1}, {1, 500, 10, REG_ICP_POSES, 1}, {0, 500, 8, REG_ICP_POSES, 1}};
+        {1, 60, 4, 60, 0}, {1, 150, 6, 12, 1}, {1, 300, 8, REG_ICP_POSES, 1}, {0, 300, 5, REG_ICP_POSES, 1}};
     size_t most = 2 * (2 + REGI_POSE_ROTATIONS);
     regi_pose *all = (regi_pose *)sbi_alloc(icp->allocator, most, sizeof(regi_pose));
     regi_icp_stage stage = *last;
@@ -4925,6 +5116,153 @@ REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const
     *count = left;
     sbi_free(icp->allocator, all);
     return result;
+}
+
+/* ==== src/register/icp_report.c ==== */
+/* icp_report: how far an alignment can be trusted. */
+
+/* 1.48 times the median distance from the planes of the pairs that count. */
+static sb_real regi_report_noise(regi_icp *icp, const reg_rigid *motion)
+{
+    regi_icp_pairs *pairs = &icp->pairs;
+    sb_real least = 64 * SB_EPSILON * (icp->a.extent + icp->b.extent), limit;
+    int count = 0;
+    for (int i = 0; i < pairs->count; i++)
+        if (pairs->weight[i] > 0) {
+            sb_vec3 way = sb_v3_sub(reg_rigid_apply(motion, pairs->from[i]), pairs->to[i]);
+            pairs->distance[count++] = sb_abs(sb_v3_dot(way, pairs->normal[i]));
+        }
+    limit = reg_outlier_limit(pairs->distance, count, REG_OUTLIERS_TRIM, (sb_real)0.5, pairs->scratch);
+    return sb_max((sb_real)1.4826 * limit, least);
+}
+
+/* Inverse of the information, about a's moved centre in b's frame. Before anything is seen a turn is known to 1.8 rad
+ * (any is as likely), a shift to the shapes' extent, or as well as the start. */
+static void regi_report_invert(const regi_icp *icp, const regi_icp_system *seen, sb_real noise, sb_real covariance[6][6])
+{
+    const reg_icp_options *o = icp->options;
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, turn = (sb_real)1.8, shift = icp->a.extent + icp->b.extent;
+    regi_icp_system prior = *seen;
+    if (o->start_shift_sd > 0 && o->start_turn_sd > 0) {
+        turn = sb_min(turn, o->start_turn_sd);
+        shift = sb_min(shift, o->start_shift_sd);
+    }
+    turn = noise / (size * turn);
+    shift = shift > 0 ? noise / shift : 1;
+    for (int i = 0; i < 6; i++)
+        prior.matrix[i][i] += i < 3 ? turn * turn : shift * shift;
+    for (int j = 0; j < 6; j++) {
+        regi_icp_system unit = prior;
+        memset(unit.right, 0, sizeof unit.right);
+        unit.right[j] = 1;
+        regi_icp_solve(&unit);
+        for (int i = 0; i < 6; i++)
+            covariance[i][j] = (i < 3 ? noise / size : noise) * (j < 3 ? noise / size : noise) * unit.right[i];
+    }
+}
+
+static sb_mat3 regi_report_block(sb_real covariance[6][6], int row, int column)
+{
+    sb_mat3 block;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            block.m[i][j] = covariance[row + i][column + j];
+    return block;
+}
+
+/* Of the model's motion, in the target's frame. With the shapes exchanged it is the motion back, by -R^T. */
+static void regi_report_covariance(const regi_icp *icp, const reg_rigid *motion, reg_icp_info *info)
+{
+    regi_icp_system system;
+    sb_real covariance[6][6];
+    regi_icp_equations(icp, motion, &system);
+    regi_report_invert(icp, &system, info->noise, covariance);
+    info->centre = icp->swapped ? icp->a.centre : reg_rigid_apply(motion, icp->a.centre);
+    for (int row = 0; row < 6; row += 3)
+        for (int column = 0; column < 6; column += 3) {
+            sb_mat3 block = regi_report_block(covariance, row, column);
+            if (icp->swapped)
+                block = sb_m3_mul(sb_m3_tmul(motion->rotation, block), motion->rotation);
+            for (int i = 0; i < 9; i++)
+                info->covariance[(row + i / 3) * 6 + column + i % 3] = block.m[i / 3][i % 3];
+        }
+}
+
+/* Largest deviation along any direction, of the turn (first 0) or the shift (first 3). */
+static sb_real regi_report_largest(const reg_icp_info *info, int first)
+{
+    sb_mat3 block;
+    sb_vec3 values;
+    for (int i = 0; i < 9; i++)
+        block.m[i / 3][i % 3] = info->covariance[(first + i / 3) * 6 + first + i % 3];
+    sb_m3_eigen(block, &values, NULL);
+    return sb_sqrt(sb_max(values.x, 0));
+}
+
+/* Median distance of the spread points from their centre. */
+static sb_real regi_report_radius(regi_icp *icp, const regi_icp_side *side)
+{
+    regi_icp_pairs *pairs = &icp->pairs;
+    for (int i = 0; i < side->spread.count; i++)
+        pairs->distance[i] = sb_v3_norm(sb_v3_sub(side->spread.points[i], side->centre));
+    return reg_outlier_limit(pairs->distance, side->spread.count, REG_OUTLIERS_TRIM, (sb_real)0.5, pairs->scratch);
+}
+
+/* The units that may have been mistaken for each other, or the ratio itself. */
+static sb_real regi_report_guess(sb_real ratio)
+{
+    static const double units[] = {1000, 1e-3, 25.4, 1 / 25.4, 100, 0.01, 10, 0.1, 39.37, 1 / 39.37};
+    double best = (double)ratio, least = log(2.5);
+    for (int i = 0; i < (int)(sizeof units / sizeof units[0]); i++) {
+        double off = fabs(log((double)ratio / units[i]));
+        if (off < least) {
+            least = off;
+            best = units[i];
+        }
+    }
+    return (sb_real)best;
+}
+
+/* The shapes' sizes: of the whole organ they agree, a part is no larger than the whole, nor a speck of it. */
+static void regi_report_scale(regi_icp *icp, reg_icp_info *info)
+{
+    sb_real a = regi_report_radius(icp, &icp->a), b = regi_report_radius(icp, &icp->b), ratio, model;
+    info->scale_guess = 1;
+    if (!(a > 0) || !(b > 0))
+        return;
+    ratio = a / b; /* a is the part, where there is one */
+    model = icp->swapped ? 1 / ratio : ratio;
+    if (icp->both ? ratio < (sb_real)1.5 && ratio > 1 / (sb_real)1.5 : ratio < (sb_real)1.5 && ratio > (sb_real)0.05)
+        return;
+    icp->warnings |= REG_WARN_SCALE;
+    info->scale_guess = regi_report_guess(model);
+}
+
+REGI_API sb_result regi_icp_report(regi_icp *icp, const regi_icp_stage *stage, const regi_pose *best,
+                                   reg_icp_info *info)
+{
+    const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a, *target = icp->swapped ? &icp->a : &icp->b;
+    regi_pose pose = *best;
+    sb_real dependent, model_size = sb_max(model->extent, target->extent);
+    sb_result result;
+    info->noise = regi_report_noise(icp, &pose.motion);
+    regi_report_covariance(icp, &pose.motion, info);
+    result = regi_pose_rank(icp, stage, &pose, 1);
+    if (result != SB_OK)
+        return result;
+    dependent = sb_sqrt(sb_max(1, (sb_real)info->pairs / regi_pose_points(icp, pose.correlation)));
+    if (dependent * regi_report_largest(info, 0) > (sb_real)0.087 ||
+        dependent * regi_report_largest(info, 3) > (sb_real)0.02 * model_size)
+        icp->warnings |= REG_WARN_LOW_CONTRAST;
+    info->seen = model->area > 0 ? sb_min(target->area / model->area, 1) : 1;
+    if (icp->swapped && info->seen < (sb_real)0.15)
+        icp->warnings |= REG_WARN_VIEW_SMALL;
+    if (pose.lost > (sb_real)0.3)
+        icp->warnings |= REG_WARN_MANY_OUTLIERS;
+    if (pose.in_front > (sb_real)0.05)
+        icp->warnings |= REG_WARN_FREE_SPACE;
+    regi_report_scale(icp, info);
+    return SB_OK;
 }
 
 /* ==== src/register/icp.c ==== */
@@ -4991,6 +5329,12 @@ static sb_result regi_icp_check(const reg_icp_shape *shape, const char *which, s
     }
     if (shape->weights && !(most > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the %s are 0", which);
+    for (int i = 0; shape->sd && i < shape->count; i++)
+        if (!(shape->sd[i] > 0) || !sb_is_finite(shape->sd[i]))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "the sd of the %s's point %d is %g", which, i,
+                                 (double)shape->sd[i]);
+    if (!sb_v3_is_finite(shape->camera))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the camera of the %s is not finite", which);
     if (shape->tree && reg_kdtree_count(shape->tree) != shape->count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the %s has %d points, its tree %d", which, shape->count,
                         reg_kdtree_count(shape->tree));
@@ -5026,6 +5370,13 @@ static sb_result regi_icp_check_options(const reg_icp_options *o, sb_error *erro
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, it must be positive", o->max_seconds);
     if (!sb_v3_is_finite(o->start.translation) || !sb_is_finite(sbi_dense_max_abs(&o->start.rotation.m[0][0], 9)))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the start is not finite");
+    if (!(o->start_shift_sd >= 0) || !(o->start_turn_sd >= 0) || !(o->seen_from_sd >= 0) ||
+        !sb_is_finite(o->start_shift_sd + o->start_turn_sd + o->seen_from_sd))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a deviation of the start or of seen_from is out of range");
+    if (!sb_v3_is_finite(o->seen_from))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "seen_from is not finite");
+    if (o->seen_from_sd > 0 && !(sb_v3_norm(o->seen_from) > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "seen_from is 0, but seen_from_sd is not");
     if (reg_outlier_limit(&one, 1, o->outliers, o->outlier_parameter, &scratch) < 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
                         (int)o->outliers, (double)o->outlier_parameter);
@@ -5036,7 +5387,8 @@ static sb_result regi_icp_make_pairs(regi_icp *icp)
 {
     int landmarks = icp->options->landmark_count;
     int points = sbi_max_int(icp->a.sample.count, icp->a.spread.count);
-    int most = points + (icp->both ? sbi_max_int(icp->b.sample.count, icp->b.spread.count) : 0);
+    int others = sbi_max_int(icp->b.sample.count, icp->b.spread.count);
+    int most = icp->both ? points + others : sbi_max_int(points, others);
     size_t room = (size_t)most + (size_t)landmarks;
     regi_icp_pairs *p = &icp->pairs;
     p->from = (sb_vec3 *)sbi_alloc(icp->allocator, room, 3 * sizeof(sb_vec3));
@@ -5101,7 +5453,7 @@ static sb_result regi_icp_begin(regi_icp *icp, const reg_rigid *start, const reg
 static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_info *info)
 {
     for (int i = 0; i < info->pose_count; i++) {
-        info->poses[i] = icp->swapped ? reg_rigid_inverse(&poses[i].motion) : poses[i].motion;
+        info->poses[i] = regi_icp_of_model(icp, &poses[i].motion);
         info->likelihood[i] = poses[i].likelihood - poses[0].likelihood;
     }
     info->margin = info->pose_count > 1 ? -info->likelihood[1] : SB_REAL_MAX;
@@ -5138,8 +5490,9 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
         return sbi_fail(icp->error, SB_ERROR_NOT_CONVERGED, "no points of the shapes are within %g m of each other",
                         (double)options->max_distance);
     regi_icp_tell_poses(icp, poses, info);
+    result = regi_icp_report(icp, &stage, &poses[0], info);
     info->warnings = icp->warnings;
-    return SB_OK;
+    return result;
 }
 
 REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *target, const reg_icp_options *options,

@@ -62,6 +62,12 @@ static sb_result regi_icp_check(const reg_icp_shape *shape, const char *which, s
     }
     if (shape->weights && !(most > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the %s are 0", which);
+    for (int i = 0; shape->sd && i < shape->count; i++)
+        if (!(shape->sd[i] > 0) || !sb_is_finite(shape->sd[i]))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "the sd of the %s's point %d is %g", which, i,
+                                 (double)shape->sd[i]);
+    if (!sb_v3_is_finite(shape->camera))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the camera of the %s is not finite", which);
     if (shape->tree && reg_kdtree_count(shape->tree) != shape->count)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the %s has %d points, its tree %d", which, shape->count,
                         reg_kdtree_count(shape->tree));
@@ -97,6 +103,13 @@ static sb_result regi_icp_check_options(const reg_icp_options *o, sb_error *erro
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, it must be positive", o->max_seconds);
     if (!sb_v3_is_finite(o->start.translation) || !sb_is_finite(sbi_dense_max_abs(&o->start.rotation.m[0][0], 9)))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the start is not finite");
+    if (!(o->start_shift_sd >= 0) || !(o->start_turn_sd >= 0) || !(o->seen_from_sd >= 0) ||
+        !sb_is_finite(o->start_shift_sd + o->start_turn_sd + o->seen_from_sd))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a deviation of the start or of seen_from is out of range");
+    if (!sb_v3_is_finite(o->seen_from))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "seen_from is not finite");
+    if (o->seen_from_sd > 0 && !(sb_v3_norm(o->seen_from) > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "seen_from is 0, but seen_from_sd is not");
     if (reg_outlier_limit(&one, 1, o->outliers, o->outlier_parameter, &scratch) < 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
                         (int)o->outliers, (double)o->outlier_parameter);
@@ -107,7 +120,8 @@ static sb_result regi_icp_make_pairs(regi_icp *icp)
 {
     int landmarks = icp->options->landmark_count;
     int points = sbi_max_int(icp->a.sample.count, icp->a.spread.count);
-    int most = points + (icp->both ? sbi_max_int(icp->b.sample.count, icp->b.spread.count) : 0);
+    int others = sbi_max_int(icp->b.sample.count, icp->b.spread.count);
+    int most = icp->both ? points + others : sbi_max_int(points, others);
     size_t room = (size_t)most + (size_t)landmarks;
     regi_icp_pairs *p = &icp->pairs;
     p->from = (sb_vec3 *)sbi_alloc(icp->allocator, room, 3 * sizeof(sb_vec3));
@@ -172,7 +186,7 @@ static sb_result regi_icp_begin(regi_icp *icp, const reg_rigid *start, const reg
 static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_info *info)
 {
     for (int i = 0; i < info->pose_count; i++) {
-        info->poses[i] = icp->swapped ? reg_rigid_inverse(&poses[i].motion) : poses[i].motion;
+        info->poses[i] = regi_icp_of_model(icp, &poses[i].motion);
         info->likelihood[i] = poses[i].likelihood - poses[0].likelihood;
     }
     info->margin = info->pose_count > 1 ? -info->likelihood[1] : SB_REAL_MAX;
@@ -209,8 +223,9 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
         return sbi_fail(icp->error, SB_ERROR_NOT_CONVERGED, "no points of the shapes are within %g m of each other",
                         (double)options->max_distance);
     regi_icp_tell_poses(icp, poses, info);
+    result = regi_icp_report(icp, &stage, &poses[0], info);
     info->warnings = icp->warnings;
-    return SB_OK;
+    return result;
 }
 
 REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *target, const reg_icp_options *options,

@@ -17,12 +17,13 @@
 #include "cloud.h"
 #include "rigid.h"
 
-/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. */
+/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. Points in one place count once. */
 typedef struct reg_icp_shape {
     const sb_vec3 *points; /* [count], m; also of a surface: its nodes, or samples of it */
     int count;
     const sb_vec3 *normals;    /* [count], outward, or NULL: taken from the surface, else fitted to the points */
     const sb_real *weights;    /* [count] >= 0, how much a point counts (patches that are known well); NULL: all 1 */
+    const sb_real *sd;         /* [count] > 0, m, how sure a point is: counts as a weight of 1 / sd^2; NULL: alike */
     const sb_surface *surface; /* closest points are looked for on this surface; NULL: among the points */
     const reg_kdtree *tree;    /* of the points; NULL: one is made */
     int has_camera;            /* 1: this is a view, from `camera`: normals face it, and nothing is in front of it */

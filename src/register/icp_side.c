@@ -55,6 +55,30 @@ static int regi_icp_stride(const regi_icp *icp, const regi_icp_side *side, int w
     return 1;
 }
 
+REGI_API sb_real regi_icp_weight(const regi_icp_side *side, int point)
+{
+    sb_real weight = side->weights ? side->weights[point] : 1, sure;
+    if (!side->sd)
+        return weight;
+    sure = side->usual_sd / side->sd[point];
+    return weight * sb_min(sure * sure, 1 / SB_EPSILON);
+}
+
+/* How many of the side's points are where this one is, itself included; 16 at most. */
+static int regi_icp_copies(const regi_icp_side *side, int point)
+{
+    int indices[16], found = 0;
+    sb_real squared[16];
+    for (int k = 2; k <= 16; k *= 8) { /* few have any */
+        found = reg_kdtree_k_nearest(side->tree, side->points[point], k, indices, squared);
+        while (found > 1 && squared[found - 1] > 0)
+            found--;
+        if (found < k)
+            break;
+    }
+    return sbi_max_int(found, 1);
+}
+
 /* The side's points chosen[count] (NULL: the first ones) as a set. */
 static sb_result regi_icp_take(const regi_icp *icp, const regi_icp_side *side, const int *chosen, int count,
                                regi_icp_set *set)
@@ -65,7 +89,7 @@ static sb_result regi_icp_take(const regi_icp *icp, const regi_icp_side *side, c
         int at = chosen ? chosen[i] : i;
         set->points[i] = side->points[at];
         set->normals[i] = sb_v3_scale((sb_real)side->sign, side->normals[at]);
-        set->weights[i] = side->weights ? side->weights[at] : 1;
+        set->weights[i] = regi_icp_weight(side, at) / (sb_real)regi_icp_copies(side, at);
     }
     return SB_OK;
 }
@@ -161,8 +185,8 @@ static sb_result regi_icp_gather(const regi_icp *icp, const regi_icp_side *side,
     int weighed = 0;
     if (!regi_icp_stride(icp, side, crowd->count, crowd->chosen))
         return regi_icp_no_memory(icp);
-    for (int i = 0; side->weights && i < crowd->count; i++)
-        if (side->weights[crowd->chosen[i]] > 0)
+    for (int i = 0; i < crowd->count; i++)
+        if (regi_icp_weight(side, crowd->chosen[i]) > 0)
             crowd->chosen[weighed++] = crowd->chosen[i];
     crowd->count = weighed > 0 ? weighed : crowd->count;
     for (int i = 0; i < crowd->count; i++) {
@@ -197,7 +221,7 @@ static sb_result regi_icp_spread(const regi_icp *icp, const regi_icp_side *side,
         for (int i = 0; result == SB_OK && i < count; i++) {
             set->points[i] = crowd.points[best[i]];
             set->normals[i] = sb_v3_scale((sb_real)side->sign, crowd.normals[best[i]]);
-            set->weights[i] = side->weights ? side->weights[crowd.chosen[best[i]]] : 1;
+            set->weights[i] = regi_icp_weight(side, crowd.chosen[best[i]]);
         }
     }
     regi_icp_crowd_free(icp, &crowd);
@@ -211,14 +235,13 @@ static sb_result regi_icp_own(const regi_icp *icp, regi_icp_side *side, const in
 {
     reg_kdtree *tree = NULL;
     sb_result result = regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error);
-    if (result == SB_OK && side->weights) {
+    if (result == SB_OK) {
         side->own_weights = (sb_real *)sbi_alloc(icp->allocator, (size_t)count, sizeof(sb_real));
         result = side->own_weights ? SB_OK : regi_icp_no_memory(icp);
     }
     for (int i = 0; result == SB_OK && i < count; i++) {
         side->own.points[i] = side->points[chosen[i]];
-        if (side->weights)
-            side->own_weights[i] = side->weights[chosen[i]];
+        side->own_weights[i] = regi_icp_weight(side, chosen[i]);
     }
     if (result == SB_OK)
         result = reg_kdtree_create(side->own.points, count, icp->allocator, &tree, icp->error);
@@ -228,7 +251,8 @@ static sb_result regi_icp_own(const regi_icp *icp, regi_icp_side *side, const in
     side->own_tree = tree;
     side->tree = tree;
     side->points = side->own.points;
-    side->weights = side->weights ? side->own_weights : NULL;
+    side->weights = side->own_weights;
+    side->sd = NULL;
     side->count = count;
     return SB_OK;
 }
@@ -396,6 +420,11 @@ static void regi_icp_measure_side(regi_icp_side *side)
     side->spacing = sb_sqrt(sb_max(share, 0));
 }
 
+REGI_API reg_rigid regi_icp_of_model(const regi_icp *icp, const reg_rigid *motion)
+{
+    return icp->swapped ? reg_rigid_inverse(motion) : *motion;
+}
+
 REGI_API sb_vec3 regi_icp_facing(const regi_icp_set *set)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
@@ -404,12 +433,27 @@ REGI_API sb_vec3 regi_icp_facing(const regi_icp_set *set)
     return sb_v3_scale(1 / (sb_real)set->count, sum);
 }
 
+static sb_result regi_icp_usual_sd(const regi_icp *icp, regi_icp_side *side)
+{
+    sb_real *scratch;
+    side->usual_sd = 1;
+    if (!side->sd)
+        return SB_OK;
+    scratch = (sb_real *)sbi_alloc(icp->allocator, (size_t)side->count, sizeof(sb_real));
+    if (!scratch)
+        return regi_icp_no_memory(icp);
+    side->usual_sd = reg_outlier_limit(side->sd, side->count, REG_OUTLIERS_TRIM, (sb_real)0.5, scratch);
+    sbi_free(icp->allocator, scratch);
+    return SB_OK;
+}
+
 REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side)
 {
     sb_result result = SB_OK;
     side->points = shape->points;
     side->normals = shape->normals;
     side->weights = shape->weights;
+    side->sd = shape->sd;
     side->count = shape->count;
     side->surface = shape->surface;
     side->tree = shape->tree;
@@ -417,6 +461,8 @@ REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape,
         result = reg_kdtree_create(shape->points, shape->count, icp->allocator, &side->own_tree, icp->error);
         side->tree = side->own_tree;
     }
+    if (result == SB_OK)
+        result = regi_icp_usual_sd(icp, side);
     if (result == SB_OK)
         result = regi_icp_normals(icp, shape, side);
     if (result == SB_OK)

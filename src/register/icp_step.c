@@ -23,10 +23,10 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
         *normal = sb_v3_scale((sb_real)side->sign, sb_surface_normal(side->surface, &hit));
         *weight = 1;
         *distance = hit.distance;
-        if (!side->weights)
+        if (!side->weights && !side->sd)
             return 1;
         at = reg_kdtree_nearest(side->tree, hit.point, SB_REAL_MAX, NULL);
-        *weight = side->weights[at];
+        *weight = regi_icp_weight(side, at);
         return 1;
     }
     guess = sb_v3_sub(points[*partner], p);
@@ -38,7 +38,7 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
         return 0;
     *point = points[at];
     *normal = coarse ? side->spread.normals[at] : sb_v3_scale((sb_real)side->sign, side->normals[at]);
-    *weight = coarse ? side->spread.weights[at] : side->weights ? side->weights[at] : 1;
+    *weight = coarse ? side->spread.weights[at] : regi_icp_weight(side, at);
     *distance = sb_sqrt(squared);
     return 1;
 }
@@ -111,11 +111,6 @@ REGI_API sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const
 
 /* ==== fits ======================================================================================================== */
 
-/* Normal equations of the small motion, turn about `centre` and shift, that lowers sum w (n . (x - to))^2. */
-typedef struct regi_icp_system {
-    sb_real matrix[6][6], right[6]; /* lower triangle */
-} regi_icp_system;
-
 static void regi_icp_add_row(regi_icp_system *system, sb_vec3 arm, sb_vec3 normal, sb_real gap, sb_real weight)
 {
     sb_vec3 turn = sb_v3_cross(arm, normal);
@@ -129,8 +124,7 @@ static void regi_icp_add_row(regi_icp_system *system, sb_vec3 arm, sb_vec3 norma
     }
 }
 
-/* Cholesky, in place; the solution replaces the right-hand side. The matrix is positive definite by its damping. */
-static void regi_icp_solve(regi_icp_system *system)
+REGI_API void regi_icp_solve(regi_icp_system *system)
 {
     sb_real(*m)[6] = system->matrix, *x = system->right;
     for (int i = 0; i < 6; i++)
@@ -152,16 +146,12 @@ static void regi_icp_solve(regi_icp_system *system)
     }
 }
 
-/* One Gauss-Newton step to the planes. Lengths are in units of the size, so that turns and shifts are alike; a damping
- * of a millionth holds what the planes leave open. */
-static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, regi_icp_system *system)
 {
     const regi_icp_pairs *pairs = &icp->pairs;
-    regi_icp_system system;
-    sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle, total = 0;
-    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
-    reg_rigid step;
-    memset(&system, 0, sizeof system);
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, total = 0;
+    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre);
+    memset(system, 0, sizeof *system);
     for (int i = 0; i < pairs->count; i++) {
         sb_vec3 x, gap;
         if (!(pairs->weight[i] > 0))
@@ -169,7 +159,7 @@ static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
         x = reg_rigid_apply(motion, pairs->from[i]);
         gap = sb_v3_scale(1 / size, sb_v3_sub(x, pairs->to[i]));
         total += pairs->weight[i];
-        regi_icp_add_row(&system, sb_v3_scale(1 / size, sb_v3_sub(x, centre)), pairs->normal[i],
+        regi_icp_add_row(system, sb_v3_scale(1 / size, sb_v3_sub(x, centre)), pairs->normal[i],
                          sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
     }
     for (int i = 0; i < icp->options->landmark_count; i++) {
@@ -177,10 +167,20 @@ static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
         sb_vec3 arm = sb_v3_scale(1 / size, sb_v3_sub(x, centre));
         sb_vec3 gap = sb_v3_scale(1 / size, sb_v3_sub(x, icp->landmarks_b[i]));
         sb_real weight = total * icp->options->landmarks[i].weight;
-        regi_icp_add_row(&system, arm, sb_v3(1, 0, 0), gap.x, weight);
-        regi_icp_add_row(&system, arm, sb_v3(0, 1, 0), gap.y, weight);
-        regi_icp_add_row(&system, arm, sb_v3(0, 0, 1), gap.z, weight);
+        regi_icp_add_row(system, arm, sb_v3(1, 0, 0), gap.x, weight);
+        regi_icp_add_row(system, arm, sb_v3(0, 1, 0), gap.y, weight);
+        regi_icp_add_row(system, arm, sb_v3(0, 0, 1), gap.z, weight);
     }
+}
+
+/* One Gauss-Newton step to the planes; a damping of a millionth holds what they leave open. */
+static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
+{
+    regi_icp_system system;
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle;
+    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
+    reg_rigid step;
+    regi_icp_equations(icp, motion, &system);
     for (int i = 0; i < 6; i++)
         trace += system.matrix[i][i];
     for (int i = 0; i < 6; i++)

@@ -60,60 +60,6 @@ static void regi_pose_add(regi_pose *poses, int *count, reg_rigid motion, int fl
     poses[(*count)++].flip = flip;
 }
 
-/* ==== what the caller knows ======================================================================================= */
-
-static reg_rigid regi_pose_of_model(const regi_icp *icp, const reg_rigid *motion)
-{
-    return icp->swapped ? reg_rigid_inverse(motion) : *motion;
-}
-
-static sb_vec3 regi_pose_unit(sb_vec3 v)
-{
-    sb_real length = sb_v3_norm(v);
-    return sb_v3_scale(length > 0 ? 1 / length : 0, v);
-}
-
-/* Where the target looks, in its frame; flip -1: its normals point inwards. */
-static sb_vec3 regi_pose_view(const regi_icp *icp, int flip)
-{
-    const regi_icp_side *target = icp->swapped ? &icp->a : &icp->b;
-    if (icp->target->has_camera)
-        return regi_pose_unit(sb_v3_sub(icp->target->camera, target->centre));
-    return sb_v3_scale((sb_real)flip, regi_pose_unit(regi_icp_facing(&target->spread)));
-}
-
-static sb_real regi_pose_square(sb_real x, sb_real slack, sb_real sd)
-{
-    sb_real beyond = sb_max(x - slack, 0) / sd;
-    return beyond * beyond;
-}
-
-/* Log-likelihood of a pose by what the caller knows; angles may be off by `slack` (rad) for nothing, and shifts then
- * do not count. */
-static sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_real slack)
-{
-    const reg_icp_options *o = icp->options;
-    const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a;
-    reg_rigid motion = regi_pose_of_model(icp, &pose->motion);
-    sb_real sum = 0;
-    if (o->start_shift_sd > 0 && o->start_turn_sd > 0) {
-        reg_rigid back = reg_rigid_inverse(&o->start), between = reg_rigid_compose(&motion, &back);
-        sb_real shift =
-            sb_v3_norm(sb_v3_sub(reg_rigid_apply(&motion, model->centre), reg_rigid_apply(&o->start, model->centre)));
-        sum += regi_pose_square(reg_rigid_angle(&between), slack, o->start_turn_sd);
-        if (!(slack > 0))
-            sum += regi_pose_square(shift, 0, o->start_shift_sd);
-    }
-    if (o->seen_from_sd > 0 && !icp->both) {
-        sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
-        sb_vec3 wanted = regi_pose_unit(o->seen_from);
-        sb_real angle =
-            (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
-        sum += regi_pose_square(angle, slack, o->seen_from_sd);
-    }
-    return -sum / 2;
-}
-
 /* All poses to try, after the caller's own and that of the landmarks; not those that the caller rules out by more than
  * three deviations. */
 static int regi_pose_candidates(const regi_icp *icp, const reg_rigid *start, regi_pose *poses)
@@ -162,7 +108,7 @@ static void regi_pose_sort(regi_pose *poses, int count, int kept)
 static int regi_pose_differ(const regi_icp *icp, const regi_pose *p, const regi_pose *q)
 {
     const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a;
-    reg_rigid first = regi_pose_of_model(icp, &p->motion), second = regi_pose_of_model(icp, &q->motion);
+    reg_rigid first = regi_icp_of_model(icp, &p->motion), second = regi_icp_of_model(icp, &q->motion);
     reg_rigid back = reg_rigid_inverse(&first), between = reg_rigid_compose(&second, &back);
     int probes = sbi_min_int(model->spread.count, REGI_POSE_PROBES);
     sb_real sum = 0;
@@ -211,6 +157,27 @@ static sb_real regi_pose_gap(const regi_icp *icp, const reg_rigid *motion, int n
     return sb_sqrt(plane * plane + sb_max(beside, 0));
 }
 
+/* Share of neighbouring points' signed gaps that is common to them, in [0, 1]: noise has none, deformation and wrong
+ * poses much. gap: of the pose; residual[count]: scratch. */
+static sb_real regi_pose_correlation(const regi_icp *icp, const regi_pose *pose, const sb_real *gap, sb_real *residual)
+{
+    const regi_icp_side *side = &icp->a;
+    sb_real products = 0, squares = 0, limit = 3 * pose->noise;
+    for (int i = 0; i < side->spread.count; i++) {
+        sb_vec3 way = sb_v3_sub(reg_rigid_apply(&pose->motion, icp->pairs.from[i]), icp->pairs.to[i]);
+        residual[i] = gap[i] <= limit ? sb_v3_dot(way, icp->pairs.normal[i]) : 0;
+    }
+    for (int i = 0; i < side->spread.count; i++) {
+        int pair[2];
+        sb_real squared[2];
+        if (reg_kdtree_k_nearest(side->spread_tree, side->spread.points[i], 2, pair, squared) < 2)
+            continue;
+        squares += residual[i] * residual[i] + residual[pair[1]] * residual[pair[1]];
+        products += 2 * residual[i] * residual[pair[1]];
+    }
+    return squares > 0 ? sb_max(products / squares, 0) : 1;
+}
+
 /* The gaps of one pose, and its noise: 1.48 times their median. */
 static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose *pose, regi_pose_gaps *gaps, int which)
 {
@@ -237,6 +204,7 @@ static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose 
     pose->lost = 0;
     for (int i = 0; i < icp->pairs.count; i++)
         pose->lost += gap[i] > 6 * pose->noise ? 1 / (sb_real)icp->pairs.count : 0;
+    pose->correlation = regi_pose_correlation(icp, pose, gap, gaps->scratch);
 }
 
 /* Student's distribution with three degrees of freedom, as log against that of gap 0. */
@@ -267,7 +235,8 @@ static sb_real regi_pose_mean(const regi_icp *icp, const regi_pose *pose, const 
     return sum / share;
 }
 
-REGI_API sb_real regi_pose_patches(const regi_icp *icp)
+/* Patches of a tenth of the model's size in radius, of what looks. */
+static sb_real regi_pose_patches(const regi_icp *icp)
 {
     const double pi = 3.141592653589793;
     double radius = 0.1 * (double)(icp->swapped ? icp->b.extent : icp->a.extent);
@@ -275,25 +244,36 @@ REGI_API sb_real regi_pose_patches(const regi_icp *icp)
     return (sb_real)fmin(fmax(patches, 1), (double)icp->a.spread.count);
 }
 
+REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation)
+{
+    sb_real n = (sb_real)icp->a.spread.count;
+    return n / (1 + correlation * (n / regi_pose_patches(icp) - 1));
+}
+
 /* Their likelihoods, by a common noise: the least of all. */
 static void regi_pose_weigh(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count,
                             regi_pose_gaps *gaps)
 {
-    sb_real noise = SB_REAL_MAX, patches = regi_pose_patches(icp);
+    sb_real noise = SB_REAL_MAX, patches = regi_pose_patches(icp), points;
     for (int i = 0; i < count; i++) {
         regi_pose_look(icp, last, poses + i, gaps, i);
         noise = sb_min(noise, poses[i].noise);
     }
     noise = sb_max(noise, 64 * SB_EPSILON * (icp->a.extent + icp->b.extent));
     for (int i = 0; i < count; i++)
+        poses[i].score = -regi_pose_mean(icp, poses + i, gaps, i, noise);
+    regi_pose_sort(poses, count, count);
+    points = regi_pose_points(icp, poses[0].correlation);
+    for (int i = 0; i < count; i++) {
+        poses[i].in_front = regi_pose_in_front(icp, &poses[i].motion);
         poses[i].likelihood =
-            patches * regi_pose_mean(icp, poses + i, gaps, i, noise) + regi_pose_prior(icp, poses + i, 0);
-    for (int i = 0; i < count; i++)
+            regi_pose_prior(icp, poses + i, 0) - points * poses[i].score - 10 * patches * poses[i].in_front;
         poses[i].score = -poses[i].likelihood;
+    }
     regi_pose_sort(poses, count, count);
 }
 
-static sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count)
+REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count)
 {
     regi_pose_gaps gaps;
     size_t room = (size_t)icp->a.spread.count + (size_t)icp->b.spread.count;
@@ -330,14 +310,17 @@ static int regi_pose_stage(regi_icp *icp, const regi_pose_plan *plan, regi_icp_s
     }
     *begun = count;
     regi_pose_sort(poses, count, count);
-    return plan->distinct ? regi_pose_distinct(icp, poses, count, plan->kept) : sbi_min_int(count, plan->kept);
+    count = plan->distinct ? regi_pose_distinct(icp, poses, count, plan->kept) : sbi_min_int(count, plan->kept);
+    while (count > 3 && plan->distinct && poses[count - 1].score > 2 * poses[0].score)
+        count--; /* far off; some stay to compare with */
+    return count;
 }
 
 REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last,
                                     regi_pose *poses, int *count, int *tried)
 {
     static const regi_pose_plan plan[REGI_POSE_STAGES] = {
-        {1, 60, 4, 100, 0}, {1, 150, 8, 20, 1}, {1, 500, 10, REG_ICP_POSES, 1}, {0, 500, 8, REG_ICP_POSES, 1}};
+        {1, 60, 4, 60, 0}, {1, 150, 6, 12, 1}, {1, 300, 8, REG_ICP_POSES, 1}, {0, 300, 5, REG_ICP_POSES, 1}};
     size_t most = 2 * (2 + REGI_POSE_ROTATIONS);
     regi_pose *all = (regi_pose *)sbi_alloc(icp->allocator, most, sizeof(regi_pose));
     regi_icp_stage stage = *last;
