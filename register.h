@@ -3772,8 +3772,8 @@ typedef struct regi_icp_side {
     reg_kdtree *own_tree;
     reg_cloud own;
     sb_real *own_weights; /* from weights and sd */
-    regi_icp_set sample; /* of the last stage */
-    regi_icp_set spread; /* of the search: evenly spread, so that any first part of it is, too */
+    regi_icp_set sample;  /* of the last stage */
+    regi_icp_set spread;  /* of the search: evenly spread, so that any first part of it is, too */
     reg_kdtree *spread_tree;
     sb_vec3 centre;
     sb_mat3 axes;    /* columns: principal axes, turned the way the points are skewed */
@@ -3819,10 +3819,10 @@ typedef struct regi_icp_stage {
 /* A pose: motion of a onto b. */
 typedef struct regi_pose {
     reg_rigid motion;
-    sb_real score;      /* m, of the search */
-    sb_real likelihood; /* nats, tempered */
-    sb_real noise;      /* m, robust, of the gaps */
-    sb_real lost;       /* share of points that find nothing within 6 noise */
+    sb_real score;       /* m, of the search */
+    sb_real likelihood;  /* nats, tempered */
+    sb_real noise;       /* m, robust, of the gaps */
+    sb_real lost;        /* share of points that find nothing within 6 noise */
     sb_real correlation; /* of neighbouring gaps, in [0, 1] */
     sb_real in_front;    /* share of the model that would hide what the camera saw */
     int flip;
@@ -3855,8 +3855,9 @@ REGI_API int regi_icp_measure(const regi_icp_pairs *pairs, sb_real *mean, sb_rea
 REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
                               reg_rigid *motion, sb_real *score, int *converged);
 
-/* Of the pairs and the landmarks. */
-REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, regi_icp_system *system);
+/* Of the pairs and the landmarks. at_planes: arms reach to the partners and not to the points: how points lie beside
+ * their partners then tells no turn. */
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, int at_planes, regi_icp_system *system);
 /* Cholesky, in place; the solution replaces the right-hand side. The matrix has to be positive definite, by damping. */
 REGI_API void regi_icp_solve(regi_icp_system *system);
 
@@ -3875,8 +3876,8 @@ REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation);
 /* Fills the poses' likelihoods and what they come from, and sorts them by it. Overwrites the pairs. */
 REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count);
 /* Finds poses[REG_ICP_POSES], the likeliest first: *count >= 1; *tried: how many were begun with. */
-REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last,
-                                    regi_pose *poses, int *count, int *tried);
+REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
+                                    int *count, int *tried);
 
 /* ---- icp_report.c ---- */
 /* Noise, covariance, and warnings of the result, of which the pairs are the last. Overwrites them. */
@@ -3998,8 +3999,9 @@ static sb_result regi_icp_sample(const regi_icp *icp, const regi_icp_side *side,
 /* ---- isolated points ------------------------------------------------------------------------------------------------
  * Farthest points are chosen first where points are spread: outliers before all others. So they go before. */
 
-/* Of points[count] (at least one): the distance to the ninth neighbour, and (normals not NULL) the mean normal of all
- * of these, into smooth[count]: normals of noisy facets are none, those of a patch are. */
+/* Of points[count] (at least one): the distance to the ninth neighbour (infinite where all are in one place), and
+ * (normals not NULL) the mean normal of all of these, into smooth[count]: normals of noisy facets are none, those of a
+ * patch are. */
 static sb_result regi_icp_neighbours(const regi_icp *icp, const sb_vec3 *points, const sb_vec3 *normals, int count,
                                      sb_real *reach, sb_vec3 *smooth)
 {
@@ -4010,7 +4012,7 @@ static sb_result regi_icp_neighbours(const regi_icp *icp, const sb_vec3 *points,
     for (int i = 0; result == SB_OK && i < count; i++) {
         int found = reg_kdtree_k_nearest(tree, points[i], REGI_ICP_NEAR + 1, indices, squared);
         sb_vec3 sum = sb_v3(0, 0, 0);
-        reach[i] = found > 0 ? sb_sqrt(squared[found - 1]) : 0;
+        reach[i] = found > 0 && squared[found - 1] > 0 ? sb_sqrt(squared[found - 1]) : (sb_real)INFINITY;
         for (int k = 0; normals && k < found; k++)
             sum = sb_v3_add(sum, normals[indices[k]]);
         if (normals) /* both sides of a thin part, or no direction at all: better the point's own */
@@ -4028,7 +4030,7 @@ static int regi_icp_keep_near(int *chosen, sb_vec3 *points, sb_vec3 *smooth, con
     sb_real limit = 3 * reg_outlier_limit(reach, count, REG_OUTLIERS_TRIM, (sb_real)0.5, scratch);
     int kept = 0;
     for (int i = 0; i < count; i++)
-        if (reach[i] <= limit) {
+        if (reach[i] <= limit || !sb_is_finite(reach[i])) {
             chosen[kept] = chosen[i];
             points[kept] = points[i];
             if (smooth)
@@ -4085,8 +4087,8 @@ static sb_result regi_icp_gather(const regi_icp *icp, const regi_icp_side *side,
         result = regi_icp_neighbours(icp, crowd->points, crowd->normals, crowd->count, crowd->reach, smooth);
         if (result == SB_OK) {
             memcpy(crowd->normals, smooth, (size_t)crowd->count * sizeof(sb_vec3));
-            crowd->count = regi_icp_keep_near(crowd->chosen, crowd->points, crowd->normals, crowd->reach,
-                                              crowd->count, crowd->scratch);
+            crowd->count = regi_icp_keep_near(crowd->chosen, crowd->points, crowd->normals, crowd->reach, crowd->count,
+                                              crowd->scratch);
         }
     }
     return result;
@@ -4101,8 +4103,8 @@ static sb_result regi_icp_spread(const regi_icp *icp, const regi_icp_side *side,
                            : regi_icp_no_memory(icp);
     if (result == SB_OK) {
         int *best = crowd.chosen + crowd.count;
-        int count = reg_cloud_spread(crowd.points, crowd.count, sbi_min_int(crowd.count, REGI_ICP_FINE), best,
-                                     crowd.scratch);
+        int count =
+            reg_cloud_spread(crowd.points, crowd.count, sbi_min_int(crowd.count, REGI_ICP_FINE), best, crowd.scratch);
         if (!regi_icp_set_allocate(icp->allocator, set, count))
             result = regi_icp_no_memory(icp);
         for (int i = 0; result == SB_OK && i < count; i++) {
@@ -4144,6 +4146,16 @@ static sb_result regi_icp_own(const regi_icp *icp, regi_icp_side *side, const in
     return SB_OK;
 }
 
+/* The side's points in their order, of several in one place the first: chosen[side->count]. Returns how many. */
+static int regi_icp_places(const regi_icp_side *side, int *chosen)
+{
+    int count = 0;
+    for (int i = 0; i < side->count; i++)
+        if (reg_kdtree_nearest(side->tree, side->points[i], SB_REAL_MAX, NULL) == i)
+            chosen[count++] = i;
+    return count;
+}
+
 /* Where normals have to be fitted: to fewer points when there are very many, and without isolated ones. */
 static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
 {
@@ -4153,11 +4165,10 @@ static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
                            ? SB_OK
                            : regi_icp_no_memory(icp);
     if (result == SB_OK) {
-        for (int i = 0; i < crowd.count; i++) {
-            if (crowd.count == side->count)
-                crowd.chosen[i] = i;
+        if (crowd.count == side->count)
+            crowd.count = regi_icp_places(side, crowd.chosen);
+        for (int i = 0; i < crowd.count; i++)
             crowd.points[i] = side->points[crowd.chosen[i]];
-        }
         result = regi_icp_neighbours(icp, crowd.points, NULL, crowd.count, crowd.reach, NULL);
     }
     if (result == SB_OK) {
@@ -4353,7 +4364,8 @@ REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape,
     if (result == SB_OK)
         result = regi_icp_normals(icp, shape, side);
     if (result == SB_OK)
-        result = regi_icp_sample(icp, side, icp->options->sample > 0 ? icp->options->sample : side->count, &side->sample);
+        result =
+            regi_icp_sample(icp, side, icp->options->sample > 0 ? icp->options->sample : side->count, &side->sample);
     if (result == SB_OK)
         result = regi_icp_spread(icp, side, &side->spread);
     if (result == SB_OK)
@@ -4365,7 +4377,6 @@ REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape,
     }
     return result;
 }
-
 
 /* ==== src/register/icp_step.c ==== */
 /* icp_step: pairs, fits and the iteration. */
@@ -4515,7 +4526,7 @@ REGI_API void regi_icp_solve(regi_icp_system *system)
     }
 }
 
-REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, regi_icp_system *system)
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, int at_planes, regi_icp_system *system)
 {
     const regi_icp_pairs *pairs = &icp->pairs;
     sb_real size = icp->a.size > 0 ? icp->a.size : 1, total = 0;
@@ -4528,8 +4539,8 @@ REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, r
         x = reg_rigid_apply(motion, pairs->from[i]);
         gap = sb_v3_scale(1 / size, sb_v3_sub(x, pairs->to[i]));
         total += pairs->weight[i];
-        regi_icp_add_row(system, sb_v3_scale(1 / size, sb_v3_sub(x, centre)), pairs->normal[i],
-                         sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
+        regi_icp_add_row(system, sb_v3_scale(1 / size, sb_v3_sub(at_planes ? pairs->to[i] : x, centre)),
+                         pairs->normal[i], sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
     }
     for (int i = 0; i < icp->options->landmark_count; i++) {
         sb_vec3 x = reg_rigid_apply(motion, icp->landmarks_a[i]);
@@ -4549,7 +4560,7 @@ static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
     sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle;
     sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
     reg_rigid step;
-    regi_icp_equations(icp, motion, &system);
+    regi_icp_equations(icp, motion, 0, &system);
     for (int i = 0; i < 6; i++)
         trace += system.matrix[i][i];
     for (int i = 0; i < 6; i++)
@@ -4614,7 +4625,7 @@ static int regi_icp_late(regi_icp *icp)
 }
 
 REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
-                            reg_rigid *motion, sb_real *score, int *converged)
+                              reg_rigid *motion, sb_real *score, int *converged)
 {
     sb_real mean = 0, rms, before, best;
     int round = 0, idle = 0;
@@ -4641,7 +4652,6 @@ REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int ro
     }
     return round;
 }
-
 
 /* ==== src/register/pose_view.c ==== */
 /* pose_view: what the caller knows of a pose: a rough start, from where the organ was seen, and that nothing was in
@@ -4679,8 +4689,7 @@ REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_
     if (o->seen_from_sd > 0 && !icp->both) {
         sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
         sb_vec3 wanted = regi_cloud_unit(o->seen_from);
-        sb_real angle =
-            (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
+        sb_real angle = (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
         sum += regi_pose_square(angle, slack, o->seen_from_sd);
     }
     return -sum / 2;
@@ -4755,7 +4764,8 @@ REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion
         return 0;
     memset(view.depth, 0, sizeof view.depth);
     for (int i = 0; i < target->spread.count; i++) {
-        int cell = regi_view_project(&view, target->spread.points[i], image, &depth) ? regi_view_cell(&view, image) : -1;
+        int cell =
+            regi_view_project(&view, target->spread.points[i], image, &depth) ? regi_view_cell(&view, image) : -1;
         if (cell >= 0 && (!(view.depth[cell] > 0) || depth < view.depth[cell]))
             view.depth[cell] = depth;
     }
@@ -4970,8 +4980,8 @@ static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose 
         weight[i] = i < first ? icp->a.spread.weights[i] : icp->b.spread.weights[i - first];
         gaps->scratch[gaps->room + i] = sb_is_finite(gap[i]) ? gap[i] : icp->a.extent + icp->b.extent;
     }
-    median = reg_outlier_limit(gaps->scratch + gaps->room, icp->pairs.count, REG_OUTLIERS_TRIM, (sb_real)0.5,
-                               gaps->scratch);
+    median =
+        reg_outlier_limit(gaps->scratch + gaps->room, icp->pairs.count, REG_OUTLIERS_TRIM, (sb_real)0.5, gaps->scratch);
     pose->noise = (sb_real)1.4826 * sb_max(median, 0);
     pose->lost = 0;
     for (int i = 0; i < icp->pairs.count; i++)
@@ -5088,8 +5098,8 @@ static int regi_pose_stage(regi_icp *icp, const regi_pose_plan *plan, regi_icp_s
     return count;
 }
 
-REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last,
-                                    regi_pose *poses, int *count, int *tried)
+REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
+                                    int *count, int *tried)
 {
     static const regi_pose_plan plan[REGI_POSE_STAGES] = {
         {1, 60, 4, 60, 0}, {1, 150, 6, 12, 1}, {1, 300, 8, REG_ICP_POSES, 1}, {0, 300, 5, REG_ICP_POSES, 1}};
@@ -5121,7 +5131,7 @@ REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const
 /* ==== src/register/icp_report.c ==== */
 /* icp_report: how far an alignment can be trusted. */
 
-/* 1.48 times the median distance from the planes of the pairs that count. */
+/* 1.48 times the median distance from the planes of the pairs that count, and what fitting six numbers took off it. */
 static sb_real regi_report_noise(regi_icp *icp, const reg_rigid *motion)
 {
     regi_icp_pairs *pairs = &icp->pairs;
@@ -5133,12 +5143,14 @@ static sb_real regi_report_noise(regi_icp *icp, const reg_rigid *motion)
             pairs->distance[count++] = sb_abs(sb_v3_dot(way, pairs->normal[i]));
         }
     limit = reg_outlier_limit(pairs->distance, count, REG_OUTLIERS_TRIM, (sb_real)0.5, pairs->scratch);
+    limit *= sb_sqrt((sb_real)count / (sb_real)sbi_max_int(count - 6, 1));
     return sb_max((sb_real)1.4826 * limit, least);
 }
 
 /* Inverse of the information, about a's moved centre in b's frame. Before anything is seen a turn is known to 1.8 rad
  * (any is as likely), a shift to the shapes' extent, or as well as the start. */
-static void regi_report_invert(const regi_icp *icp, const regi_icp_system *seen, sb_real noise, sb_real covariance[6][6])
+static void regi_report_invert(const regi_icp *icp, const regi_icp_system *seen, sb_real noise,
+                               sb_real covariance[6][6])
 {
     const reg_icp_options *o = icp->options;
     sb_real size = icp->a.size > 0 ? icp->a.size : 1, turn = (sb_real)1.8, shift = icp->a.extent + icp->b.extent;
@@ -5175,7 +5187,7 @@ static void regi_report_covariance(const regi_icp *icp, const reg_rigid *motion,
 {
     regi_icp_system system;
     sb_real covariance[6][6];
-    regi_icp_equations(icp, motion, &system);
+    regi_icp_equations(icp, motion, 1, &system);
     regi_report_invert(icp, &system, info->noise, covariance);
     info->centre = icp->swapped ? icp->a.centre : reg_rigid_apply(motion, icp->a.centre);
     for (int row = 0; row < 6; row += 3)
@@ -5230,11 +5242,13 @@ static void regi_report_scale(regi_icp *icp, reg_icp_info *info)
     info->scale_guess = 1;
     if (!(a > 0) || !(b > 0))
         return;
-    ratio = a / b; /* a is the part, where there is one */
+    ratio = a / b; /* a is the part, where there is one, and as a rule three quarters as large */
     model = icp->swapped ? 1 / ratio : ratio;
     if (icp->both ? ratio < (sb_real)1.5 && ratio > 1 / (sb_real)1.5 : ratio < (sb_real)1.5 && ratio > (sb_real)0.05)
         return;
     icp->warnings |= REG_WARN_SCALE;
+    if (!icp->both)
+        model *= icp->swapped ? (sb_real)0.75 : 1 / (sb_real)0.75;
     info->scale_guess = regi_report_guess(model);
 }
 

@@ -101,8 +101,8 @@ static inline sb_vec3 organ_deform(const organ *o, sb_vec3 p)
 {
     double u[3] = {0, 0, 0};
     for (int i = 0; i < ORGAN_WAVES; i++) {
-        double s = sin(o->turn[i][0] * (double)p.x + o->turn[i][1] * (double)p.y + o->turn[i][2] * (double)p.z +
-                       o->phase[i]);
+        double s =
+            sin(o->turn[i][0] * (double)p.x + o->turn[i][1] * (double)p.y + o->turn[i][2] * (double)p.z + o->phase[i]);
         for (int k = 0; k < 3; k++)
             u[k] += s * o->wave[i][k];
     }
@@ -165,12 +165,13 @@ typedef struct organ_view_def {
 
 /* A view. Release with organ_view_free. */
 typedef struct organ_view {
-    sb_mesh mesh;                       /* closed for the whole organ; of a part without outliers and sheet too */
-    sb_vec3 *points, *normals, *places; /* [count]; normals NULL: none; places: of the undeformed organ, without noise */
-    int count, from_organ;              /* the first from_organ points are the organ's */
-    sb_vec3 camera;                     /* in the view's frame */
-    sb_vec3 seen_from;                  /* unit, in the model's frame: from the organ to the camera */
-    reg_rigid pose;                     /* of the model onto the view */
+    sb_mesh mesh; /* closed for the whole organ; of a part without outliers and sheet too */
+    sb_vec3 *points, *normals,
+        *places;           /* [count]; normals NULL: none; places: of the undeformed organ, without noise */
+    int count, from_organ; /* the first from_organ points are the organ's */
+    sb_vec3 camera;        /* in the view's frame */
+    sb_vec3 seen_from;     /* unit, in the model's frame: from the organ to the camera */
+    reg_rigid pose;        /* of the model onto the view */
 } organ_view;
 
 static inline void organ_view_free(organ_view *view)
@@ -314,9 +315,9 @@ static inline int organ_view_make(unsigned long long *seed, const organ *o, cons
     if (!CHECK_OK(sb_mesh_copy(&view->mesh, NULL, &places, NULL)))
         return 0;
     for (int i = 0; i < view->mesh.node_count; i++)
-        view->mesh.nodes[i] = sb_v3_add(organ_deform(o, places.nodes[i]),
-                                        sb_v3(REAL(def->noise * organ_gauss(seed)), REAL(def->noise * organ_gauss(seed)),
-                                              REAL(def->noise * organ_gauss(seed))));
+        view->mesh.nodes[i] = sb_v3_add(organ_deform(o, places.nodes[i]), sb_v3(REAL(def->noise * organ_gauss(seed)),
+                                                                                REAL(def->noise * organ_gauss(seed)),
+                                                                                REAL(def->noise * organ_gauss(seed))));
     view->count = view->from_organ = view->mesh.node_count;
     room = (size_t)((1 + def->outliers + def->sheet) * view->count) + 1;
     view->points = (sb_vec3 *)malloc(room * sizeof(sb_vec3));

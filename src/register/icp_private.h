@@ -34,8 +34,8 @@ typedef struct regi_icp_side {
     reg_kdtree *own_tree;
     reg_cloud own;
     sb_real *own_weights; /* from weights and sd */
-    regi_icp_set sample; /* of the last stage */
-    regi_icp_set spread; /* of the search: evenly spread, so that any first part of it is, too */
+    regi_icp_set sample;  /* of the last stage */
+    regi_icp_set spread;  /* of the search: evenly spread, so that any first part of it is, too */
     reg_kdtree *spread_tree;
     sb_vec3 centre;
     sb_mat3 axes;    /* columns: principal axes, turned the way the points are skewed */
@@ -81,10 +81,10 @@ typedef struct regi_icp_stage {
 /* A pose: motion of a onto b. */
 typedef struct regi_pose {
     reg_rigid motion;
-    sb_real score;      /* m, of the search */
-    sb_real likelihood; /* nats, tempered */
-    sb_real noise;      /* m, robust, of the gaps */
-    sb_real lost;       /* share of points that find nothing within 6 noise */
+    sb_real score;       /* m, of the search */
+    sb_real likelihood;  /* nats, tempered */
+    sb_real noise;       /* m, robust, of the gaps */
+    sb_real lost;        /* share of points that find nothing within 6 noise */
     sb_real correlation; /* of neighbouring gaps, in [0, 1] */
     sb_real in_front;    /* share of the model that would hide what the camera saw */
     int flip;
@@ -117,8 +117,9 @@ REGI_API int regi_icp_measure(const regi_icp_pairs *pairs, sb_real *mean, sb_rea
 REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
                               reg_rigid *motion, sb_real *score, int *converged);
 
-/* Of the pairs and the landmarks. */
-REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, regi_icp_system *system);
+/* Of the pairs and the landmarks. at_planes: arms reach to the partners and not to the points: how points lie beside
+ * their partners then tells no turn. */
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, int at_planes, regi_icp_system *system);
 /* Cholesky, in place; the solution replaces the right-hand side. The matrix has to be positive definite, by damping. */
 REGI_API void regi_icp_solve(regi_icp_system *system);
 
@@ -137,8 +138,8 @@ REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation);
 /* Fills the poses' likelihoods and what they come from, and sorts them by it. Overwrites the pairs. */
 REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count);
 /* Finds poses[REG_ICP_POSES], the likeliest first: *count >= 1; *tried: how many were begun with. */
-REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last,
-                                    regi_pose *poses, int *count, int *tried);
+REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
+                                    int *count, int *tried);
 
 /* ---- icp_report.c ---- */
 /* Noise, covariance, and warnings of the result, of which the pairs are the last. Overwrites them. */

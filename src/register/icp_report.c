@@ -1,7 +1,7 @@
 /* icp_report: how far an alignment can be trusted. */
 #include "icp_private.h"
 
-/* 1.48 times the median distance from the planes of the pairs that count. */
+/* 1.48 times the median distance from the planes of the pairs that count, and what fitting six numbers took off it. */
 static sb_real regi_report_noise(regi_icp *icp, const reg_rigid *motion)
 {
     regi_icp_pairs *pairs = &icp->pairs;
@@ -13,12 +13,14 @@ static sb_real regi_report_noise(regi_icp *icp, const reg_rigid *motion)
             pairs->distance[count++] = sb_abs(sb_v3_dot(way, pairs->normal[i]));
         }
     limit = reg_outlier_limit(pairs->distance, count, REG_OUTLIERS_TRIM, (sb_real)0.5, pairs->scratch);
+    limit *= sb_sqrt((sb_real)count / (sb_real)sbi_max_int(count - 6, 1));
     return sb_max((sb_real)1.4826 * limit, least);
 }
 
 /* Inverse of the information, about a's moved centre in b's frame. Before anything is seen a turn is known to 1.8 rad
  * (any is as likely), a shift to the shapes' extent, or as well as the start. */
-static void regi_report_invert(const regi_icp *icp, const regi_icp_system *seen, sb_real noise, sb_real covariance[6][6])
+static void regi_report_invert(const regi_icp *icp, const regi_icp_system *seen, sb_real noise,
+                               sb_real covariance[6][6])
 {
     const reg_icp_options *o = icp->options;
     sb_real size = icp->a.size > 0 ? icp->a.size : 1, turn = (sb_real)1.8, shift = icp->a.extent + icp->b.extent;
@@ -55,7 +57,7 @@ static void regi_report_covariance(const regi_icp *icp, const reg_rigid *motion,
 {
     regi_icp_system system;
     sb_real covariance[6][6];
-    regi_icp_equations(icp, motion, &system);
+    regi_icp_equations(icp, motion, 1, &system);
     regi_report_invert(icp, &system, info->noise, covariance);
     info->centre = icp->swapped ? icp->a.centre : reg_rigid_apply(motion, icp->a.centre);
     for (int row = 0; row < 6; row += 3)
@@ -110,11 +112,13 @@ static void regi_report_scale(regi_icp *icp, reg_icp_info *info)
     info->scale_guess = 1;
     if (!(a > 0) || !(b > 0))
         return;
-    ratio = a / b; /* a is the part, where there is one */
+    ratio = a / b; /* a is the part, where there is one, and as a rule three quarters as large */
     model = icp->swapped ? 1 / ratio : ratio;
     if (icp->both ? ratio < (sb_real)1.5 && ratio > 1 / (sb_real)1.5 : ratio < (sb_real)1.5 && ratio > (sb_real)0.05)
         return;
     icp->warnings |= REG_WARN_SCALE;
+    if (!icp->both)
+        model *= icp->swapped ? (sb_real)0.75 : 1 / (sb_real)0.75;
     info->scale_guess = regi_report_guess(model);
 }
 

@@ -111,8 +111,9 @@ static sb_result regi_icp_sample(const regi_icp *icp, const regi_icp_side *side,
 /* ---- isolated points ------------------------------------------------------------------------------------------------
  * Farthest points are chosen first where points are spread: outliers before all others. So they go before. */
 
-/* Of points[count] (at least one): the distance to the ninth neighbour, and (normals not NULL) the mean normal of all
- * of these, into smooth[count]: normals of noisy facets are none, those of a patch are. */
+/* Of points[count] (at least one): the distance to the ninth neighbour (infinite where all are in one place), and
+ * (normals not NULL) the mean normal of all of these, into smooth[count]: normals of noisy facets are none, those of a
+ * patch are. */
 static sb_result regi_icp_neighbours(const regi_icp *icp, const sb_vec3 *points, const sb_vec3 *normals, int count,
                                      sb_real *reach, sb_vec3 *smooth)
 {
@@ -123,7 +124,7 @@ static sb_result regi_icp_neighbours(const regi_icp *icp, const sb_vec3 *points,
     for (int i = 0; result == SB_OK && i < count; i++) {
         int found = reg_kdtree_k_nearest(tree, points[i], REGI_ICP_NEAR + 1, indices, squared);
         sb_vec3 sum = sb_v3(0, 0, 0);
-        reach[i] = found > 0 ? sb_sqrt(squared[found - 1]) : 0;
+        reach[i] = found > 0 && squared[found - 1] > 0 ? sb_sqrt(squared[found - 1]) : (sb_real)INFINITY;
         for (int k = 0; normals && k < found; k++)
             sum = sb_v3_add(sum, normals[indices[k]]);
         if (normals) /* both sides of a thin part, or no direction at all: better the point's own */
@@ -141,7 +142,7 @@ static int regi_icp_keep_near(int *chosen, sb_vec3 *points, sb_vec3 *smooth, con
     sb_real limit = 3 * reg_outlier_limit(reach, count, REG_OUTLIERS_TRIM, (sb_real)0.5, scratch);
     int kept = 0;
     for (int i = 0; i < count; i++)
-        if (reach[i] <= limit) {
+        if (reach[i] <= limit || !sb_is_finite(reach[i])) {
             chosen[kept] = chosen[i];
             points[kept] = points[i];
             if (smooth)
@@ -198,8 +199,8 @@ static sb_result regi_icp_gather(const regi_icp *icp, const regi_icp_side *side,
         result = regi_icp_neighbours(icp, crowd->points, crowd->normals, crowd->count, crowd->reach, smooth);
         if (result == SB_OK) {
             memcpy(crowd->normals, smooth, (size_t)crowd->count * sizeof(sb_vec3));
-            crowd->count = regi_icp_keep_near(crowd->chosen, crowd->points, crowd->normals, crowd->reach,
-                                              crowd->count, crowd->scratch);
+            crowd->count = regi_icp_keep_near(crowd->chosen, crowd->points, crowd->normals, crowd->reach, crowd->count,
+                                              crowd->scratch);
         }
     }
     return result;
@@ -214,8 +215,8 @@ static sb_result regi_icp_spread(const regi_icp *icp, const regi_icp_side *side,
                            : regi_icp_no_memory(icp);
     if (result == SB_OK) {
         int *best = crowd.chosen + crowd.count;
-        int count = reg_cloud_spread(crowd.points, crowd.count, sbi_min_int(crowd.count, REGI_ICP_FINE), best,
-                                     crowd.scratch);
+        int count =
+            reg_cloud_spread(crowd.points, crowd.count, sbi_min_int(crowd.count, REGI_ICP_FINE), best, crowd.scratch);
         if (!regi_icp_set_allocate(icp->allocator, set, count))
             result = regi_icp_no_memory(icp);
         for (int i = 0; result == SB_OK && i < count; i++) {
@@ -257,6 +258,16 @@ static sb_result regi_icp_own(const regi_icp *icp, regi_icp_side *side, const in
     return SB_OK;
 }
 
+/* The side's points in their order, of several in one place the first: chosen[side->count]. Returns how many. */
+static int regi_icp_places(const regi_icp_side *side, int *chosen)
+{
+    int count = 0;
+    for (int i = 0; i < side->count; i++)
+        if (reg_kdtree_nearest(side->tree, side->points[i], SB_REAL_MAX, NULL) == i)
+            chosen[count++] = i;
+    return count;
+}
+
 /* Where normals have to be fitted: to fewer points when there are very many, and without isolated ones. */
 static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
 {
@@ -266,11 +277,10 @@ static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
                            ? SB_OK
                            : regi_icp_no_memory(icp);
     if (result == SB_OK) {
-        for (int i = 0; i < crowd.count; i++) {
-            if (crowd.count == side->count)
-                crowd.chosen[i] = i;
+        if (crowd.count == side->count)
+            crowd.count = regi_icp_places(side, crowd.chosen);
+        for (int i = 0; i < crowd.count; i++)
             crowd.points[i] = side->points[crowd.chosen[i]];
-        }
         result = regi_icp_neighbours(icp, crowd.points, NULL, crowd.count, crowd.reach, NULL);
     }
     if (result == SB_OK) {
@@ -466,7 +476,8 @@ REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape,
     if (result == SB_OK)
         result = regi_icp_normals(icp, shape, side);
     if (result == SB_OK)
-        result = regi_icp_sample(icp, side, icp->options->sample > 0 ? icp->options->sample : side->count, &side->sample);
+        result =
+            regi_icp_sample(icp, side, icp->options->sample > 0 ? icp->options->sample : side->count, &side->sample);
     if (result == SB_OK)
         result = regi_icp_spread(icp, side, &side->spread);
     if (result == SB_OK)
@@ -478,4 +489,3 @@ REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape,
     }
     return result;
 }
-

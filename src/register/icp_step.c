@@ -146,7 +146,7 @@ REGI_API void regi_icp_solve(regi_icp_system *system)
     }
 }
 
-REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, regi_icp_system *system)
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, int at_planes, regi_icp_system *system)
 {
     const regi_icp_pairs *pairs = &icp->pairs;
     sb_real size = icp->a.size > 0 ? icp->a.size : 1, total = 0;
@@ -159,8 +159,8 @@ REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, r
         x = reg_rigid_apply(motion, pairs->from[i]);
         gap = sb_v3_scale(1 / size, sb_v3_sub(x, pairs->to[i]));
         total += pairs->weight[i];
-        regi_icp_add_row(system, sb_v3_scale(1 / size, sb_v3_sub(x, centre)), pairs->normal[i],
-                         sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
+        regi_icp_add_row(system, sb_v3_scale(1 / size, sb_v3_sub(at_planes ? pairs->to[i] : x, centre)),
+                         pairs->normal[i], sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
     }
     for (int i = 0; i < icp->options->landmark_count; i++) {
         sb_vec3 x = reg_rigid_apply(motion, icp->landmarks_a[i]);
@@ -180,7 +180,7 @@ static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
     sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle;
     sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
     reg_rigid step;
-    regi_icp_equations(icp, motion, &system);
+    regi_icp_equations(icp, motion, 0, &system);
     for (int i = 0; i < 6; i++)
         trace += system.matrix[i][i];
     for (int i = 0; i < 6; i++)
@@ -245,7 +245,7 @@ static int regi_icp_late(regi_icp *icp)
 }
 
 REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
-                            reg_rigid *motion, sb_real *score, int *converged)
+                              reg_rigid *motion, sb_real *score, int *converged)
 {
     sb_real mean = 0, rms, before, best;
     int round = 0, idle = 0;
@@ -272,4 +272,3 @@ REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int ro
     }
     return round;
 }
-

@@ -198,8 +198,8 @@ static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose 
         weight[i] = i < first ? icp->a.spread.weights[i] : icp->b.spread.weights[i - first];
         gaps->scratch[gaps->room + i] = sb_is_finite(gap[i]) ? gap[i] : icp->a.extent + icp->b.extent;
     }
-    median = reg_outlier_limit(gaps->scratch + gaps->room, icp->pairs.count, REG_OUTLIERS_TRIM, (sb_real)0.5,
-                               gaps->scratch);
+    median =
+        reg_outlier_limit(gaps->scratch + gaps->room, icp->pairs.count, REG_OUTLIERS_TRIM, (sb_real)0.5, gaps->scratch);
     pose->noise = (sb_real)1.4826 * sb_max(median, 0);
     pose->lost = 0;
     for (int i = 0; i < icp->pairs.count; i++)
@@ -316,8 +316,8 @@ static int regi_pose_stage(regi_icp *icp, const regi_pose_plan *plan, regi_icp_s
     return count;
 }
 
-REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last,
-                                    regi_pose *poses, int *count, int *tried)
+REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
+                                    int *count, int *tried)
 {
     static const regi_pose_plan plan[REGI_POSE_STAGES] = {
         {1, 60, 4, 60, 0}, {1, 150, 6, 12, 1}, {1, 300, 8, REG_ICP_POSES, 1}, {0, 300, 5, REG_ICP_POSES, 1}};

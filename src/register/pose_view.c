@@ -34,8 +34,7 @@ REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_
     if (o->seen_from_sd > 0 && !icp->both) {
         sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
         sb_vec3 wanted = regi_cloud_unit(o->seen_from);
-        sb_real angle =
-            (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
+        sb_real angle = (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
         sum += regi_pose_square(angle, slack, o->seen_from_sd);
     }
     return -sum / 2;
@@ -110,7 +109,8 @@ REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion
         return 0;
     memset(view.depth, 0, sizeof view.depth);
     for (int i = 0; i < target->spread.count; i++) {
-        int cell = regi_view_project(&view, target->spread.points[i], image, &depth) ? regi_view_cell(&view, image) : -1;
+        int cell =
+            regi_view_project(&view, target->spread.points[i], image, &depth) ? regi_view_cell(&view, image) : -1;
         if (cell >= 0 && (!(view.depth[cell] > 0) || depth < view.depth[cell]))
             view.depth[cell] = depth;
     }
