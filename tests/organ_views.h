@@ -59,7 +59,7 @@ static inline organ organ_make(unsigned long long *seed, double bumps, double od
         organ_direction(seed, o.turn[i]);
         o.phase[i] = check_random_in(seed, 0, 6.28);
         for (int k = 0; k < 3; k++) {
-            o.wave[i][k] *= deformed / ORGAN_WAVES;
+            o.wave[i][k] *= deformed / (int)ORGAN_WAVES;
             o.turn[i][k] *= 6.28 / length;
         }
     }

@@ -209,6 +209,7 @@ static void test_units(void)
         reg_rigid found;
         reg_icp_info info;
         kind.as_mesh = 0;
+        kind.view.cells = 14;
         if (make_case(3, &kind, &made)) {
             CHECK_OK(reg_icp(&made.from, &made.to, &made.options, &found, &info, NULL));
             CHECK(!(info.warnings & REG_WARN_SCALE) && info.scale_guess == 1);
@@ -312,14 +313,14 @@ static void test_covariance(void)
             break;
         pose_deviation(&found, &made.view.pose, info.centre, off);
         for (int i = 0; i < 6; i++) {
-            square[i] += off[i] * off[i] / DRAWS;
-            predicted[i] += (double)info.covariance[7 * i] / DRAWS;
+            square[i] += off[i] * off[i] / (int)DRAWS;
+            predicted[i] += (double)info.covariance[7 * i] / (int)DRAWS;
         }
         CHECK(!(info.warnings & REG_WARN_LOW_CONTRAST));
     }
     for (int i = 0; i < 6; i++) {
         mean += square[i] / predicted[i] / 6;
-        CHECK_NEAR(square[i] / predicted[i], 1, 3 * sqrt(2.0 / DRAWS));
+        CHECK_NEAR(square[i] / predicted[i], 1, 3 * sqrt(2.0 / (int)DRAWS));
     }
     CHECK_NEAR(mean, 1, 0.1);
     free(clean);
@@ -340,7 +341,7 @@ static void test_low_contrast(void)
         reg_rigid found;
         memset(&from, 0, sizeof from);
         for (int i = 0; i < COUNT; i++) {
-            double z = 1 - (2 * i + 1.0) / COUNT, a = 2.399963229728653 * i, r = plate ? sqrt((i + 0.5) / COUNT) : 0;
+            double z = 1 - (2 * i + 1.0) / (int)COUNT, a = 2.399963229728653 * i, r = plate ? sqrt((i + 0.5) / (int)COUNT) : 0;
             r = plate ? r : sqrt(1 - z * z);
             normals[i] = plate ? sb_v3(0, 0, 1) : sb_v3(REAL(r * cos(a)), REAL(r * sin(a)), REAL(z));
             points[i] = sb_v3(REAL(0.1 * r * cos(a)), REAL(0.1 * r * sin(a)), plate ? 0 : REAL(0.1 * z));
