@@ -341,9 +341,10 @@ static void sbi_apart_even_out(sb_contact *contact, int whole, sb_vec3 *ways)
     const sbi_elimination *e = body->elimination;
     sbi_pairs *pairs = &contact->pairs;
     int count = sb_body_node_count(body);
-    sbi_pairs_weigh(contact);
-    if (e)
+    if (e) {
+        sbi_constraint_masses(contact->body);
         memcpy(e->work, ways, (size_t)count * sizeof *ways);
+    }
     memset(pairs->zone_ways, 0, (size_t)count * sizeof *pairs->zone_ways);
     memset(pairs->zone_masses, 0, (size_t)count * sizeof *pairs->zone_masses);
     memset(pairs->zone_held, 0, (size_t)count * sizeof *pairs->zone_held);

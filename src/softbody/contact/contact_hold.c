@@ -154,16 +154,11 @@ static int sbi_hold_takes(const sb_contact *contact, const sbi_pair_sample *s)
     return contact->pairs.organs[s->face] != contact->pairs.organs[s->other];
 }
 
-SBI_API void sbi_pairs_weigh(sb_contact *contact)
-{
-    if (contact->body->elimination)
-        sbi_constraint_masses(contact->body);
-}
-
 SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
 {
     int changed = 0, again = 1;
-    sbi_pairs_weigh(contact);
+    if (contact->body->elimination)
+        sbi_constraint_masses(contact->body);
     for (int round = 0; again && round < SBI_HOLD_ROUNDS; round++) {
         again = 0;
         for (int i = 0; i < contact->pairs.sample_count; i++) {
@@ -184,7 +179,8 @@ SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
 SBI_API void sbi_pairs_brake_held(sb_contact *contact, const sb_vec3 *u, sb_vec3 *v)
 {
     int again = 1;
-    sbi_pairs_weigh(contact);
+    if (contact->body->elimination)
+        sbi_constraint_masses(contact->body);
     for (int round = 0; again && round < SBI_HOLD_ROUNDS; round++) {
         again = 0;
         for (int i = 0; i < contact->pairs.sample_count; i++) {

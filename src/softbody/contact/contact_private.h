@@ -308,8 +308,6 @@ SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole);
 SBI_API void sbi_pairs_brake_mended(sb_contact *contact, sb_vec3 *v);
 
 /* ---- contact_hold.c ---- */
-/* elimination->reduced = masses of a body with constraints, for what takes out motion. */
-SBI_API void sbi_pairs_weigh(sb_contact *contact);
 /* As sbi_touch.hold. */
 SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u);
 /* As sbi_touch.brake. */
