@@ -341,7 +341,8 @@ static void test_low_contrast(void)
         reg_rigid found;
         memset(&from, 0, sizeof from);
         for (int i = 0; i < COUNT; i++) {
-            double z = 1 - (2 * i + 1.0) / (int)COUNT, a = 2.399963229728653 * i, r = plate ? sqrt((i + 0.5) / (int)COUNT) : 0;
+            double z = 1 - (2 * i + 1.0) / (int)COUNT, a = 2.399963229728653 * i,
+                   r = plate ? sqrt((i + 0.5) / (int)COUNT) : 0;
             r = plate ? r : sqrt(1 - z * z);
             normals[i] = plate ? sb_v3(0, 0, 1) : sb_v3(REAL(r * cos(a)), REAL(r * sin(a)), REAL(z));
             points[i] = sb_v3(REAL(0.1 * r * cos(a)), REAL(0.1 * r * sin(a)), plate ? 0 : REAL(0.1 * z));
