@@ -351,7 +351,7 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
     sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");
     sbi_state_same(walk, (uint64_t)body->domain.points_per_cell, "the number of integration points");
     sbi_state_same(walk, used ? sbi_state_table_hash(body->domain.table) : 0, "the hash of the custom element");
-    sbi_state_same(walk, (uint64_t)body->domain.mean_point, "the number of mean points");
+    sbi_state_same(walk, (uint64_t)body->domain.mean_points, "the number of mean points");
     sbi_state_same(walk, (uint64_t)body->domain.single_rotation, "single_rotation");
     sbi_state_same(walk, (uint64_t)body->material_count, "the number of regions");
     sbi_state_same(walk, (uint64_t)body->mass_kind, "the kind of mass");
