@@ -369,6 +369,7 @@ check "the hand pushes, and pulls" awk -F, 'NR > 1 && $2 > high { high = $2 } NR
 expect_data 2 'nan_coordinate.vtk:9: ' one_body bad/nan_coordinate.vtk --mesh
 expect_data 2 'must be a volume mesh of tets with 4 nodes' one_body volumes/liver_a_tet10_1k.vtk --mesh
 expect_data 2 'see --scale' one_body volumes/liver_a_tet4_2k.vtk --scale 1e-6 --mesh
+expect 3 "the organ lies .* mm from its scan, over --limit 0.01" one_body --cells 6 --steps 3 --limit 0.01 -o one/far
 expect 2 'no-such.ply' one_body --cells 6 --scan no-such.ply
 expect 2 'no-such.obj' one_body --skin no-such.obj
 expect 2 '--cells needs a whole number' one_body --cells 2
@@ -440,6 +441,14 @@ check "to a share of a percent" holds "$(last single_deviation_mm) < 0.5"
 check "both bends are pictured" eval 'is_png phantom_single.png && is_png phantom_double.png'
 check "a chart of three panels" [ "$(grep -c '<g transform' phantom.svg)" = 3 ]
 check "markers have their rows" [ "$(awk -F, '$3 == 15' phantom_double.csv | wc -l)" -gt 20 ]
+expect 0 'single_error_mm=0.000 .*single_under_1mm=1.000' \
+    needle_phantom --cells 12 --markers 4 --bend single --truth phantom -o again
+expect 0 'single_error_mm=0\.[1-9][0-9]* .*single_under_2mm=1.000' \
+    needle_phantom --cells 12 --markers 4 --bend single --held --truth phantom -o held
+long expect 0 '^single bend: RMS of the markers' needle_phantom --cells 8 --markers 4 --bend single --truth phantom -o off --every 5 --sensitivity
+expect 2 '--sensitivity needs a --truth' needle_phantom --sensitivity
+expect 2 'no-such_single.csv: cannot be opened' needle_phantom --truth no-such
+expect 2 'has no rows of these markers' needle_phantom --truth phantom --markers 5
 long expect 0 '^markers=9 double_rms_mm=' needle_phantom --bend double --cells 8 --markers 3 --depth 0.08 -o short
 long expect_data 0 '^markers=[0-9]* single' needle_phantom phantom/phantom_tet4.vtk --bend single --depth 0.06 -o organ --mesh
 expect 2 'triple is no bend' needle_phantom --bend triple
