@@ -342,6 +342,10 @@ if [ -n "$data" ]; then
 else
     skip "no data: needle_prostate --mesh"
 fi
+expect 0 '^steps=50 .*consistent=100' needle_prostate --anatomy --seconds 1 -o needle/e
+long expect 0 "$summary" needle_prostate --anatomy --seconds 4 --csv needle/f.csv -o needle/f
+long check "through skin and out" insertion needle/f.csv
+expect 2 'does not go with --mesh' needle_prostate --anatomy --mesh needle/a_0000.vtk
 expect 2 'no-such-file.vtk' needle_prostate --mesh no-such-file.vtk
 expect 2 '--mesh needs a value' needle_prostate --mesh
 expect 2 '--tip needs bevel or symmetric' needle_prostate --tip sharp

@@ -202,7 +202,7 @@ static void test_vessel(void)
     CHECK_OK(ndl_guide_make(&s.def, &again, NULL));
     CHECK(memcmp(&g, &again, sizeof g) == 0);
     CHECK_INT(g.reaches, 1);
-    CHECK(g.cost > 0.1);
+    CHECK((double)g.cost > 0.1);
     CHECK_INT(g.phase_count, 2);
     CHECK_INT(g.phases[0].obstacle, 0);
     CHECK(g.phases[0].place >= 0);

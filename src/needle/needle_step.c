@@ -385,6 +385,7 @@ static void ndli_step_count_states(const ndli_stepping *s)
         }
         s->info->blocked += needle->blocked;
         s->info->limited += needle->limited;
+        s->info->coarse += ndli_bevel_is_coarse(needle);
     }
 }
 
