@@ -104,7 +104,8 @@
  *              noise is taken off clouds and surfaces by reg_cloud_smooth and reg_cloud_smooth_mesh.
  * reg_kdtree   nearest points and those within a radius.
  * reg_rigid    a rotation and a translation; reg_rigid_fit gives the best one for pairs.
- * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks.
+ * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks. Says
+ *              which other poses fit, how clearly they are told apart, warnings by name, and a covariance.
  * reg_cpd_fit  coherent point drift, rigid to non-rigid, for clouds without a model (and markers of different number).
  * reg_field    the potential about a target: distance, or Laplace's.
  * reg_match    physics-based shape matching: an sb_body drawn to a target by charges on its surface.
@@ -656,7 +657,7 @@ typedef enum reg_warning {
     REG_WARN_VIEW_SMALL = 16,    /* the target shows less than 15 % of the model */
     REG_WARN_MANY_OUTLIERS = 32, /* over 30 % of the points that looked found nothing of the other shape */
     REG_WARN_LOW_CONTRAST = 64,  /* the shapes leave a motion open, as a sphere's turns: info.covariance */
-    REG_WARN_FREE_SPACE = 128    /* over 5 % of the model is where the camera saw nothing */
+    REG_WARN_FREE_SPACE = 128    /* over 10 % of what the camera faced would hide what it saw */
 } reg_warning;
 
 enum { REG_ICP_POSES = 8 };
@@ -3875,6 +3876,9 @@ REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion
 REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation);
 /* Fills the poses' likelihoods and what they come from, and sorts them by it. Overwrites the pairs. */
 REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count);
+/* Of poses, the best first, those that differ from all before them, by 8 degrees or, in the mean over the model, by 5 %
+ * of its size; up to `kept`. Returns how many. */
+REGI_API int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept);
 /* Finds poses[REG_ICP_POSES], the likeliest first: *count >= 1; *tried: how many were begun with. */
 REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
                                     int *count, int *tried);
@@ -4902,8 +4906,7 @@ static int regi_pose_differ(const regi_icp *icp, const regi_pose *p, const regi_
     return sum > (sb_real)0.05 * model->extent * (sb_real)probes;
 }
 
-/* Of poses sorted by score those that differ from all before them, up to `kept`; returns how many. */
-static int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
+REGI_API int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
 {
     int found = 0;
     for (int i = 0; i < count && found < kept; i++) {
@@ -5273,7 +5276,7 @@ REGI_API sb_result regi_icp_report(regi_icp *icp, const regi_icp_stage *stage, c
         icp->warnings |= REG_WARN_VIEW_SMALL;
     if (pose.lost > (sb_real)0.3)
         icp->warnings |= REG_WARN_MANY_OUTLIERS;
-    if (pose.in_front > (sb_real)0.05)
+    if (pose.in_front > (sb_real)0.1)
         icp->warnings |= REG_WARN_FREE_SPACE;
     regi_report_scale(icp, info);
     return SB_OK;
@@ -5503,6 +5506,7 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
     if (info->pairs == 0)
         return sbi_fail(icp->error, SB_ERROR_NOT_CONVERGED, "no points of the shapes are within %g m of each other",
                         (double)options->max_distance);
+    info->pose_count = regi_pose_distinct(icp, poses, info->pose_count, REG_ICP_POSES); /* the last stage moved one */
     regi_icp_tell_poses(icp, poses, info);
     result = regi_icp_report(icp, &stage, &poses[0], info);
     info->warnings = icp->warnings;

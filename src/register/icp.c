@@ -222,6 +222,7 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
     if (info->pairs == 0)
         return sbi_fail(icp->error, SB_ERROR_NOT_CONVERGED, "no points of the shapes are within %g m of each other",
                         (double)options->max_distance);
+    info->pose_count = regi_pose_distinct(icp, poses, info->pose_count, REG_ICP_POSES); /* the last stage moved one */
     regi_icp_tell_poses(icp, poses, info);
     result = regi_icp_report(icp, &stage, &poses[0], info);
     info->warnings = icp->warnings;

@@ -86,7 +86,7 @@ typedef enum reg_warning {
     REG_WARN_VIEW_SMALL = 16,    /* the target shows less than 15 % of the model */
     REG_WARN_MANY_OUTLIERS = 32, /* over 30 % of the points that looked found nothing of the other shape */
     REG_WARN_LOW_CONTRAST = 64,  /* the shapes leave a motion open, as a sphere's turns: info.covariance */
-    REG_WARN_FREE_SPACE = 128    /* over 5 % of the model is where the camera saw nothing */
+    REG_WARN_FREE_SPACE = 128    /* over 10 % of what the camera faced would hide what it saw */
 } reg_warning;
 
 enum { REG_ICP_POSES = 8 };
