@@ -672,7 +672,8 @@ typedef struct reg_icp_info {
     sb_real landmark_rms; /* m, weighted; 0 without landmarks */
     double seconds;       /* 0 without a clock */
     unsigned warnings;    /* REG_WARN_..., or-ed */
-    /* distinct poses, model to target, the likeliest first; the first is the result, the others are less refined */
+    /* distinct poses, model to target, the likeliest first; the first is the result, those 3 nats behind are less
+     * refined */
     int pose_count;
     reg_rigid poses[REG_ICP_POSES];
     sb_real likelihood[REG_ICP_POSES]; /* nats against the first (0): for so many independent patches as the target is
@@ -4231,6 +4232,31 @@ static int regi_icp_outward(const sb_surface *surface)
     return votes < 0 ? -1 : 1;
 }
 
+/* Normals that a cloud brings, as means over neighbours where they are noisy: half of them over 15 degrees off these
+ * means. Of very many points they are taken as they are. */
+static sb_result regi_icp_smooth_normals(const regi_icp *icp, regi_icp_side *side)
+{
+    const sb_real even = (sb_real)0.034;
+    sb_real *reach;
+    sb_result result;
+    if (side->surface || side->count > REGI_ICP_FITTED)
+        return SB_OK;
+    result = regi_cloud_allocate(&side->own, side->count, 1, icp->allocator, icp->error);
+    if (result != SB_OK)
+        return result;
+    reach = (sb_real *)sbi_alloc(icp->allocator, (size_t)side->count, 2 * sizeof(sb_real));
+    result = reach ? regi_icp_neighbours(icp, side->points, side->normals, side->count, reach, side->own.normals)
+                   : regi_icp_no_memory(icp);
+    if (result == SB_OK) {
+        for (int i = 0; i < side->count; i++)
+            reach[i] = 1 - sb_v3_dot(side->normals[i], side->own.normals[i]);
+        if (reg_outlier_limit(reach, side->count, REG_OUTLIERS_TRIM, (sb_real)0.5, reach + side->count) > even)
+            side->normals = side->own.normals;
+    }
+    sbi_free(icp->allocator, reach);
+    return result;
+}
+
 /* Share of the normals that look away from the camera. */
 static sb_real regi_icp_away(const regi_icp_side *side, sb_vec3 camera)
 {
@@ -4273,7 +4299,7 @@ static sb_result regi_icp_normals(regi_icp *icp, const reg_icp_shape *shape, reg
     }
     if (side->sign < 0)
         icp->warnings |= REG_WARN_INVERTED;
-    return SB_OK;
+    return regi_icp_smooth_normals(icp, side);
 }
 
 /* Centre, size and principal axes of the evenly spread points. An axis has no direction of its own: it gets the one in
@@ -5466,6 +5492,9 @@ static sb_result regi_icp_begin(regi_icp *icp, const reg_rigid *start, const reg
     return SB_OK;
 }
 
+/* Whether so many nats tell two poses apart. */
+static int regi_icp_is_clear(sb_real nats) { return nats >= 3; }
+
 /* The poses and how clearly they are told apart; motions of the model from here on. */
 static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_info *info)
 {
@@ -5474,10 +5503,24 @@ static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_i
         info->likelihood[i] = poses[i].likelihood - poses[0].likelihood;
     }
     info->margin = info->pose_count > 1 ? -info->likelihood[1] : SB_REAL_MAX;
-    if (info->margin < 3)
+    if (!regi_icp_is_clear(info->margin))
         icp->warnings |= REG_WARN_AMBIGUOUS;
     if (poses[0].flip < 0 && !icp->a.fitted && !icp->b.fitted)
         icp->warnings |= REG_WARN_INVERTED;
+}
+
+/* The last stage for the poses that may be the right one as well as the first. */
+static void regi_icp_refine_others(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count)
+{
+    regi_icp_stage stage = *last;
+    sb_real score;
+    int converged;
+    for (int i = 1; i < count; i++) {
+        stage.flip = poses[i].flip;
+        if (!regi_icp_is_clear(poses[0].likelihood - poses[i].likelihood))
+            regi_icp_iterate(icp, &stage, icp->options->max_iterations, icp->options->tolerance, &poses[i].motion,
+                             &score, &converged);
+    }
 }
 
 static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_info *info)
@@ -5498,6 +5541,7 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
     result = regi_icp_begin(icp, start, &stage, poses, info);
     if (result != SB_OK)
         return result;
+    regi_icp_refine_others(icp, &stage, poses, info->pose_count);
     stage.flip = poses[0].flip;
     info->iterations = regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, &poses[0].motion,
                                         &score, &converged);

@@ -101,7 +101,8 @@ typedef struct reg_icp_info {
     sb_real landmark_rms; /* m, weighted; 0 without landmarks */
     double seconds;       /* 0 without a clock */
     unsigned warnings;    /* REG_WARN_..., or-ed */
-    /* distinct poses, model to target, the likeliest first; the first is the result, the others are less refined */
+    /* distinct poses, model to target, the likeliest first; the first is the result, those 3 nats behind are less
+     * refined */
     int pose_count;
     reg_rigid poses[REG_ICP_POSES];
     sb_real likelihood[REG_ICP_POSES]; /* nats against the first (0): for so many independent patches as the target is
