@@ -557,13 +557,18 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
     awk 'BEGIN { for (i = 0; i < 400; i++) print 3 * sin(i), 3 * cos(3 * i), 3 * sin(7 * i) }' >ball.xyz
     expect 2 'are both in one unit' register_liver "$case_of_liver/coarse_tet4.vtk" ball.xyz
     awk 'BEGIN { for (i = 0; i < 60000; i++) print 0.1 * sin(i), 0.1 * cos(3 * i), 0.1 * sin(7 * i) }' >dense.xyz
-    expect 3 'as well with its normals turned' register_liver "$case_of_liver/coarse_tet4.vtk" dense.xyz --method icp
+    expect 3 'ambiguous: two poses.*--seen-from' register_liver "$case_of_liver/coarse_tet4.vtk" dense.xyz --method icp
     check "a dense cloud is thinned" grep -q '60000 points, thinned to' output.txt
+    expect 4 'warning: ambiguous' register_liver "$case_of_liver/coarse_tet4.vtk" dense.xyz --method icp --any
     # which way the target faces
     part=$case_of_liver/partial_deformed_surface.obj model=$case_of_liver/coarse_tet4.vtk
     awk '$1 == "f" {t = $2; $2 = $3; $3 = t} {print}' "$part" >turned.obj
     awk '$1 == "v" {print $2, $3, $4}' "$part" >bare.xyz
-    expect 2 'bare.xyz: has no normals.*--camera' register_liver "$model" bare.xyz --partial --method icp
+    expect 2 'seen-from 1,2: not X,Y,Z' register_liver "$model" bare.xyz --partial --seen-from 1,2
+    awk '$1 == "v" {$2 += 8} {print}' "$part" >far.obj
+    expect 3 'some 8.* m from the model: it is not in' register_liver "$model" far.obj --aligned --method nicp
+    awk '$1 == "v" {$2 *= 1.8; $3 *= 1.8; $4 *= 1.8} {print}' "$case_of_liver/deformed_surface.obj" >large.obj
+    expect 4 "warning: scale: the target's size" register_liver "$model" large.obj --method icp --any
     expect 2 'camera 1,2: not X,Y,Z' register_liver "$model" bare.xyz --partial --camera 1,2
     expect 2 'a camera sees no back' register_liver "$model" "$case_of_liver/deformed_surface.obj" --camera -0.2,-1,0.6
     expect 4 'not to be trusted: cut off by its time' register_liver "$model" "$part" --method nicp --seconds 0.001
@@ -575,6 +580,8 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
         --aligned --camera -0.2,-1,0.6
     expect 0 "$last" register_liver "$model" bare.xyz --partial --camera -0.2,-1,0.6 --method nicp --displacement bare.txt
     check "points and a camera give nearly what the surface gives" is_near 6 right.txt bare.txt # the wrong side: 26 and more
+    expect 0 "$last" register_liver "$model" bare.xyz --partial --seen-from -0.2,-1,0.6 --method nicp --displacement bare.txt
+    check "points alone, too" is_near 6 right.txt bare.txt
     expect 2 'is a volume' register_liver "$case_of_liver/coarse_tet4.vtk" "$case_of_liver/coarse_tet4.vtk"
     expect 2 'cannot be opened' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --method icp -o no-such-folder/x.vtk

@@ -120,8 +120,7 @@ static int regi_pose_differ(const regi_icp *icp, const regi_pose *p, const regi_
     return sum > (sb_real)0.05 * model->extent * (sb_real)probes;
 }
 
-/* Of poses sorted by score those that differ from all before them, up to `kept`; returns how many. */
-static int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
+REGI_API int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
 {
     int found = 0;
     for (int i = 0; i < count && found < kept; i++) {
