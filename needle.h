@@ -1053,9 +1053,7 @@ typedef struct ndl_guide_def {
                                * lies before the disc is not looked at */
     sb_real max_lean;         /* rad, in [0, 1.5]: of paths from `direction`; default 0.6 */
     sb_real shift;            /* m, >= 0: how far from the target at rest paths may pass; default as entry_radius */
-    const ndl_obstacle
-        *obstacles; /* [obstacle_count] sensitive tissue, borrowed; default none. It moves with the tissue
-                     */
+    const ndl_obstacle *obstacles; /* [obstacle_count] tissue to keep out of, borrowed; it moves; default none */
     int obstacle_count;
     sb_real clearance;            /* m from obstacles, > 0: half the needle's diameter, and margin; default 1/50 of the
                                    * distance */
@@ -1098,8 +1096,10 @@ NDL_API ndl_guide_def ndl_default_guide_def(sb_vec3 target, sb_vec3 entry, sb_ve
  * Displacements add up (linear tissue); a place pushes in one phase only. Points of interest beyond NDL_GUIDE_PHASES -
  * 1 are not pushed, but count. SB_OK with any outcome. Failures leave *guide untouched: SB_ERROR_ARGUMENT (field,
  * obstacle or place named), SB_ERROR_NOT_FINITE (also of the model). Some 0.1 ms for a path and phase with 8 places,
- * beside what the model takes for up to 64 points and all places a path. Deterministic to the bit, nothing is
- * allocated. */
+ * beside what the model takes, which is asked some 128 times for each of up to four tries of a path and each place in
+ * use. Distances are looked at in 64 points of a path: an obstacle thinner than 1/64 of it may lie between two, and
+ * `clearance` is too large by up to 1/32 of the path over 8 clearances. A distance that is no number is within an
+ * obstacle. Deterministic to the bit, nothing is allocated. */
 NDL_API sb_result ndl_guide_make(const ndl_guide_def *def, ndl_guide *guide, sb_error *error);
 
 #endif /* NDL_GUIDE_H */
@@ -1291,8 +1291,8 @@ typedef struct ndl_step_info {
     int blocked;         /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
                           * follow it (no operation left sound tets, no memory); then it tries again later */
     int torn;            /* needles that were less than half an edge deep and tore out of the skin, because nothing
-                          * else could be computed. They
-                          * come in again when their tips cross the skin anew, from outside */
+                          * else could be computed. They come in again when their tips cross the skin anew, from
+                          * outside */
     int limited;         /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     int coarse;          /* needles with NDL_REMESH in tissue so soft that it, not the bevel, sets how far they bend
                           * (curvature times lam beyond the lag, see steer.h): their way then depends on the mesh, 0.82
@@ -10816,9 +10816,11 @@ static int ndli_guide_path_of(const ndl_guide_def *def, const double z[4], ndli_
     return path->length > 0 && ndli_dot(path->t, middle) >= cosine - 1e-9;
 }
 
+/* One that is no number is as far within the obstacle as the target is away. */
 static double ndli_guide_distance(const ndl_guide_def *def, int obstacle, ndli_v3 p)
 {
-    return (double)ndl_obstacle_distance(def->obstacles + obstacle, ndli_to(p));
+    double distance = (double)ndl_obstacle_distance(def->obstacles + obstacle, ndli_to(p));
+    return distance == distance ? distance : -ndli_norm(ndli_sub(ndli_from(def->target), ndli_from(def->entry)));
 }
 
 /* The way out of an obstacle at a point, across the path; any where it has none. */
@@ -11017,7 +11019,8 @@ static void ndli_guide_list(const ndl_guide_def *def, const ndli_guide_path *pat
     }
 }
 
-/* What all forces leave, and what they cost; returns both as one cost (N). */
+/* What all forces leave, and what they cost; returns both as one cost (N): a path that does not reach costs more than
+ * all forces together. */
 static double ndli_guide_judge(ndli_guide_work *w, ndli_guide_path *path, ndl_guide *guide,
                                double least[NDL_GUIDE_PHASES])
 {
@@ -11038,8 +11041,8 @@ static double ndli_guide_judge(ndli_guide_work *w, ndli_guide_path *path, ndl_gu
     guide->length = (sb_real)path->length;
     guide->clearance = (sb_real)ndli_guide_clearance(w, guide, path, least);
     close = fmax(0, (double)def->clearance - tolerance - (double)guide->clearance);
-    guide->reaches = late == 0 && close == 0;
-    return (double)guide->cost + w->penalty * (late + close);
+    guide->reaches = late == 0 && close == 0 && path->length > 0;
+    return (double)guide->cost + w->penalty * (late + close + (guide->reaches ? 0 : 0.5 * tolerance));
 }
 
 /* The plan of a path: forces are taken one after another, each as the others ask for, until they agree; obstacles are
@@ -11137,6 +11140,11 @@ NDL_API sb_result ndl_guide_make(const ndl_guide_def *def, ndl_guide *guide, sb_
     for (int i = 0; i < def->place_count; i++)
         most += (double)def->places[i].weight * (double)def->places[i].max_force;
     w.penalty = (most > 0 ? 2 * most : 1) / (double)def->tolerance;
+    if (!(w.penalty <= (double)SB_REAL_MAX))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "weights and max_force of the places come to %g N over a tolerance "
+                        "of %g m: too much",
+                        most, (double)def->tolerance);
     ndli_guide_search(&w, &found);
     if (w.result != SB_OK)
         return w.result;
@@ -15453,6 +15461,17 @@ static sb_result ndli_step_keep_substep(const ndli_stepping *s, double t, ndli_k
     return SB_OK;
 }
 
+/* What is told of a try that is taken back: as before, but for what it took. */
+static void ndli_step_forget(ndl_step_info *info, const ndl_step_info *before)
+{
+    ndl_step_info taken = *info;
+    *info = *before;
+    info->iterations = taken.iterations;
+    info->seconds_body = taken.seconds_body;
+    info->seconds_couple = taken.seconds_couple;
+    info->seconds_needle = taken.seconds_needle;
+}
+
 /* A substep from t on, to the first edge of a membrane that a tip runs through in it: what it has to cut is one force
  * in a substep. No mesh has followed a tip where one is taken back. *end: where it ends. */
 static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
@@ -15470,7 +15489,7 @@ static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_s
         if (result != SB_OK || !(share < 1))
             break;
         ends->edges[ends->edge_count++] = t + share * (*end - t);
-        *s->info = before;
+        ndli_step_forget(s->info, &before);
         result = ndli_needle_undo(s->site, kept, s->error);
     }
     return result == SB_OK ? ndli_step_end_substep(s) : result;

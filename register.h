@@ -1328,7 +1328,7 @@ REG_API sb_real reg_rigid_angle(const reg_rigid *motion)
     if (!r)
         return 0;
     axis = sb_v3(r->m[2][1] - r->m[1][2], r->m[0][2] - r->m[2][0], r->m[1][0] - r->m[0][1]);
-    return (sb_real)atan2((double)sb_v3_norm(axis), (double)(r->m[0][0] + r->m[1][1] + r->m[2][2] - 1));
+    return sb_atan2(sb_v3_norm(axis), r->m[0][0] + r->m[1][1] + r->m[2][2] - 1);
 }
 
 static sb_result regi_rigid_check(const sb_vec3 *from, const sb_vec3 *to, const sb_real *weights, int count,
@@ -4719,7 +4719,7 @@ REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_
     if (o->seen_from_sd > 0 && !icp->both) {
         sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
         sb_vec3 wanted = regi_cloud_unit(o->seen_from);
-        sb_real angle = (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
+        sb_real angle = sb_atan2(sb_v3_norm(sb_v3_cross(seen, wanted)), sb_v3_dot(seen, wanted));
         sum += regi_pose_square(angle, slack, o->seen_from_sd);
     }
     return -sum / 2;
@@ -5022,7 +5022,7 @@ static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose 
 static sb_real regi_pose_student(sb_real gap, sb_real noise)
 {
     sb_real x = gap / noise;
-    return -2 * (sb_real)log(1 + (double)(x * x / 3));
+    return -2 * sb_log(1 + x * x / 3);
 }
 
 /* Mean log-likelihood of a point for a common noise; what finds no partner counts as a tenth of the size. */
@@ -5071,6 +5071,8 @@ static void regi_pose_weigh(regi_icp *icp, const regi_icp_stage *last, regi_pose
         noise = sb_min(noise, poses[i].noise);
     }
     noise = sb_max(noise, 64 * SB_EPSILON * (icp->a.extent + icp->b.extent));
+    if (!(noise > 0))
+        noise = 1; /* the shapes are points: any unit does */
     for (int i = 0; i < count; i++)
         poses[i].score = -regi_pose_mean(icp, poses + i, gaps, i, noise);
     regi_pose_sort(poses, count, count);

@@ -565,8 +565,8 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
     awk '$1 == "f" {t = $2; $2 = $3; $3 = t} {print}' "$part" >turned.obj
     awk '$1 == "v" {print $2, $3, $4}' "$part" >bare.xyz
     expect 2 'seen-from 1,2: not X,Y,Z' register_liver "$model" bare.xyz --partial --seen-from 1,2
-    awk '$1 == "v" {$2 += 8} {print}' "$part" >far.obj
-    expect 3 'some 8.* m from the model: it is not in' register_liver "$model" far.obj --aligned --method nicp
+    awk '$1 == "v" {$2 += 8} {print}' "$part" >away.obj
+    expect 3 'some 8.* m from the model: it is not in' register_liver "$model" away.obj --aligned --method nicp
     awk '$1 == "v" {$2 *= 1.8; $3 *= 1.8; $4 *= 1.8} {print}' "$case_of_liver/deformed_surface.obj" >large.obj
     expect 4 "warning: scale: the target's size" register_liver "$model" large.obj --method icp --any
     expect 2 'camera 1,2: not X,Y,Z' register_liver "$model" bare.xyz --partial --camera 1,2
@@ -774,7 +774,7 @@ long check "charts of three and two panels" eval '[ "$(grep -c "edge (mm)" needl
     [ "$(grep -c "step (ms)" needles_step.svg)" = 2 ]'
 # the base is as stiff as that of a solid needle to 8 %, tips come as far aside in both meshes to 5 %
 long check "needles hardly depend on the mesh" awk -F, '
-    $1 == "base stiffness" { r = $4 / ($2 == "steel" ? 1354 : 497); if (r < 0.92 || r > 1.08) bad = 1; n++ }
+    $1 == "base stiffness" { r = $4 / ($2 ~ /^steel/ ? 1354 : 497); if (r < 0.92 || r > 1.08) bad = 1; n++ }
     $1 == "tip aside" { if (seen[$2] && ($4 / seen[$2] > 1.05 || $4 / seen[$2] < 0.95)) bad = 1; seen[$2] = $4; n++ }
     $1 == "shaft off its way" { if ($4 > 0.05) bad = 1; n++ }
     END { exit !(n == 10 && !bad) }' needles.csv

@@ -20,8 +20,8 @@ typedef struct sb_domain {
     int single_rotation;           /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
     int mean_points;               /* the last points of a cell that are means of the others (B-bar): they have their
                                     * gradients projected and together their volume, and stand for the share of the
-                                    * material that resists changes of volume, which the others then leave out. 0; 1 of
-                                    * hex8 and tet10: the mean; 4 of hex20 and hex27: linear in the cell's coordinates */
+                                    * material that resists changes of volume, which the others then leave out. 0; 1:
+                                    * the mean, of hex8 and tet10; 4: linear in the cell, of hex20 and hex27 */
     int node_count;
     int cell_count;
     int nodes_per_cell;
