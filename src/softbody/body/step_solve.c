@@ -203,17 +203,16 @@ static sb_real sbi_step_touch_news(const sbi_step *step)
 }
 
 /* What this system is solved to: a share of what its forces will yet change by, the last as well as the step asks. Of
- * forces that are new the first system leaves about a fifth. What is nearly as well as the step asks is solved
- * so well at once, since another system costs more than the iterations that it takes. */
+ * forces that are new the first system leaves some tenth. */
 static sb_real sbi_step_touch_aim(const sbi_step *step)
 {
     const sbi_touch *touch = step->touch;
-    const sb_real share = (sb_real)0.3, nearly = 2;
+    const sb_real share = (sb_real)0.3;
     sb_real tolerance = step->linear_tolerance, expected;
     if (touch->touching == 0 || touch->iterations == touch->max_iterations)
         return tolerance;
-    expected = touch->iterations > 1 ? touch->residual : (sb_real)0.2 * sbi_step_touch_news(step);
-    return share * expected > nearly * tolerance ? share * expected : tolerance;
+    expected = touch->iterations > 1 ? touch->residual : (sb_real)0.1 * sbi_step_touch_news(step);
+    return sb_max(tolerance, share * expected);
 }
 
 static sb_result sbi_step_solve_touch(sbi_step *step)
