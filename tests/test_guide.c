@@ -311,10 +311,10 @@ static int not_a_number(void *user, sb_vec3 point, int place, sb_mat3 *complianc
     return result;
 }
 
-static double no_distance(void *user, sb_vec3 point)
+static sb_real no_distance(void *user, sb_vec3 point)
 {
     (void)user;
-    return point.z > REAL(-0.03) ? 1 : (double)NAN;
+    return point.z > REAL(-0.03) ? (sb_real)1 : (sb_real)NAN;
 }
 
 static void test_refusals(void)
