@@ -22,12 +22,33 @@ SBI_API sb_result sbi_step_keep_damping(sbi_step *step);
 SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out);
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
 SBI_API void sbi_step_residual(sbi_step *step);
+/* Connected parts: those of the matrix that is solved, where ties join what they tie. */
+SBI_API const sb_matrix *sbi_step_parts(const sb_body *body);
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
+ * theirs. */
+SBI_API const sb_vec3 *sbi_step_unbalanced(const sbi_step *step);
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more
+ * than `rounding` (N). */
+SBI_API int sbi_step_parts_meet(sbi_step *step, sb_real rounding);
+/* What rounding may leave of the residual (N), as far as moduli and springs tell. */
+SBI_API sb_real sbi_step_rounding(const sbi_step *step);
 /* Forces, residual, and the tangent of a linearised step. */
 SBI_API sb_result sbi_step_evaluate(sbi_step *step);
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
 SBI_API int sbi_step_is_converged(sbi_step *step);
 /* 1 when all of the body's materials have an energy inside out. */
 SBI_API int sbi_step_allows_inversion(const sb_body *body);
+
+/* ---- step_done.c: of static solves ---- */
+/* Work (J) of supports that move since the solve began, over the longest way that one of their axes has gone: what
+ * their motion is held up by (N). part: of the matrix; -1: of all. */
+SBI_API sb_real sbi_static_support_force(const sb_body *body, int part);
+/* An increment begins. */
+SBI_API void sbi_static_begin_report(sbi_step *step);
+/* 1 when the increment is done, by the residual, or as good as rounding lets it become. */
+SBI_API int sbi_static_is_done(sbi_step *step);
+/* 1 when a failing iteration has come as near as rounding, or as the reactions, can tell: it ends with success. */
+SBI_API int sbi_static_settles(sbi_step *step);
 
 /* ---- step_guest.c ---- */
 /* Takes the memory for these guests; all or nothing. */
