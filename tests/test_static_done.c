@@ -20,13 +20,14 @@ static double log_random(unsigned long long *seed, double low, double high)
     return low * pow(high / low, check_random(seed));
 }
 
-/* Cells along, across and through; sizes with a thickness of 1/2 to 1/200 of the length. */
+/* Cells along, across and through; a thickness of 1/2 to 1/200 of the length, in float 1/10. */
 static random_body make_random(unsigned long long *seed)
 {
     static const sb_element_type types[4] = {SB_TET10, SB_HEX8, SB_HEX20, SB_TET4};
     static const sb_precond_kind solvers[3] = {SB_PRECOND_CHOLESKY, SB_PRECOND_IC0, SB_PRECOND_MULTIGRID};
     double length = log_random(seed, 1e-2, 10), young = log_random(seed, 1e2, 1e9);
-    double width = length * log_random(seed, 0.05, 1), height = length * log_random(seed, 0.005, 0.5);
+    double width = length * log_random(seed, 0.05, 1),
+           height = length * log_random(seed, SB_REAL_IS_FLOAT ? 0.1 : 0.005, 0.5);
     double bend = log_random(seed, 1e-3, 0.3), force, nu = check_random_in(seed, 0, 0.45);
     sb_element_type type = types[(int)(4 * check_random(seed))];
     int quadratic = type == SB_TET10 || type == SB_HEX20, ends;

@@ -152,14 +152,15 @@ static int sbi_static_end(sbi_step *step, sb_stop_reason reason)
     return 1;
 }
 
-/* Whether the energy of what is missing has stopped falling. */
+/* Whether the energy of what is missing has stopped falling. A residual that is rounding says nothing of a linear body
+ * whose system was solved, and of others only while that energy falls. */
 static int sbi_static_has_stalled(sbi_step *step)
 {
-    enum { STALLS = 2 };
     sb_real energy = step->info->statics.energy;
+    int rounded = step->norm <= sbi_step_rounding(step);
     step->stalls = energy < step->least / 2 ? 0 : step->stalls + 1;
     step->least = sb_min(step->least, energy);
-    return step->stalls >= STALLS;
+    return rounded ? step->stalls > 0 || sbi_step_is_linear(step->body) : step->stalls > 1;
 }
 
 /* Tools that press have no share in the tangent that the last system's preconditioner was made of. */

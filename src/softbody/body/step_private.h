@@ -107,6 +107,8 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
 SBI_API void sbi_step_fill_system(sbi_step *step);
+/* 1 when all materials are linear. */
+SBI_API int sbi_step_is_linear(const sb_body *body);
 /* Tolerance of this iteration's linear solve. */
 SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step);
 /* Once, as the matrix is; current: the preconditioner was made of this very matrix. */
