@@ -181,8 +181,11 @@ struct sb_cut {
     uint64_t *blade_codes; /* [tree_capacity] */
     int *blade_scratch;
     unsigned char *is_near; /* [tet_count] */
+    unsigned char *beyond;  /* [beyond_capacity] of a body's nodes: sides of a box that each is beyond, as bits */
+    int beyond_capacity;
     sbi_cut_list near, near_hits, blade_hits;
-    sbi_cut_box reach; /* of the triangles */
+    sbi_cut_list at_edge; /* of the near tets those whose boxes meet that of a blade's edge */
+    sbi_cut_box reach;    /* of the triangles */
     sbi_cut_hit *hits, *sorted_hits;
     int hit_capacity, sorted_capacity;
     sbi_cut_list around;          /* tets around a link */
