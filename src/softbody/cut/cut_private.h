@@ -452,5 +452,7 @@ SBI_API void sbi_cut_leave_state(const sb_cut *cut);
 /* ---- cut_surface.c ---- */
 struct sb_cut_surface;
 SBI_API struct sb_skin *sbi_cut_surface_get_skin(struct sb_cut_surface *surface);
+/* The next update draws all anew, with the same result: for tests. */
+SBI_API void sbi_cut_surface_forget(struct sb_cut_surface *surface);
 
 #endif /* SB_CUT_PRIVATE_H */
