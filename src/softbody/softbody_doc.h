@@ -31,9 +31,8 @@
  *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save
  *                        and theirs. Saved states and recordings stay, in memory and in files. register.h needs these
  *                        readers.
- *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids, embeddings and what touches surfaces: tools, organs and
- *                        hands (SB_NO_CONTACT). needle.h and register.h need them.
- *     SB_NO_CONTACT      leaves out sb_contact and sb_haptic.
+ *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids, embeddings and what touches surfaces: tools, organs
+ * and hands (SB_NO_CONTACT). needle.h and register.h need them. SB_NO_CONTACT      leaves out sb_contact and sb_haptic.
  *     SB_NO_CUT          leaves out sb_cut. The README tells what each of the four saves.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
