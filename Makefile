@@ -214,7 +214,7 @@ VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -s
 LINKED = mesh body load constraint record
 
 SNIPPET_CFLAGS = -O0
-SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
+SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md docs/questions.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
 
 EXAMPLE_TEST = tests/examples.sh build/programs build/examples_test
