@@ -56,14 +56,16 @@ SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allo
     entries = 3 * (size_t)row_count;
     parts = (size_t)sbi_matrix_most_parts(row_count);
     chunks = (size_t)sbi_row_chunks(row_count) + parts;
-    if (sbi_size_add(&bytes, chunks, 2 * sizeof(double)) && sbi_size_add(&bytes, parts + 1, sizeof(sbi_pcg_part)) &&
-        sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
+    if (sbi_size_add(&bytes, chunks, 2 * sizeof(double)) && sbi_size_add(&bytes, 1, sizeof(double)) &&
+        sbi_size_add(&bytes, parts + 1, sizeof(sbi_pcg_part)) && sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
         made.memory = sbi_alloc(allocator, bytes, 1);
     if (!made.memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the vectors of %d rows", row_count);
     made.row_count = row_count;
     made.partial = (double *)made.memory;
-    made.parts = made.partial + 2 * chunks;
+    made.softest = made.partial + 2 * chunks;
+    *made.softest = 0;
+    made.parts = made.softest + 1;
     made.start = (sb_real *)(void *)((sbi_pcg_part *)made.parts + parts + 1);
     made.residual = made.start + entries;
     made.search = made.residual + entries;
@@ -1000,7 +1002,7 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
         result = SB_ERROR_DIVERGED;
     else
         result = sbi_pcg_refine(&state, preconditioner, options, &report);
-    workspace->softest = state.softest;
+    *workspace->softest = state.softest;
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
@@ -1325,6 +1327,6 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
         sbi_pcg_set_drifts(&state, options->tolerance);
     result =
         sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
-    workspace->softest = state.softest;
+    *workspace->softest = state.softest;
     return sbi_pcg_finish(&state, result, &report, info);
 }
