@@ -6,7 +6,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "../solve/sparse_live.h"
 #include "live_private.h"
 #include "load.h"
 #include "step_private.h"
@@ -32,13 +31,6 @@ static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, sbi_step_axe
     for (int i = 0; i < body->domain.node_count; i++)
         sum += sbi_step_square(body, i, a[i], axes);
     return sb_sqrt((sb_real)sum);
-}
-
-SBI_API const sb_matrix *sbi_step_parts(const sb_body *body)
-{
-    const sb_matrix *parts = body->elimination ? &body->elimination->matrix : &body->matrix;
-    sbi_matrix_list_parts(parts);
-    return parts;
 }
 
 /* The same of one part's nodes. */
