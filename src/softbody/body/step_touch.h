@@ -95,7 +95,10 @@ typedef struct sbi_touch {
     /* Takes out of u [rows] the motion by which parts of the body pass through each other, momentum left as it is, so
      * that accept refuses it only for tools; whole: that of whole organs, which changes no shapes. 1: u has changed. */
     int (*mend)(void *user, sb_vec3 *u, int whole);
-    /* After these two: takes out of the velocities at the end of the step, v [rows], momentum left as it is, what would
+    /* Organs stay in u [rows] as they were at the start of the step where accept would refuse it for tools, which stay
+     * in the last of `tries`. */
+    void (*stop)(void *user, sb_vec3 *u);
+    /* After these: takes out of the velocities at the end of the step, v [rows], momentum left as it is, what would
      * bring together again what they hold apart. u [rows]: the displacements that they left. */
     void (*brake)(void *user, const sb_vec3 *u, sb_vec3 *v);
     /* The step is done, or has failed: as before `begin`. Neither can fail. */

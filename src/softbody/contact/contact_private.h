@@ -129,6 +129,7 @@ struct sb_contact {
 
     /* of the step */
     int is_static, is_explicit;
+    int stopped;      /* 1: nodes have been stopped at its end, see sbi_contact_stop */
     sb_real level;    /* share of the step after which forces balance */
     const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
     sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */
@@ -195,6 +196,11 @@ SBI_API sb_result sbi_contact_sweep(sb_contact *contact, const sbi_touch_step *s
 /* 1: neither has a sample gone deeper, nor has one moved farther against its tool, than a skeleton might need to cross
  * a face. of_nodes [rows]: displacements at the end. */
 SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *of_nodes);
+/* A last resort, for tools that stay where they are: organs with faces that would not be safe stay, too. of_nodes
+ * [rows]: displacements. */
+SBI_API void sbi_contact_stop(sb_contact *contact, sb_vec3 *of_nodes);
+/* Nodes that it stopped have no speed, v [rows]. */
+SBI_API void sbi_contact_brake_stopped(const sb_contact *contact, const sb_vec3 *of_nodes, sb_vec3 *v);
 /* Depth (m) of the deepest sample of the body as it is in a tool at a pose, and its cell; 0: none touches. */
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,
                                   int *element);

@@ -396,7 +396,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *given, sb_e
     if (result != SB_OK)
         return result;
     own.velocity = sbi_contact_at_points(contact, given->velocity, contact->skin.velocity);
-    contact->is_solved = 0;
+    contact->is_solved = contact->stopped = 0;
     contact->is_explicit = step->masses != NULL;
     if (!(step->dt > 0) && !contact->kept) {   /* it replaces entries increment by increment */
         (void)sbi_contact_keep(contact, NULL); /* its faces are up to date */
@@ -626,11 +626,14 @@ static int sbi_contact_hold(void *user, sb_vec3 *u) { return sbi_pairs_hold((sb_
 
 static int sbi_contact_mend(void *user, sb_vec3 *u, int whole) { return sbi_pairs_mend((sb_contact *)user, u, whole); }
 
+static void sbi_contact_stop_body(void *user, sb_vec3 *u) { sbi_contact_stop((sb_contact *)user, u); }
+
 static void sbi_contact_brake(void *user, const sb_vec3 *u, sb_vec3 *v)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_pairs_brake_held(contact, u, v);
     sbi_pairs_brake_mended(contact, v);
+    sbi_contact_brake_stopped(contact, u, v);
 }
 
 /* A sample in touch becomes an entry. */
@@ -854,6 +857,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->accept = sbi_contact_accept;
     touch->hold = sbi_contact_hold;
     touch->mend = sbi_contact_mend;
+    touch->stop = sbi_contact_stop_body;
     touch->brake = sbi_contact_brake;
     touch->share = 1;
     touch->is_last = 1;
