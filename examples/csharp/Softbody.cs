@@ -196,6 +196,12 @@ public enum sb_stop_reason
     SB_STOP_CONVERGED = 1,
     SB_STOP_FLOOR = 2,
 }
+public enum sb_newton
+{
+    SB_NEWTON_AUTO = 0,
+    SB_NEWTON_PLAIN = 1,
+    SB_NEWTON_MIXED_POINTS = 2,
+}
 public enum sb_tool_shape
 {
     SB_TOOL_SPHERE = 1,
@@ -1142,6 +1148,8 @@ public unsafe struct sb_static_report
     public double energy;
     public double increment;
     public double floor;
+    public sb_newton newton;
+    public sb_precond_kind solver;
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_step_info
@@ -1169,6 +1177,7 @@ public unsafe struct sb_static_options
     public int max_newton;
     public int max_iterations;
     public int quasi_newton;
+    public sb_newton newton;
     public int forces_only;
     public int keep_progress;
     public int instantaneous;
@@ -3326,6 +3335,13 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_preconditioner_info sb_body_solver(sb_body* body);
     /// <summary>
+    /// Diagonal of the body's bounding box over 3 V/A at rest, V its volume and A its surface: 3.5 of a cube, 5.2 of a ball,
+    /// L/h of some 25 from 30 on: thin. Costs a pass over the integration points, and uses the body's scratch: between steps
+    /// only. NULL: 0.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern double sb_body_slenderness(sb_body* body);
+    /// <summary>
     /// ---- properties: may change between steps ----
     /// Each checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose
     /// steps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set
@@ -3908,6 +3924,10 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_static_options sb_default_static_options();
     /// <summary>
+    /// Bodies made with SB_PRECOND_AUTO whose systems conjugate gradients would take long for, thin ones and those whose
+    /// last solve took more than 1000 iterations, are factored (SB_PRECOND_CHOLESKY) up to 30,000 nodes; the factor is taken
+    /// from the allocator and given back within the call; without memory for it conjugate gradients go on. Not with tools.
+    ///
     /// Where rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info-&gt;statics.
     ///
     /// Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive

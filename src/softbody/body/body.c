@@ -171,6 +171,7 @@ SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error
     made->newton_tolerance = def->newton_tolerance;
     made->max_iterations = def->max_iterations;
     made->max_newton = def->max_newton;
+    made->auto_solver = def->preconditioner == SB_PRECOND_AUTO;
     made->spectral_radius = def->spectral_radius;
     made->max_substeps = def->max_substeps;
     result = sbi_body_build(made, def, error);

@@ -291,6 +291,7 @@ SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh,
     made->newton_tolerance = body->newton_tolerance;
     made->max_iterations = body->max_iterations;
     made->max_newton = body->max_newton;
+    made->auto_solver = body->auto_solver;
     made->spectral_radius = body->spectral_radius;
     made->max_substeps = body->max_substeps;
     result = sbi_live_copy_make(body, mesh, made, error);

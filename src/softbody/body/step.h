@@ -11,6 +11,19 @@ typedef enum sb_stop_reason {
     SB_STOP_FLOOR = 2 /* rounding keeps the forces from balancing any better: `energy` says what it may be off by */
 } sb_stop_reason;
 
+/* How a static solve iterates. */
+typedef enum sb_newton {
+    SB_NEWTON_AUTO = 0,  /* mixed points for thin nonlinear bodies (sb_body_slenderness over 30), otherwise plain */
+    SB_NEWTON_PLAIN = 1, /* Newton with a line search */
+    SB_NEWTON_MIXED_POINTS =
+        2 /* the tangent takes the stress of each point extrapolated along the last increment in place
+           * of the stress there (Magisano, Leonetti and Garcea 2017): the false membrane stress of
+           * thin bodies that turn no longer stiffens it, and iterations hardly depend on their
+           * thinness. Same answers. Whole increments, since no energy has to fall on the way; where
+           * they do not converge the load increment is halved, three times, and is plain then. Not
+           * with tools, linear materials, quasi_newton or a single rotation: plain there */
+} sb_newton;
+
 /* How good the answer of a static solve is, of its last increment. What supports at rest hold hardly counts in it: of
  * thin bodies that is many times the load. */
 typedef struct sb_static_report {
@@ -29,6 +42,8 @@ typedef struct sb_static_report {
     sb_real increment; /* largest displacement that the present factor or preconditioner would yet add / the largest
                         * since the solve began; -1 as above */
     sb_real floor;     /* rounding errors in the out-of-balance force, relative as `force` */
+    sb_newton newton;  /* what it went by in the end; never SB_NEWTON_AUTO */
+    sb_precond_kind solver; /* of its last system */
 } sb_static_report;
 
 /* What a step or a static solve did. Every field is written by every call, failed ones too. */
@@ -110,6 +125,7 @@ typedef struct sb_static_options {
     int quasi_newton;   /* 1: the tangent SB_TANGENT_QUASI as long as each iteration halves the residual: of
                          * corotated tets several times cheaper to assemble, but convergence is linear, which
                          * pays where the tolerance is loose; default 0 */
+    sb_newton newton;   /* default SB_NEWTON_AUTO */
     int forces_only;    /* 1: the out-of-balance force alone decides, compared with all reactions, too: for one of many
                          * solves between which loads change by more; default 0 */
     int keep_progress;  /* 1: on failure the body stays at the last converged increment; 0 (default): it
@@ -123,7 +139,11 @@ typedef struct sb_static_options {
 
 SB_API sb_static_options sb_default_static_options(void);
 
-/* Where rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info->statics.
+/* Bodies made with SB_PRECOND_AUTO whose systems conjugate gradients would take long for, thin ones and those whose
+ * last solve took more than 1000 iterations, are factored (SB_PRECOND_CHOLESKY) up to 30,000 nodes; the factor is taken
+ * from the allocator and given back within the call; without memory for it conjugate gradients go on. Not with tools.
+ *
+ * Where rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info->statics.
  *
  * Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive
  * definite where it is not, a line search that refuses inverted elements, and adaptive load increments from the

@@ -91,7 +91,9 @@ SBI_API void sbi_static_begin_report(sbi_step *step)
     report->energy = report->increment = -1;
     report->iterations = 0;
     step->least = (sb_real)INFINITY;
-    step->stalls = 0;
+    step->stalls = step->rises = 0;
+    step->expected = 0;
+    step->body->assembly.came_from = NULL;
 }
 
 static int sbi_static_end(sbi_step *step, sb_stop_reason reason)

@@ -64,6 +64,11 @@ SBI_API int sbi_static_is_done(sbi_step *step);
 /* 1 when a failing iteration has come as near as rounding, or as the reactions, can tell: it ends with success. */
 SBI_API int sbi_static_settles(sbi_step *step);
 
+/* ---- step_direct.c: of static solves ---- */
+/* A complete factor takes the preconditioner's place, where the body leaves the choice to the library and it fits. */
+SBI_API void sbi_static_take_direct(sbi_step *step);
+SBI_API void sbi_static_give_back_direct(sbi_step *step);
+
 /* ---- step_guest.c ---- */
 /* Takes the memory for these guests; all or nothing. */
 SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count);

@@ -128,6 +128,40 @@ static sb_result sbi_step_no_step(sbi_step *step, int bad)
     return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "no step along the search direction lowers the energy");
 }
 
+/* Takes the longest admissible share of the increment. */
+static sb_result sbi_step_take_longest(sbi_step *step)
+{
+    sb_real energy = 0, t;
+    int bad = -1;
+    for (t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
+        sbi_step_trial(step, t);
+        if (sbi_step_try(step, step->body->work2, &energy, &bad))
+            break;
+    }
+    if (!(t > (sb_real)1e-6))
+        return sbi_step_no_step(step, bad);
+    sbi_step_take(step, step->body->work2, energy, t, t);
+    return SB_OK;
+}
+
+/* Mixed points: energies may rise on the way, r.K^-1 r not for long. */
+static sb_result sbi_step_take_mixed(sbi_step *step)
+{
+    enum { RISES = 3 };
+    sb_body *b = step->body;
+    int n = b->domain.node_count;
+    sb_real expected = step->moves_supports ? 0 : -sbi_step_dot(b->residual, b->increment, n);
+    sb_result result;
+    step->rises = step->expected > 0 && !(expected <= step->expected) ? step->rises + 1 : 0;
+    step->expected = expected;
+    if (step->rises >= RISES)
+        return sbi_fail(&step->info->error, SB_ERROR_NOT_CONVERGED, "mixed points do not converge");
+    memcpy(b->previous, b->displacement, (size_t)n * sizeof(sb_vec3));
+    result = sbi_step_take_longest(step);
+    b->assembly.came_from = b->previous;
+    return result;
+}
+
 /* While supports move, work comes in through them and no energy has to fall: the longest admissible share of the
  * increment is taken. In a time step the increment may be far off, when a tool jumps by more than an element; then
  * the supports alone move if that costs less, and the next iterations bring the rest along. */
@@ -196,7 +230,9 @@ SBI_API sb_result sbi_step_accept(sbi_step *step)
 {
     sb_body *b = step->body;
     sb_result result = SB_OK;
-    if (step->line_search) {
+    if (step->mixed) {
+        result = sbi_step_take_mixed(step);
+    } else if (step->line_search) {
         result = step->moves_supports ? sbi_step_move_supports(step) : sbi_step_search(step);
     } else {
         sbi_step_trial(step, 1);

@@ -28,9 +28,10 @@ static sb_result sbi_static_check(sb_body *body, const sb_static_options *option
     if (options->cookie != SBI_STATIC_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the options were not made by sb_default_static_options");
     if (options->load_steps < 1 || options->max_newton < 1 || options->max_iterations < 1 ||
-        !(options->tolerance > 0) || !(options->tolerance < 1))
+        !(options->tolerance > 0) || !(options->tolerance < 1) || (int)options->newton < SB_NEWTON_AUTO ||
+        (int)options->newton > SB_NEWTON_MIXED_POINTS)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "load_steps, max_newton, max_iterations must be >= 1 and tolerance in (0, 1)");
+                        "load_steps, max_newton, max_iterations must be >= 1, tolerance in (0, 1) and newton a kind");
     node = sbi_body_unsupported_node(body);
     if (node >= 0)
         return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
@@ -100,6 +101,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
         if (result != SB_OK) {
             memcpy(b->displacement, b->converged, bytes);
             b->force_current = 0;
+            step->mixed = sbi_max_int(step->mixed - 1, 0);
             stride *= (sb_real)0.5;
             if (stride < least)
                 return result;
@@ -115,6 +117,21 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
             options->progress(options->progress_user, step->info);
     }
     return SB_OK;
+}
+
+enum { SBI_STATIC_MIXED = 4 }; /* halvings of an increment, and one more, before mixed points are given up */
+
+/* How it iterates and solves. */
+static void sbi_static_choose(sbi_step *step, const sb_static_options *options)
+{
+    const sb_real thin = 30;
+    sb_body *b = step->body;
+    int may_mix = !step->touch && !options->quasi_newton && !b->domain.single_rotation && !sbi_step_is_linear(b) &&
+                  options->newton != SB_NEWTON_PLAIN;
+    int is_thin = (b->auto_solver && !step->touch) || may_mix ? sb_body_slenderness(b) > thin : 0;
+    step->mixed = may_mix && (is_thin || options->newton == SB_NEWTON_MIXED_POINTS) ? SBI_STATIC_MIXED : 0;
+    if (is_thin)
+        sbi_static_take_direct(step);
 }
 
 /* Takes the last converged increment as the body's state: at rest, with exact reactions. */
@@ -147,7 +164,7 @@ static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_
 {
     const int ints[5] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress,
                          (options->instantaneous != 0) + 2 * (options->quasi_newton != 0) +
-                             4 * (options->forces_only != 0)};
+                             4 * (options->forces_only != 0) + 8 * (int)options->newton};
     sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 5, &options->tolerance, 1);
 }
 
@@ -180,7 +197,13 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     sbi_step_save(body);
     sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
+    sbi_static_choose(&step, options);
     result = sbi_static_run(&step, options);
+    info->statics.newton = step.mixed ? SB_NEWTON_MIXED_POINTS : SB_NEWTON_PLAIN;
+    info->statics.solver =
+        sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond).kind;
+    body->assembly.came_from = NULL;
+    sbi_static_give_back_direct(&step);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
         sbi_static_commit(&step);

@@ -5,6 +5,8 @@
 #include "constraint.h"
 #include "step_private.h"
 
+enum { SBI_STATIC_SLOW = 1000 }; /* iterations of conjugate gradients */
+
 /* A share of node i's way to the target of its supports; exact at its end. */
 static sb_vec3 sbi_step_go(const sb_body *b, int i, sb_real share, sb_vec3 target)
 {
@@ -190,6 +192,8 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
     sb_result result;
     double begin = sbi_body_now(b);
+    if (step->slow)
+        sbi_static_take_direct(step);
     sbi_step_predict(step);
     if (step->touch && step->linearised)
         sbi_step_evaluate_touch(step, b->increment, 1, 1);
@@ -222,6 +226,7 @@ SBI_API sb_result sbi_step_solve_once(sbi_step *step, sb_real tolerance, int cur
                                   &b->increment[0].x, &step->guests, &options, &b->pcg, current, &pcg);
     b->pcg.extra = NULL;
     info->pcg_iterations += pcg.iterations;
+    step->slow = !step->dynamic && !step->starts && pcg.iterations > SBI_STATIC_SLOW;
     if (step->linearised)
         info->residual = (sb_real)pcg.residual;
     if (result == SB_ERROR_NOT_CONVERGED) { /* still the best increment so far: use it */

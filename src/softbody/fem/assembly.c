@@ -495,6 +495,31 @@ static int sbi_assembly_is_rotated(const sb_material *material, sb_tangent_kind 
     return material->model == SB_LINEAR || (sbi_cell_is_corotated(material) && kind == SB_TANGENT_QUASI);
 }
 
+/* The geometric part of a tangent takes the second Piola-Kirchhoff stress that was expected at the end of the increment
+ * from F_before, linearly, in place of the one that is (mixed integration points: Magisano, Leonetti and Garcea 2017):
+ *     S - C : G,  G = dF^T dF / 2,  dF = F - F_before,  since E(F) = E(F_before) + sym(F_before^T dF) + G.
+ * With H = F^-T G, A : H = H S + F (C : G). */
+static void sbi_point_mix(const sb_material *material, const sb_mat3 *f, const sb_mat3 *before, sb_quat rotation,
+                          sb_real *tangent)
+{
+    sb_mat3 d = sb_m3_sub(*f, *before), h, change = sb_m3_zero(), stress, inverse;
+    if (!(sb_abs(sb_m3_det(*f)) > SB_EPSILON) || !sb_material_stress(material, f, &rotation, &stress))
+        return;
+    inverse = sb_m3_inverse(*f);
+    h = sb_m3_mult(sb_m3_transpose(inverse), sb_m3_scale((sb_real)0.5, sb_m3_mult(sb_m3_transpose(d), d)));
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int k = 0; k < 3; k++)
+                for (int l = 0; l < 3; l++)
+                    change.m[i][j] += tangent[9 * (3 * i + j) + 3 * k + l] * h.m[k][l];
+    change = sb_m3_sub(change, sb_m3_mult(h, sb_m3_mult(inverse, stress)));
+    change = sb_m3_mult(inverse, change);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                tangent[9 * (3 * i + j) + 3 * i + l] -= (change.m[j][l] + change.m[l][j]) / 2;
+}
+
 /* Sums the tangent blocks of a cell; 0 when a point has an inadmissible F. */
 SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const int n, const int q, const int scheme,
                                       sb_real *blocks)
@@ -505,9 +530,12 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
     const int rotated = sbi_assembly_is_rotated(shares, job->kind);
     const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
-    sb_mat3 f[SBI_CELL_POINTS];
+    const int mixed = assembly->came_from && !rotated && job->kind == SB_TANGENT_EXACT;
+    sb_mat3 f[SBI_CELL_POINTS], before[SBI_CELL_POINTS];
     if (!rotated)
         sbi_cell_deformations(domain, e, job->u, n, q, f);
+    if (mixed)
+        sbi_cell_deformations(domain, e, assembly->came_from, n, q, before);
     for (int p = 0; p < q; p++) {
         size_t point = (size_t)e * (size_t)q + (size_t)p;
         const sb_material *material = shares + (p >= sbi_cell_ordinary(q, scheme));
@@ -522,6 +550,8 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         } else {
             if (!sb_material_tangent(material, &f[p], &start, job->kind, tangent))
                 return 0;
+            if (mixed)
+                sbi_point_mix(material, &f[p], &before[p], start, tangent);
             if (extras && !sbi_point_add_extra_tangent(assembly, e, p, &f[p], job->kind, tangent))
                 return 0;
             sbi_cell_add_tangent(tangent, g, w, n, blocks);

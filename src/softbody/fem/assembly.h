@@ -59,12 +59,14 @@ typedef struct sbi_assembly {
     const sbi_glue *glue;       /* and what ties cells to each other */
     int unknots;                /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
                                  * energy watches: the rule makes it jump */
-    sb_real energy_unit;        /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
-                                 * size of the moduli, so this times epsilon is their rounding error */
-    int batched;                /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
-    sb_quat *rotations;         /* [cell_count][points_per_cell] warm starts of the polar rotations */
-    sb_quat *saved_rotations;   /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
-    int *scatter;               /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
+    const sb_vec3 *came_from; /* [node_count] displacements before the last increment, borrowed: exact tangents take the
+                               * stress that was expected from there; NULL: the one that is */
+    sb_real energy_unit;      /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
+                               * size of the moduli, so this times epsilon is their rounding error */
+    int batched;              /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
+    sb_quat *rotations;       /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    sb_quat *saved_rotations; /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
+    int *scatter;             /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
     int chunk_size, chunk_count;
     int colour_count;
     int *colour_start;     /* [colour_count + 1] into colour_chunks */
