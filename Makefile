@@ -11,6 +11,7 @@
 #   make test-host                                   all tests in double as in a strict host: 128 kB of stack each, and invalid
 #                                                    operations, divisions by 0 and overflows are signals
 #   make test-programs                               examples, README, fuzz corpus
+#   make shared     a library for other languages    make bindings   what calls it from Python and C#
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
@@ -27,6 +28,7 @@ CC = cc
 CXX = c++
 CFLAGS = -O2
 PREFIX = /usr/local
+PYTHON = $(shell for p in python3 /usr/bin/python3; do $$p -c 'import pycparser' 2>/dev/null && echo $$p && break; done || echo python3)
 FILTER =
 GCC = gcc
 GXX = g++
@@ -57,7 +59,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race \
+.PHONY: shared bindings test-bindings tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race \
 	benches lint fuzz test-corpus soak soak-cuts coverage format install clean FORCE
 
 all: examples
@@ -83,6 +85,7 @@ build/include/%.h: %.h
 
 headers: build/amalgamate
 	$(foreach product,$(PRODUCTS),$(call AMALGAMATE,$(product)) &&) true
+	@! $(PYTHON) -c 'import pycparser' 2>/dev/null || CC='$(CC)' $(PYTHON) src/bindings.py
 
 # ---- programs --------------------------------------------------------------------------------------------------
 # Each holds a copy of the implementation, which takes most of the time to build it. LIBRARY=build/double/implementation.o
@@ -121,6 +124,14 @@ build/programs/haptic_chai3d: examples/haptic_chai3d.cpp $(STUBS) $(wildcard exa
 
 demo: build/demo
 	build/demo
+
+# The three headers as a library that other languages load: examples/python, examples/csharp.
+SHARED = build/libsoftbody.$(if $(filter Darwin,$(shell uname)),dylib,so)
+shared: $(SHARED)
+$(SHARED): examples/shared/softbody.c $(HEADERS) build/flags
+	$(CC) -std=c99 $(EXAMPLE_CFLAGS) -fPIC -shared -fvisibility=hidden -DSB_SHARED -I. $< -lm -o $@
+bindings: $(HEADERS)
+	CC='$(CC)' $(PYTHON) src/bindings.py
 
 # ---- tests -----------------------------------------------------------------------------------------------------
 # Holds the compilers and flags of the last build: objects follow when they change.
@@ -236,6 +247,8 @@ else
 test: build/double/tests
 	build/double/tests $(FILTER)
 endif
+test-bindings: $(HEADERS)
+	tests/total.sh "CC='$(CC)' tests/bindings.sh build/bindings"
 test-programs: tested
 	tests/total.sh $(PROGRAM_TESTS)
 test-float: build/float/tests

@@ -113,5 +113,9 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
 /* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. */
 SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
                                      sb_step_info *info);
+/* The same of a part of a step that its caller divides, from the share `begin` of it (0 in the first part) to the share
+ * `end` (1 in the last): supports and tools go so much of their ways. It is not divided any further. */
+SBI_API sb_result sbi_body_step_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_real begin, sb_real end, sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */

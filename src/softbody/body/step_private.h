@@ -79,7 +79,9 @@ SBI_API void sbi_step_commit_touch(sbi_step *step);
 SBI_API void sbi_step_undo_touch(sbi_step *step);
 
 /* ---- step_system.c ---- */
-/* Where the supports of node i should be at the present load factor; exact at the end of the way. */
+/* Where the supports of node i should be at the end of the step, which may be a part of its caller's. */
+SBI_API sb_vec3 sbi_step_target(const sbi_step *step, int i);
+/* And at the present load factor; exact at the end of the way. */
 SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
 SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */

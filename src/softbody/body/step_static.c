@@ -159,6 +159,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     duration = options->instantaneous ? 0 : (sb_real)INFINITY;
     memset(&step, 0, sizeof step);
     step.body = body;
+    step.part = 1;
     step.info = info;
     step.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
     step.max_newton = sbi_max_int(options->max_newton, 2);

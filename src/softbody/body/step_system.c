@@ -5,13 +5,20 @@
 #include "constraint.h"
 #include "step_private.h"
 
-/* Where the supports of node i should be at the present load factor; exact at the end of the way. */
+/* A share of node i's way to the target of its supports; exact at its end. */
+static sb_vec3 sbi_step_go(const sb_body *b, int i, sb_real share, sb_vec3 target)
+{
+    return share == 1 ? target : sb_v3_madd(b->start[i], share, sb_v3_sub(target, b->start[i]));
+}
+
+SBI_API sb_vec3 sbi_step_target(const sbi_step *step, int i)
+{
+    return sbi_step_go(step->body, i, step->part, step->body->target[i]);
+}
+
 SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i)
 {
-    const sb_body *b = step->body;
-    if (step->load_factor == 1)
-        return b->target[i];
-    return sb_v3_madd(b->start[i], step->load_factor, sb_v3_sub(b->target[i], b->start[i]));
+    return sbi_step_go(step->body, i, step->load_factor, sbi_step_target(step, i));
 }
 
 /* What supported axes of node i still have to go. */
