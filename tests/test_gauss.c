@@ -190,7 +190,7 @@ static void test_draws(void)
             e[i] = sqrt(g.variance[i]) * normal(&seed);
         regi_gauss_condition(&g, c, p, e);
         for (int b = 0; b < LOADS; b++)
-            squares[b] += c[b] * c[b] / DRAWS;
+            squares[b] += c[b] * c[b] / (double)DRAWS;
     }
     for (int b = 0; b < LOADS; b++) {
         double exact = g.scale * g.scale, seen[DATA];

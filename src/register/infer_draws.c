@@ -230,7 +230,7 @@ static void regi_infer_draw_group(reg_infer *f, int regions, int first, int coun
     for (int s = 0; s < count; s++) {
         regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)(first + s) * n);
         for (int k = 0; k < REGI_INFER_POSE; k++)
-            f->energy[k] += pose[s][k] * pose[s][k] / REG_INFER_DRAWS;
+            f->energy[k] += pose[s][k] * pose[s][k] / (double)REG_INFER_DRAWS;
     }
 }
 
@@ -368,7 +368,7 @@ static void regi_infer_summarise(reg_infer *f)
         double square = 0;
         for (int k = 0; k < REG_INFER_DRAWS; k++) {
             sb_vec3 e = f->errors[(size_t)k * (size_t)f->node_count + (size_t)i];
-            square += (double)sb_v3_dot(e, e) / REG_INFER_DRAWS;
+            square += (double)sb_v3_dot(e, e) / (double)REG_INFER_DRAWS;
         }
         f->expected[i] = (sb_real)sqrt(square);
         sum += sqrt(square) / f->node_count;
