@@ -11917,6 +11917,19 @@ struct ndl_needle {
     void *memory;
 };
 
+/* Whose start a state is kept of. */
+typedef enum ndli_keeping {
+    NDLI_KEPT_STEP = 0,
+    NDLI_KEPT_SUBSTEP = 1, /* one before which the mesh has changed in its step */
+    NDLI_KEPT_COUNT = 2
+} ndli_keeping;
+
+/* A state of a body, its remesher and its needles in one block, which holds nothing between steps. */
+typedef struct ndli_kept {
+    unsigned char *bytes;
+    size_t room, body; /* bytes; those of the body's state at its begin */
+} ndli_kept;
+
 /* What the needles of one body share; made for the first, gone with the last. */
 struct ndli_site {
     sb_body *body;
@@ -11937,9 +11950,8 @@ struct ndli_site {
     size_t place_room;
     double *unknown; /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
     size_t node_room;
-    unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
-    size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */
-    int undo_waits;              /* 1: a failed step is still to be taken back, which wants memory */
+    ndli_kept kept[NDLI_KEPT_COUNT]; /* states to go back to; see needle_undo.c */
+    int undo_waits;                  /* 1: a failed step is still to be taken back, which wants memory */
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -12061,14 +12073,14 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 
 /* ---- needle_undo ---- */
 
-/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
+/* Memory for all that steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
  * none. */
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
-NDLI_API int ndli_needle_keep(struct ndli_site *site);
+NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which);
 /* Brings it back. SB_ERROR_MEMORY, where the mesh has changed since: nothing has changed, and undo_waits is set. */
-NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error);
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, ndli_keeping which, sb_error *error);
 /* The same where it waits; else does nothing. */
 NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *error);
 /* Where the body has got another mesh since the last step: needles are outside, whatever they were in.
@@ -12131,7 +12143,8 @@ NDLI_API void ndli_site_free(struct ndli_site *site)
     sbi_free(&allocator, site->node_place);
     sbi_free(&allocator, site->coupled);
     sbi_free(&allocator, site->unknown);
-    sbi_free(&allocator, site->undo);
+    for (int i = 0; i < NDLI_KEPT_COUNT; i++)
+        sbi_free(&allocator, site->kept[i].bytes);
     sbi_free(&allocator, site);
 }
 
@@ -14360,7 +14373,7 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
 }
 
 /* ==== src/needle/needle_undo.c ==== */
-/* needle_undo: the state of a body, its remesher and its needles at the start of a step, in one block. */
+/* needle_undo: the state of a body, its remesher and its needles at the start of a step, or of one of its substeps. */
 
 
 #include <string.h>
@@ -14394,18 +14407,17 @@ static size_t ndli_undo_size(const struct ndli_site *site, size_t body)
     return sum;
 }
 
-/* The block holds nothing between steps. */
-static int ndli_undo_make_room(struct ndli_site *site, size_t needed)
+static int ndli_undo_make_room(struct ndli_site *site, ndli_kept *kept, size_t needed)
 {
     unsigned char *grown;
-    if (needed <= site->undo_room)
+    if (needed <= kept->room)
         return 1;
     grown = (unsigned char *)sbi_alloc(&site->allocator, needed, 1);
     if (!grown)
         return 0;
-    sbi_free(&site->allocator, site->undo);
-    site->undo = grown;
-    site->undo_room = needed;
+    sbi_free(&site->allocator, kept->bytes);
+    kept->bytes = grown;
+    kept->room = needed;
     return 1;
 }
 
@@ -14418,7 +14430,10 @@ NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,
                                          site->needles[i]->track.capacity);
-    return ndli_undo_make_room(site, sum);
+    for (int i = 0; i < NDLI_KEPT_COUNT; i++)
+        if (!ndli_undo_make_room(site, site->kept + i, sum))
+            return 0;
+    return 1;
 }
 
 /* Copies `bytes` of a part to the block, or back from it, and goes on to the next part. */
@@ -14443,15 +14458,16 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
     ndli_undo_copy(at, needle->track.elements, points * sizeof(int), back);
 }
 
-NDLI_API int ndli_needle_keep(struct ndli_site *site)
+NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which)
 {
+    ndli_kept *kept = site->kept + which;
     size_t body = sbi_body_snapshot_size(site->body), needed = ndli_undo_size(site, body);
     unsigned char *at;
-    if (needed > site->undo_room && !ndli_undo_make_room(site, needed + needed / 8))
+    if (needed > kept->room && !ndli_undo_make_room(site, kept, needed + needed / 8))
         return 0;
-    site->undo_body = body;
-    at = site->undo + ndli_undo_aligned(site->undo_body);
-    sbi_body_snapshot(site->body, site->undo);
+    kept->body = body;
+    at = kept->bytes + ndli_undo_aligned(body);
+    sbi_body_snapshot(site->body, kept->bytes);
     if (!site->embeds)
         ndli_remesh_snapshot(site->remesh, at);
     at += ndli_undo_aligned(ndli_undo_remesh_size(site));
@@ -14465,20 +14481,21 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site)
     return 1;
 }
 
-NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error)
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, ndli_keeping which, sb_error *error)
 {
-    unsigned char *at = site->undo;
+    const ndli_kept *kept = site->kept + which;
+    unsigned char *at = kept->bytes;
     sb_result result;
     if (!site->embeds)
         ndli_remesh_set_own(site->remesh, 1);
-    result = sbi_body_rewind(site->body, at, site->undo_body, NULL);
+    result = sbi_body_rewind(site->body, at, kept->body, NULL);
     if (!site->embeds)
         ndli_remesh_set_own(site->remesh, 0);
     site->undo_waits = result != SB_OK;
     if (result != SB_OK)
         return sbi_fail(error, SB_ERROR_MEMORY,
                         "no memory to take the failed step back: that comes first in the next step");
-    at += ndli_undo_aligned(site->undo_body);
+    at += ndli_undo_aligned(kept->body);
     if (!site->embeds)
         ndli_remesh_rewind(site->remesh, at);
     at += ndli_undo_aligned(ndli_undo_remesh_size(site));
@@ -14497,7 +14514,7 @@ NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *err
     sb_result result;
     if (!site->undo_waits)
         return SB_OK;
-    result = ndli_needle_undo(site, error);
+    result = ndli_needle_undo(site, NDLI_KEPT_STEP, error);
     for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
         if (site->needles[i])
             ndli_rod_publish(site->needles[i]->rod);
@@ -14786,29 +14803,45 @@ static double ndli_step_end_after(const ndli_step_ends *ends, double t)
     return next;
 }
 
-/* Substeps up to the first that a tip runs through the edge of a membrane in, which is *edge then, else 0. */
-static sb_result ndli_step_run_to_edge(const ndli_stepping *s, double dt, const ndli_step_ends *ends, double *edge)
+static int ndli_step_looks_for_edges(const ndli_step_ends *ends, double t, double end)
 {
-    sb_result result = SB_OK;
-    memset(s->info, 0, sizeof *s->info);
-    s->info->consistent = 1;
-    s->info->worst_quality = 1;
-    *edge = 0;
-    for (double t = 0, end; t < ends->substeps && result == SB_OK; t = end) {
-        int looks = ends->edge_count < NDLI_STEP_EDGES;
-        double length, share;
-        end = ndli_step_end_after(ends, t);
-        length = (end - t) * (dt / ends->substeps);
-        result = ndli_step_advance(s, length, (end - t) / (ends->substeps - t));
-        share = result == SB_OK && looks && end - t > 2 * ndli_step_shortest ? ndli_step_share_to_edge(s, length) : 1;
-        *edge = t + share * (end - t);
-        if (share < 1)
-            return SB_OK;
-        if (result == SB_OK)
-            result = ndli_step_end_substep(s);
+    return ends->edge_count < NDLI_STEP_EDGES && end - t > 2 * ndli_step_shortest;
+}
+
+/* What a substep that runs through an edge of a membrane is taken back to: before the first the mesh is still that of
+ * the step's start. */
+static sb_result ndli_step_keep_substep(const ndli_stepping *s, double t, ndli_keeping *kept)
+{
+    int watched = 0;
+    for (int k = 0; k < s->count; k++)
+        watched = watched || s->needles[k]->capsule_count > 0;
+    *kept = t > 0 && watched ? NDLI_KEPT_SUBSTEP : NDLI_KEPT_STEP;
+    if (*kept == NDLI_KEPT_SUBSTEP && !ndli_needle_keep(s->site, *kept))
+        return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a substep");
+    return SB_OK;
+}
+
+/* A substep from t on, to the first edge of a membrane that a tip runs through in it: what it has to cut is one force
+ * in a substep. No mesh has followed a tip where one is taken back. *end: where it ends. */
+static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
+{
+    ndl_step_info before = *s->info;
+    ndli_keeping kept;
+    sb_result result = ndli_step_keep_substep(s, t, &kept);
+    while (result == SB_OK) {
+        double length, share = 1;
+        *end = ndli_step_end_after(ends, t);
+        length = (*end - t) * (dt / ends->substeps);
+        result = ndli_step_advance(s, length, (*end - t) / (ends->substeps - t));
+        if (result == SB_OK && ndli_step_looks_for_edges(ends, t, *end))
+            share = ndli_step_share_to_edge(s, length);
+        if (result != SB_OK || !(share < 1))
+            break;
+        ends->edges[ends->edge_count++] = t + share * (*end - t);
+        *s->info = before;
+        result = ndli_needle_undo(s->site, kept, s->error);
     }
-    *edge = 0;
-    return result;
+    return result == SB_OK ? ndli_step_end_substep(s) : result;
 }
 
 /* ---- a step ---- */
@@ -14910,31 +14943,27 @@ static int ndli_step_tear_out(const ndli_stepping *s)
         if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
             continue;
         if (!ndli_step_let_go(needle) || ndli_needle_renew_nodes(needle) >= 0)
-            return ndli_needle_undo(s->site, s->error) == SB_OK ? 0 : -1;
+            return ndli_needle_undo(s->site, NDLI_KEPT_STEP, s->error) == SB_OK ? 0 : -1;
         torn++;
     }
     return torn;
 }
 
-/* In substeps, and anew from its beginning with one more wherever a tip ran through an edge of a membrane: what it has
- * to cut is one force in a substep. */
+/* In so many substeps, and one more wherever a tip runs through an edge of a membrane. */
 static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 {
     ndli_step_ends ends;
-    sb_result result;
-    double edge;
+    sb_result result = SB_OK;
     memset(&ends, 0, sizeof ends);
     ends.substeps = substeps;
-    for (;;) {
-        result = ndli_step_run_to_edge(s, dt, &ends, &edge);
-        if (result == SB_OK && edge == 0)
-            return SB_OK;
-        if (ndli_needle_undo(s->site, s->error) != SB_OK)
-            return SB_ERROR_MEMORY;
-        if (result != SB_OK)
-            return result;
-        ends.edges[ends.edge_count++] = edge;
-    }
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    for (double t = 0, end = 0; t < substeps && result == SB_OK; t = end)
+        result = ndli_step_run_substep(s, dt, &ends, t, &end);
+    if (result != SB_OK && ndli_needle_undo(s->site, NDLI_KEPT_STEP, s->error) != SB_OK)
+        return SB_ERROR_MEMORY;
+    return result;
 }
 
 /* A step that is sound in its arguments. */
@@ -14949,7 +14978,7 @@ static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
     result = ndli_needle_look(s->site, s->error);
     if (result != SB_OK)
         return result;
-    if (!ndli_needle_keep(s->site))
+    if (!ndli_needle_keep(s->site, NDLI_KEPT_STEP))
         return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
     result = ndli_step_run(s, dt, substeps);
     for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)

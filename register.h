@@ -205,6 +205,7 @@
 #define reg_field_sweeps reg_field_sweeps_f32
 #define reg_default_icp_options reg_default_icp_options_f32
 #define reg_icp_stop_string reg_icp_stop_string_f32
+#define reg_warning_string reg_warning_string_f32
 #define reg_icp reg_icp_f32
 #define reg_default_cpd_options reg_default_cpd_options_f32
 #define reg_cpd_fit reg_cpd_fit_f32
@@ -604,14 +605,17 @@ REG_API int reg_field_sweeps(const reg_field *field);
 #define REG_ICP_H
 
 
-/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. */
+/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. Points in one place count once. */
 typedef struct reg_icp_shape {
     const sb_vec3 *points; /* [count], m; also of a surface: its nodes, or samples of it */
     int count;
     const sb_vec3 *normals;    /* [count], outward, or NULL: taken from the surface, else fitted to the points */
     const sb_real *weights;    /* [count] >= 0, how much a point counts (patches that are known well); NULL: all 1 */
+    const sb_real *sd;         /* [count] > 0, m, how sure a point is: counts as a weight of 1 / sd^2; NULL: alike */
     const sb_surface *surface; /* closest points are looked for on this surface; NULL: among the points */
     const reg_kdtree *tree;    /* of the points; NULL: one is made */
+    int has_camera;            /* 1: this is a view, from `camera`: normals face it, and nothing is in front of it */
+    sb_vec3 camera;            /* m, in this shape's frame */
 } reg_icp_shape;
 
 typedef enum reg_icp_metric {
@@ -637,6 +641,10 @@ typedef struct reg_icp_options {
     reg_icp_metric metric;             /* PLANE */
     int search;                        /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
     reg_rigid start;                   /* model to target; identity. With search it is one candidate among the others */
+    sb_real start_shift_sd;            /* m, and */
+    sb_real start_turn_sd;             /* rad: how sure that start is; both > 0 count in the choice; 0: not at all; 0 */
+    sb_vec3 seen_from;                 /* from the organ to the camera, in the model's frame, any length; 0 */
+    sb_real seen_from_sd;              /* rad, how sure that is; 0: not known; 0 */
     const reg_icp_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
     reg_outliers outliers;     /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
@@ -657,6 +665,20 @@ typedef enum reg_icp_stop {
     REG_ICP_TIME = 2        /* max_seconds */
 } reg_icp_stop;
 
+/* What to know before an alignment is used. */
+typedef enum reg_warning {
+    REG_WARN_AMBIGUOUS = 1,      /* another pose is nearly as likely: info.poses[1] */
+    REG_WARN_INVERTED = 2,       /* normals pointed inwards and were taken the other way round */
+    REG_WARN_MIXED_NORMALS = 4,  /* normals pointed towards the camera and away from it: they were fitted anew */
+    REG_WARN_SCALE = 8,          /* the sizes do not fit: info.scale_guess */
+    REG_WARN_VIEW_SMALL = 16,    /* the target shows less than 15 % of the model */
+    REG_WARN_MANY_OUTLIERS = 32, /* over 30 % of the points that looked found nothing of the other shape */
+    REG_WARN_LOW_CONTRAST = 64,  /* the shapes leave a motion open, as a sphere's turns: info.covariance */
+    REG_WARN_FREE_SPACE = 128    /* over 5 % of the model is where the camera saw nothing */
+} reg_warning;
+
+enum { REG_ICP_POSES = 8 };
+
 typedef struct reg_icp_info {
     reg_icp_stop stop;
     int iterations;       /* of the last stage */
@@ -666,11 +688,28 @@ typedef struct reg_icp_info {
     sb_real mean, rms;    /* m, distance between the partners that counted */
     sb_real landmark_rms; /* m, weighted; 0 without landmarks */
     double seconds;       /* 0 without a clock */
+    unsigned warnings;    /* REG_WARN_..., or-ed */
+    /* distinct poses, model to target, the likeliest first; the first is the result, the others are less refined */
+    int pose_count;
+    reg_rigid poses[REG_ICP_POSES];
+    sb_real likelihood[REG_ICP_POSES]; /* nats against the first (0): for so many independent patches as the target is
+                                        * large, its noise the best pose's */
+    sb_real margin;                    /* nats between the first two; SB_REAL_MAX: there is one only */
+    sb_real noise;                     /* m: deviation of the target from the model, noise and deformation, robust */
+    sb_real seen;                      /* area of the target as a share of the model's, estimated */
+    sb_real scale_guess;               /* what the target's lengths should be multiplied with; 1: nothing to say */
+    /* Covariance [6][6] of the result: turn (rad) about `centre` and shift (m), in the target's frame, for independent
+     * errors of the points of deviation `noise`: s^2 (A^T A)^-1 with the rows (c x n, n) of A. */
+    sb_real covariance[36];
+    sb_vec3 centre; /* m */
 } reg_icp_info;
 
 REG_API reg_icp_options reg_default_icp_options(void);
 /* "converged", "iterations", "time"; static. */
 REG_API const char *reg_icp_stop_string(reg_icp_stop stop);
+
+/* "ambiguous", "inverted normals", ...: of one warning; static. "unknown" else. */
+REG_API const char *reg_warning_string(reg_warning warning);
 
 /* The motion that brings the model to the target.
  *
@@ -3911,51 +3950,17 @@ REGI_API int regi_field_is_open(const reg_field *field)
 
 REG_API int reg_field_sweeps(const reg_field *field) { return field ? field->grid.sweeps : 0; }
 
-/* ==== src/register/icp.c ==== */
-/* icp: pairs, fits, the iteration, and the search for a start.
+/* ==== src/register/icp_private.h ==== */
+/* icp_private: what is inside a reg_icp. Floor 6, internal: icp_side.c makes the shapes, icp_step.c pairs and moves
+ * them, pose.c searches and weighs poses, icp.c is the call.
  *
- * Inside, one shape is `a` and looks for the other, `b`; with WHOLE both look. The motion sought is that of a onto b:
- * the model's onto the target, or with TARGET_PART its inverse. */
+ * One shape is `a` and looks for the other, `b`; with WHOLE both look. The motion sought is that of a onto b: the
+ * model's onto the target, or with TARGET_PART its inverse. */
+#ifndef REG_ICP_PRIVATE_H
+#define REG_ICP_PRIVATE_H
 
-enum {
-    REGI_ICP_COOKIE = 0x72696370,
-    REGI_ICP_FITTED = 30000, /* more points than these are thinned before normals are fitted */
-    REGI_ICP_NEIGHBOURS = 10,
-    REGI_ICP_FINE = 600,    /* points of a shape in the search */
-    REGI_ICP_SPIRAL = 400,  /* rotations of the search, beside those that turn principal axes into each other */
-    REGI_ICP_PATIENCE = 10, /* rounds without a smaller mean distance */
-    REGI_ICP_STAGES = 3
-};
 
-REG_API reg_icp_options reg_default_icp_options(void)
-{
-    reg_icp_options options;
-    memset(&options, 0, sizeof options);
-    options.metric = REG_ICP_PLANE;
-    options.search = 1;
-    options.start = reg_rigid_identity();
-    options.outliers = REG_OUTLIERS_MEDIAN;
-    options.outlier_parameter = 3;
-    options.max_distance = SB_REAL_MAX;
-    options.sample = 2000;
-    options.max_iterations = 100;
-    options.tolerance = (sb_real)1e-6;
-    options.max_seconds = 10;
-    options.cookie = REGI_ICP_COOKIE;
-    return options;
-}
-
-REG_API const char *reg_icp_stop_string(reg_icp_stop stop)
-{
-    switch (stop) {
-    case REG_ICP_CONVERGED: return "converged";
-    case REG_ICP_ITERATIONS: return "iterations";
-    case REG_ICP_TIME: return "time";
-    }
-    return "unknown";
-}
-
-/* ==== shapes ====================================================================================================== */
+enum { REGI_ICP_FINE = 600 }; /* points of a shape in the search */
 
 /* Points that look for partners. */
 typedef struct regi_icp_set {
@@ -3968,20 +3973,28 @@ typedef struct regi_icp_set {
 /* A shape: what is found, and samples of it that look. */
 typedef struct regi_icp_side {
     const sb_vec3 *points, *normals;
-    const sb_real *weights;
+    const sb_real *weights, *sd;
+    sb_real usual_sd; /* m, the median; 1 without sd */
     int count;
     const sb_surface *surface;
     const reg_kdtree *tree;
-    int fitted; /* normals were fitted, and may all point the wrong way */
+    int sign;    /* -1: its normals point inwards, and count turned */
+    int unsure;  /* which way the normals point is not known: both ways are tried */
+    int fitted;  /* its normals are fitted */
+    int cleaned; /* isolated points are out already */
+    int closed;  /* a closed surface */
     reg_kdtree *own_tree;
     reg_cloud own;
-    sb_real *own_weights;
-    regi_icp_set sample; /* of the last stage */
-    regi_icp_set spread; /* of the search: evenly spread, so that any first part of it is, too */
+    sb_real *own_weights; /* from weights and sd */
+    regi_icp_set sample;  /* of the last stage */
+    regi_icp_set spread;  /* of the search: evenly spread, so that any first part of it is, too */
     reg_kdtree *spread_tree;
     sb_vec3 centre;
-    sb_mat3 axes; /* columns: principal axes, turned the way the points are skewed */
-    sb_real size; /* m, rms distance from the centre */
+    sb_mat3 axes;    /* columns: principal axes, turned the way the points are skewed */
+    sb_real size;    /* m, rms distance from the centre */
+    sb_real extent;  /* m, diagonal of the spread points' box */
+    sb_real area;    /* m^2, estimated */
+    sb_real spacing; /* m, between its points */
 } regi_icp_side;
 
 typedef struct regi_icp_pairs {
@@ -3998,9 +4011,104 @@ typedef struct regi_icp {
     int both, swapped;
     regi_icp_pairs pairs;
     sb_vec3 *landmarks_a, *landmarks_b;
+    const reg_icp_shape *target;
+    unsigned warnings;
     double begun;
     int out_of_time;
 } regi_icp;
+
+/* How a stage works. */
+typedef struct regi_icp_stage {
+    int spread; /* the evenly spread points look instead of the sample */
+    int coarse; /* and are looked at instead of all; needs `spread` */
+    int points; /* of a set that look */
+    reg_icp_metric metric;
+    reg_outliers outliers;
+    sb_real parameter;
+    sb_real reach; /* m */
+    sb_real lost;  /* m: what an outlier counts in the score; 0: no score wanted */
+    int flip;      /* -1: the normals of one of the sides point the wrong way */
+} regi_icp_stage;
+
+/* A pose: motion of a onto b. */
+typedef struct regi_pose {
+    reg_rigid motion;
+    sb_real score;       /* m, of the search */
+    sb_real likelihood;  /* nats, tempered */
+    sb_real noise;       /* m, robust, of the gaps */
+    sb_real lost;        /* share of points that find nothing within 6 noise */
+    sb_real correlation; /* of neighbouring gaps, in [0, 1] */
+    sb_real in_front;    /* share of the model that would hide what the camera saw */
+    int flip;
+} regi_pose;
+
+/* Normal equations of the small motion, turn about a's moved centre and shift, that lowers sum w (n . (x - to))^2.
+ * Lengths are in units of a's size, so that turns and shifts are alike. */
+typedef struct regi_icp_system {
+    sb_real matrix[6][6], right[6]; /* lower triangle */
+} regi_icp_system;
+
+/* ---- icp_side.c ---- */
+REGI_API sb_result regi_icp_no_memory(const regi_icp *icp);
+REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side);
+/* What a point of the side counts, by its weight and its sd. */
+REGI_API sb_real regi_icp_weight(const regi_icp_side *side, int point);
+REGI_API void regi_icp_side_free(const sb_allocator *allocator, regi_icp_side *side);
+/* Mean of the normals: where an open shape is seen from; 0 for a closed one. */
+REGI_API sb_vec3 regi_icp_facing(const regi_icp_set *set);
+
+/* The motion of the model onto the target. */
+REGI_API reg_rigid regi_icp_of_model(const regi_icp *icp, const reg_rigid *motion);
+
+/* ---- icp_step.c ---- */
+/* Pairs for this motion, and the score: the mean of min(distance, lost), landmarks included. */
+REGI_API sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const reg_rigid *motion);
+/* Number and weighted mean and rms distance of the pairs that count. */
+REGI_API int regi_icp_measure(const regi_icp_pairs *pairs, sb_real *mean, sb_real *rms);
+/* At most `rounds` rounds; returns how many. The pairs are left as they are for *motion. */
+REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
+                              reg_rigid *motion, sb_real *score, int *converged);
+
+/* Of the pairs and the landmarks. at_planes: arms reach to the partners and not to the points: how points lie beside
+ * their partners then tells no turn. */
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, int at_planes, regi_icp_system *system);
+/* Cholesky, in place; the solution replaces the right-hand side. The matrix has to be positive definite, by damping. */
+REGI_API void regi_icp_solve(regi_icp_system *system);
+
+/* ---- pose_view.c ---- */
+/* Log-likelihood of a pose by what the caller knows; angles may be off by `slack` (rad) for nothing, and shifts then
+ * do not count. */
+REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_real slack);
+/* Share of the model, of what is inside the camera's view of the target, that would be nearer to the camera than what
+ * it saw by 2 % of the model's size; 0 without a camera. */
+REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion);
+
+/* ---- pose.c ---- */
+/* As many independent points as what looks is worth: patches of a tenth of the model's size in radius, as far as the
+ * points' gaps are correlated. */
+REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation);
+/* Fills the poses' likelihoods and what they come from, and sorts them by it. Overwrites the pairs. */
+REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count);
+/* Finds poses[REG_ICP_POSES], the likeliest first: *count >= 1; *tried: how many were begun with. */
+REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
+                                    int *count, int *tried);
+
+/* ---- icp_report.c ---- */
+/* Noise, covariance, and warnings of the result, of which the pairs are the last. Overwrites them. */
+REGI_API sb_result regi_icp_report(regi_icp *icp, const regi_icp_stage *stage, const regi_pose *best,
+                                   reg_icp_info *info);
+
+#endif /* REG_ICP_PRIVATE_H */
+
+/* ==== src/register/icp_side.c ==== */
+/* icp_side: the shapes of an alignment: which of their points look, which way their normals point. */
+
+enum {
+    REGI_ICP_FITTED = 6000, /* more points than these are thinned before normals are fitted */
+    REGI_ICP_NEIGHBOURS = 16,
+    REGI_ICP_NEAR = 9, /* neighbours that tell whether a point is isolated */
+    REGI_ICP_CROWD = 4 * REGI_ICP_FINE
+};
 
 static void regi_icp_set_free(const sb_allocator *allocator, regi_icp_set *set)
 {
@@ -4010,7 +4118,7 @@ static void regi_icp_set_free(const sb_allocator *allocator, regi_icp_set *set)
     sbi_free(allocator, set->partner);
 }
 
-static void regi_icp_side_free(const sb_allocator *allocator, regi_icp_side *side)
+REGI_API void regi_icp_side_free(const sb_allocator *allocator, regi_icp_side *side)
 {
     reg_kdtree_destroy(side->own_tree);
     reg_kdtree_destroy(side->spread_tree);
@@ -4020,7 +4128,7 @@ static void regi_icp_side_free(const sb_allocator *allocator, regi_icp_side *sid
     regi_icp_set_free(allocator, &side->spread);
 }
 
-static sb_result regi_icp_no_memory(const regi_icp *icp)
+REGI_API sb_result regi_icp_no_memory(const regi_icp *icp)
 {
     return sbi_fail(icp->error, SB_ERROR_MEMORY, "no memory to align the shapes");
 }
@@ -4049,6 +4157,30 @@ static int regi_icp_stride(const regi_icp *icp, const regi_icp_side *side, int w
     return 1;
 }
 
+REGI_API sb_real regi_icp_weight(const regi_icp_side *side, int point)
+{
+    sb_real weight = side->weights ? side->weights[point] : 1, sure;
+    if (!side->sd)
+        return weight;
+    sure = side->usual_sd / side->sd[point];
+    return weight * sb_min(sure * sure, 1 / SB_EPSILON);
+}
+
+/* How many of the side's points are where this one is, itself included; 16 at most. */
+static int regi_icp_copies(const regi_icp_side *side, int point)
+{
+    int indices[16], found = 0;
+    sb_real squared[16];
+    for (int k = 2; k <= 16; k *= 8) { /* few have any */
+        found = reg_kdtree_k_nearest(side->tree, side->points[point], k, indices, squared);
+        while (found > 1 && squared[found - 1] > 0)
+            found--;
+        if (found < k)
+            break;
+    }
+    return sbi_max_int(found, 1);
+}
+
 /* The side's points chosen[count] (NULL: the first ones) as a set. */
 static sb_result regi_icp_take(const regi_icp *icp, const regi_icp_side *side, const int *chosen, int count,
                                regi_icp_set *set)
@@ -4058,8 +4190,8 @@ static sb_result regi_icp_take(const regi_icp *icp, const regi_icp_side *side, c
     for (int i = 0; i < count; i++) {
         int at = chosen ? chosen[i] : i;
         set->points[i] = side->points[at];
-        set->normals[i] = side->normals[at];
-        set->weights[i] = side->weights ? side->weights[at] : 1;
+        set->normals[i] = sb_v3_scale((sb_real)side->sign, side->normals[at]);
+        set->weights[i] = regi_icp_weight(side, at) / (sb_real)regi_icp_copies(side, at);
     }
     return SB_OK;
 }
@@ -4078,84 +4210,280 @@ static sb_result regi_icp_sample(const regi_icp *icp, const regi_icp_side *side,
     return result;
 }
 
+/* ---- isolated points ------------------------------------------------------------------------------------------------
+ * Farthest points are chosen first where points are spread: outliers before all others. So they go before. */
+
+/* Of points[count] (at least one): the distance to the ninth neighbour (infinite where all are in one place), and
+ * (normals not NULL) the mean normal of all of these, into smooth[count]: normals of noisy facets are none, those of a
+ * patch are. */
+static sb_result regi_icp_neighbours(const regi_icp *icp, const sb_vec3 *points, const sb_vec3 *normals, int count,
+                                     sb_real *reach, sb_vec3 *smooth)
+{
+    int indices[REGI_ICP_NEAR + 1];
+    sb_real squared[REGI_ICP_NEAR + 1];
+    reg_kdtree *tree = NULL;
+    sb_result result = reg_kdtree_create(points, count, icp->allocator, &tree, icp->error);
+    for (int i = 0; result == SB_OK && i < count; i++) {
+        int found = reg_kdtree_k_nearest(tree, points[i], REGI_ICP_NEAR + 1, indices, squared);
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        reach[i] = found > 0 && squared[found - 1] > 0 ? sb_sqrt(squared[found - 1]) : (sb_real)INFINITY;
+        for (int k = 0; normals && k < found; k++)
+            sum = sb_v3_add(sum, normals[indices[k]]);
+        if (normals) /* both sides of a thin part, or no direction at all: better the point's own */
+            smooth[i] = sb_v3_norm(sum) > (sb_real)0.3 * (sb_real)found ? regi_cloud_unit(sum) : normals[i];
+    }
+    reg_kdtree_destroy(tree);
+    return result;
+}
+
+/* Leaves of chosen[count] those whose reach is at most three medians; smooth[count] (or NULL) goes with them. Returns
+ * how many. */
+static int regi_icp_keep_near(int *chosen, sb_vec3 *points, sb_vec3 *smooth, const sb_real *reach, int count,
+                              sb_real *scratch)
+{
+    sb_real limit = 3 * reg_outlier_limit(reach, count, REG_OUTLIERS_TRIM, (sb_real)0.5, scratch);
+    int kept = 0;
+    for (int i = 0; i < count; i++)
+        if (reach[i] <= limit || !sb_is_finite(reach[i])) {
+            chosen[kept] = chosen[i];
+            points[kept] = points[i];
+            if (smooth)
+                smooth[kept] = smooth[i];
+            kept++;
+        }
+    return kept;
+}
+
+/* What the search's points are chosen from. */
+typedef struct regi_icp_crowd {
+    int *chosen; /* [count] of the side's points */
+    sb_vec3 *points, *normals;
+    sb_real *reach, *scratch;
+    int count;
+} regi_icp_crowd;
+
+static int regi_icp_crowd_allocate(const regi_icp *icp, regi_icp_crowd *crowd, int count)
+{
+    size_t n = (size_t)count;
+    crowd->count = count;
+    crowd->chosen = (int *)sbi_alloc(icp->allocator, n, 2 * sizeof(int));
+    crowd->points = (sb_vec3 *)sbi_alloc(icp->allocator, n, 3 * sizeof(sb_vec3));
+    crowd->reach = (sb_real *)sbi_alloc(icp->allocator, n, 2 * sizeof(sb_real));
+    crowd->normals = crowd->points + n;
+    crowd->scratch = crowd->reach + n;
+    return crowd->chosen && crowd->points && crowd->reach;
+}
+
+static void regi_icp_crowd_free(const regi_icp *icp, regi_icp_crowd *crowd)
+{
+    sbi_free(icp->allocator, crowd->chosen);
+    sbi_free(icp->allocator, crowd->points);
+    sbi_free(icp->allocator, crowd->reach);
+}
+
+/* The side's points without those of weight 0 and, but for a closed surface, isolated ones; normals smoothed. */
+static sb_result regi_icp_gather(const regi_icp *icp, const regi_icp_side *side, regi_icp_crowd *crowd)
+{
+    sb_result result = SB_OK;
+    int weighed = 0;
+    if (!regi_icp_stride(icp, side, crowd->count, crowd->chosen))
+        return regi_icp_no_memory(icp);
+    for (int i = 0; i < crowd->count; i++)
+        if (regi_icp_weight(side, crowd->chosen[i]) > 0)
+            crowd->chosen[weighed++] = crowd->chosen[i];
+    crowd->count = weighed > 0 ? weighed : crowd->count;
+    for (int i = 0; i < crowd->count; i++) {
+        crowd->points[i] = side->points[crowd->chosen[i]];
+        crowd->normals[i] = side->normals[crowd->chosen[i]];
+    }
+    if (!side->closed && !side->cleaned) {
+        sb_vec3 *smooth = crowd->normals + crowd->count;
+        result = regi_icp_neighbours(icp, crowd->points, crowd->normals, crowd->count, crowd->reach, smooth);
+        if (result == SB_OK) {
+            memcpy(crowd->normals, smooth, (size_t)crowd->count * sizeof(sb_vec3));
+            crowd->count = regi_icp_keep_near(crowd->chosen, crowd->points, crowd->normals, crowd->reach, crowd->count,
+                                              crowd->scratch);
+        }
+    }
+    return result;
+}
+
 /* The points of the search, evenly spread whatever the shape's density, out of four times as many. */
 static sb_result regi_icp_spread(const regi_icp *icp, const regi_icp_side *side, regi_icp_set *set)
 {
-    int crowd = sbi_min_int(side->count, 4 * REGI_ICP_FINE), wanted = sbi_min_int(side->count, REGI_ICP_FINE), count;
-    int *indices = (int *)sbi_alloc(icp->allocator, (size_t)crowd + (size_t)wanted, sizeof(int));
-    sb_vec3 *points = (sb_vec3 *)sbi_alloc(icp->allocator, (size_t)crowd, sizeof(sb_vec3));
-    sb_real *scratch = (sb_real *)sbi_alloc(icp->allocator, (size_t)crowd, sizeof(sb_real));
-    sb_result result;
-    if (indices && points && scratch && regi_icp_stride(icp, side, crowd, indices)) {
-        int *chosen = indices + crowd;
-        for (int i = 0; i < crowd; i++)
-            points[i] = side->points[indices[i]];
-        count = reg_cloud_spread(points, crowd, wanted, chosen, scratch);
-        for (int i = 0; i < count; i++)
-            chosen[i] = indices[chosen[i]];
-        result = regi_icp_take(icp, side, chosen, count, set);
-    } else {
-        result = regi_icp_no_memory(icp);
+    regi_icp_crowd crowd;
+    sb_result result = regi_icp_crowd_allocate(icp, &crowd, sbi_min_int(side->count, REGI_ICP_CROWD))
+                           ? regi_icp_gather(icp, side, &crowd)
+                           : regi_icp_no_memory(icp);
+    if (result == SB_OK) {
+        int *best = crowd.chosen + crowd.count;
+        int count =
+            reg_cloud_spread(crowd.points, crowd.count, sbi_min_int(crowd.count, REGI_ICP_FINE), best, crowd.scratch);
+        if (!regi_icp_set_allocate(icp->allocator, set, count))
+            result = regi_icp_no_memory(icp);
+        for (int i = 0; result == SB_OK && i < count; i++) {
+            set->points[i] = crowd.points[best[i]];
+            set->normals[i] = sb_v3_scale((sb_real)side->sign, crowd.normals[best[i]]);
+            set->weights[i] = regi_icp_weight(side, crowd.chosen[best[i]]);
+        }
     }
-    sbi_free(icp->allocator, indices);
-    sbi_free(icp->allocator, points);
-    sbi_free(icp->allocator, scratch);
+    regi_icp_crowd_free(icp, &crowd);
     return result;
 }
 
-/* Where normals have to be fitted, to fewer points when there are very many. */
-static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
+/* ---- normals ----------------------------------------------------------------------------------------------------- */
+
+/* The side becomes its points chosen[count], with memory of its own. */
+static sb_result regi_icp_own(const regi_icp *icp, regi_icp_side *side, const int *chosen, int count)
 {
-    int count = sbi_min_int(side->count, REGI_ICP_FITTED);
-    int *chosen = (int *)sbi_alloc(icp->allocator, (size_t)count, sizeof(int));
-    sb_result result = chosen && regi_icp_stride(icp, side, count, chosen)
-                           ? regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error)
-                           : regi_icp_no_memory(icp);
-    if (result == SB_OK && side->weights) {
+    reg_kdtree *tree = NULL;
+    sb_result result = regi_cloud_allocate(&side->own, count, 0, icp->allocator, icp->error);
+    if (result == SB_OK) {
         side->own_weights = (sb_real *)sbi_alloc(icp->allocator, (size_t)count, sizeof(sb_real));
         result = side->own_weights ? SB_OK : regi_icp_no_memory(icp);
     }
-    if (result == SB_OK) {
-        for (int i = 0; i < count; i++) {
-            int at = count < side->count ? chosen[i] : i; /* the tree's numbers still hold */
-            side->own.points[i] = side->points[at];
-            if (side->weights)
-                side->own_weights[i] = side->weights[at];
-        }
-        side->points = side->own.points;
-        side->weights = side->weights ? side->own_weights : NULL;
-        if (count < side->count) {
-            reg_kdtree_destroy(side->own_tree);
-            side->own_tree = NULL;
-            side->count = count;
-            result = reg_kdtree_create(side->points, count, icp->allocator, &side->own_tree, icp->error);
-            side->tree = side->own_tree;
-        }
+    for (int i = 0; result == SB_OK && i < count; i++) {
+        side->own.points[i] = side->points[chosen[i]];
+        side->own_weights[i] = regi_icp_weight(side, chosen[i]);
     }
-    sbi_free(icp->allocator, chosen);
+    if (result == SB_OK)
+        result = reg_kdtree_create(side->own.points, count, icp->allocator, &tree, icp->error);
+    if (result != SB_OK)
+        return result;
+    reg_kdtree_destroy(side->own_tree);
+    side->own_tree = tree;
+    side->tree = tree;
+    side->points = side->own.points;
+    side->weights = side->own_weights;
+    side->sd = NULL;
+    side->count = count;
+    return SB_OK;
+}
+
+/* The side's points in their order, of several in one place the first: chosen[side->count]. Returns how many. */
+static int regi_icp_places(const regi_icp_side *side, int *chosen)
+{
+    int count = 0;
+    for (int i = 0; i < side->count; i++)
+        if (reg_kdtree_nearest(side->tree, side->points[i], SB_REAL_MAX, NULL) == i)
+            chosen[count++] = i;
+    return count;
+}
+
+/* Where normals have to be fitted: to fewer points when there are very many, and without isolated ones. */
+static sb_result regi_icp_reduce(const regi_icp *icp, regi_icp_side *side)
+{
+    regi_icp_crowd crowd;
+    sb_result result = regi_icp_crowd_allocate(icp, &crowd, sbi_min_int(side->count, REGI_ICP_FITTED)) &&
+                               regi_icp_stride(icp, side, crowd.count, crowd.chosen)
+                           ? SB_OK
+                           : regi_icp_no_memory(icp);
+    if (result == SB_OK) {
+        if (crowd.count == side->count)
+            crowd.count = regi_icp_places(side, crowd.chosen);
+        for (int i = 0; i < crowd.count; i++)
+            crowd.points[i] = side->points[crowd.chosen[i]];
+        result = regi_icp_neighbours(icp, crowd.points, NULL, crowd.count, crowd.reach, NULL);
+    }
+    if (result == SB_OK) {
+        int kept = regi_icp_keep_near(crowd.chosen, crowd.points, NULL, crowd.reach, crowd.count, crowd.scratch);
+        result = regi_icp_own(icp, side, crowd.chosen, kept);
+        side->cleaned = 1;
+    }
+    regi_icp_crowd_free(icp, &crowd);
     return result;
 }
 
-static sb_result regi_icp_normals(const regi_icp *icp, regi_icp_side *side)
+/* Normals across planes through neighbours: towards the camera, else either way. */
+static sb_result regi_icp_fit_normals(const regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side)
 {
-    sb_result result;
-    if (side->normals)
-        return SB_OK;
-    if (side->surface) {
-        result = regi_cloud_allocate(&side->own, side->count, 1, icp->allocator, icp->error);
-        for (int i = 0; result == SB_OK && i < side->count; i++) {
-            sb_surface_hit hit;
-            sb_surface_closest(side->surface, side->points[i], SB_REAL_MAX, &hit);
-            side->own.normals[i] = sb_surface_normal(side->surface, &hit);
-        }
-    } else {
-        side->fitted = 1;
-        result = regi_icp_reduce(icp, side);
-        if (result == SB_OK)
-            result = reg_cloud_estimate_normals(&side->own, REGI_ICP_NEIGHBOURS, NULL, NULL, icp->error);
+    sb_result result = regi_icp_reduce(icp, side);
+    side->surface = NULL;
+    side->fitted = 1;
+    side->unsure = !shape->has_camera;
+    if (result == SB_OK)
+        result = reg_cloud_estimate_normals(&side->own, REGI_ICP_NEIGHBOURS, shape->has_camera ? &shape->camera : NULL,
+                                            NULL, icp->error);
+    side->normals = side->own.normals;
+    return result;
+}
+
+static sb_result regi_icp_surface_normals(const regi_icp *icp, regi_icp_side *side)
+{
+    sb_result result = regi_cloud_allocate(&side->own, side->count, 1, icp->allocator, icp->error);
+    for (int i = 0; result == SB_OK && i < side->count; i++) {
+        sb_surface_hit hit;
+        sb_surface_closest(side->surface, side->points[i], SB_REAL_MAX, &hit);
+        side->own.normals[i] = sb_surface_normal(side->surface, &hit);
     }
     side->normals = side->own.normals;
     return result;
+}
+
+/* -1 when a closed surface's normals point inwards: what is seen of it from far outside, on six sides, looks away. */
+static int regi_icp_outward(const sb_surface *surface)
+{
+    sb_vec3 low, high, middle;
+    sb_real far_off;
+    int votes = 0;
+    sb_surface_bounds(surface, &low, &high);
+    middle = sb_v3_scale((sb_real)0.5, sb_v3_add(low, high));
+    far_off = 2 * sb_v3_norm(sb_v3_sub(high, low));
+    for (int i = 0; i < 6; i++) {
+        sb_real step = i % 2 ? far_off : -far_off, towards;
+        sb_vec3 from = sb_v3_add(middle, sb_v3(i / 2 == 0 ? step : 0, i / 2 == 1 ? step : 0, i / 2 == 2 ? step : 0));
+        sb_surface_hit hit;
+        if (!sb_surface_closest(surface, from, SB_REAL_MAX, &hit))
+            continue;
+        towards = sb_v3_dot(sb_surface_normal(surface, &hit), sb_v3_sub(from, hit.point));
+        votes += towards > 0 ? 1 : towards < 0 ? -1 : 0;
+    }
+    return votes < 0 ? -1 : 1;
+}
+
+/* Share of the normals that look away from the camera. */
+static sb_real regi_icp_away(const regi_icp_side *side, sb_vec3 camera)
+{
+    int away = 0, known = 0;
+    for (int i = 0; i < side->count; i++) {
+        sb_real towards = sb_v3_dot(side->normals[i], sb_v3_sub(camera, side->points[i]));
+        known += towards < 0 || towards > 0;
+        away += towards < 0;
+    }
+    return known > 0 ? (sb_real)away / (sb_real)known : (sb_real)0.5;
+}
+
+/* Normals, and which way they point: a closed surface has an outside, a camera sees outsides only; else both ways are
+ * tried. */
+static sb_result regi_icp_normals(regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side)
+{
+    const sb_real few = (sb_real)0.1;
+    sb_result result = SB_OK;
+    sb_real away;
+    side->sign = 1;
+    side->closed = side->surface && sb_surface_is_closed(side->surface);
+    if (!side->normals && !side->surface)
+        return regi_icp_fit_normals(icp, shape, side);
+    if (!side->normals)
+        result = regi_icp_surface_normals(icp, side);
+    if (result != SB_OK)
+        return result;
+    if (side->closed) {
+        side->sign = regi_icp_outward(side->surface);
+    } else if (shape->has_camera) {
+        away = regi_icp_away(side, shape->camera);
+        side->sign = away >= 1 - few ? -1 : 1;
+        if (away > few && away < 1 - few) {
+            icp->warnings |= REG_WARN_MIXED_NORMALS;
+            reg_cloud_free(&side->own);
+            return regi_icp_fit_normals(icp, shape, side);
+        }
+    } else {
+        side->unsure = 1;
+    }
+    if (side->sign < 0)
+        icp->warnings |= REG_WARN_INVERTED;
+    return SB_OK;
 }
 
 /* Centre, size and principal axes of the evenly spread points. An axis has no direction of its own: it gets the one in
@@ -4184,33 +4512,60 @@ static void regi_icp_principal_axes(regi_icp_side *side)
     side->axes = sb_m3_columns(axis[0], axis[1], axis[2]);
 }
 
-static sb_result regi_icp_check(const reg_icp_shape *shape, const char *which, sb_error *error)
+/* Extent, area and spacing. Evenly spread points have a neighbour at d in every 0.75 d^2 or so of their surface. */
+static void regi_icp_measure_side(regi_icp_side *side)
 {
-    sb_result result = regi_cloud_check(shape->points, shape->normals, shape->count, error);
-    sb_real most = 0;
-    if (result != SB_OK)
-        return result;
-    for (int i = 0; shape->weights && i < shape->count; i++) {
-        if (!(shape->weights[i] >= 0) || !sb_is_finite(shape->weights[i]))
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "the weight of the %s's point %d is %g", which, i,
-                                 (double)shape->weights[i]);
-        most = sb_max(most, shape->weights[i]);
+    const regi_icp_set *set = &side->spread;
+    sb_vec3 low = set->points[0], high = low;
+    int pair[2];
+    sb_real squared[2], share;
+    side->area = 0;
+    for (int i = 0; i < set->count; i++) {
+        sb_vec3 p = set->points[i];
+        low = sb_v3(sb_min(low.x, p.x), sb_min(low.y, p.y), sb_min(low.z, p.z));
+        high = sb_v3(sb_max(high.x, p.x), sb_max(high.y, p.y), sb_max(high.z, p.z));
+        if (reg_kdtree_k_nearest(side->spread_tree, p, 2, pair, squared) == 2)
+            side->area += (sb_real)0.75 * squared[1];
     }
-    if (shape->weights && !(most > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the %s are 0", which);
-    if (shape->tree && reg_kdtree_count(shape->tree) != shape->count)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the %s has %d points, its tree %d", which, shape->count,
-                        reg_kdtree_count(shape->tree));
+    side->extent = sb_v3_norm(sb_v3_sub(high, low));
+    share = side->area / (sb_real)side->count;
+    side->spacing = sb_sqrt(sb_max(share, 0));
+}
+
+REGI_API reg_rigid regi_icp_of_model(const regi_icp *icp, const reg_rigid *motion)
+{
+    return icp->swapped ? reg_rigid_inverse(motion) : *motion;
+}
+
+REGI_API sb_vec3 regi_icp_facing(const regi_icp_set *set)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0);
+    for (int i = 0; i < set->count; i++)
+        sum = sb_v3_add(sum, set->normals[i]);
+    return sb_v3_scale(1 / (sb_real)set->count, sum);
+}
+
+static sb_result regi_icp_usual_sd(const regi_icp *icp, regi_icp_side *side)
+{
+    sb_real *scratch;
+    side->usual_sd = 1;
+    if (!side->sd)
+        return SB_OK;
+    scratch = (sb_real *)sbi_alloc(icp->allocator, (size_t)side->count, sizeof(sb_real));
+    if (!scratch)
+        return regi_icp_no_memory(icp);
+    side->usual_sd = reg_outlier_limit(side->sd, side->count, REG_OUTLIERS_TRIM, (sb_real)0.5, scratch);
+    sbi_free(icp->allocator, scratch);
     return SB_OK;
 }
 
-static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side)
+REGI_API sb_result regi_icp_side_make(regi_icp *icp, const reg_icp_shape *shape, regi_icp_side *side)
 {
-    int wanted = icp->options->sample > 0 ? icp->options->sample : shape->count;
     sb_result result = SB_OK;
     side->points = shape->points;
     side->normals = shape->normals;
     side->weights = shape->weights;
+    side->sd = shape->sd;
     side->count = shape->count;
     side->surface = shape->surface;
     side->tree = shape->tree;
@@ -4219,18 +4574,28 @@ static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *sh
         side->tree = side->own_tree;
     }
     if (result == SB_OK)
-        result = regi_icp_normals(icp, side);
+        result = regi_icp_usual_sd(icp, side);
     if (result == SB_OK)
-        result = regi_icp_sample(icp, side, wanted, &side->sample);
+        result = regi_icp_normals(icp, shape, side);
+    if (result == SB_OK)
+        result =
+            regi_icp_sample(icp, side, icp->options->sample > 0 ? icp->options->sample : side->count, &side->sample);
     if (result == SB_OK)
         result = regi_icp_spread(icp, side, &side->spread);
     if (result == SB_OK)
         result =
             reg_kdtree_create(side->spread.points, side->spread.count, icp->allocator, &side->spread_tree, icp->error);
-    if (result == SB_OK)
+    if (result == SB_OK) {
         regi_icp_principal_axes(side);
+        regi_icp_measure_side(side);
+    }
     return result;
 }
+
+/* ==== src/register/icp_step.c ==== */
+/* icp_step: pairs, fits and the iteration. */
+
+enum { REGI_ICP_PATIENCE = 10 }; /* rounds without a smaller mean distance */
 
 /* ==== pairs ======================================================================================================= */
 
@@ -4249,13 +4614,13 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
             return 0;
         *partner = hit.triangle;
         *point = hit.point;
-        *normal = sb_surface_normal(side->surface, &hit);
+        *normal = sb_v3_scale((sb_real)side->sign, sb_surface_normal(side->surface, &hit));
         *weight = 1;
         *distance = hit.distance;
-        if (!side->weights)
+        if (!side->weights && !side->sd)
             return 1;
         at = reg_kdtree_nearest(side->tree, hit.point, SB_REAL_MAX, NULL);
-        *weight = side->weights[at];
+        *weight = regi_icp_weight(side, at);
         return 1;
     }
     guess = sb_v3_sub(points[*partner], p);
@@ -4266,23 +4631,11 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
     if (sb_sqrt(squared) > reach)
         return 0;
     *point = points[at];
-    *normal = coarse ? side->spread.normals[at] : side->normals[at];
-    *weight = coarse ? side->spread.weights[at] : side->weights ? side->weights[at] : 1;
+    *normal = coarse ? side->spread.normals[at] : sb_v3_scale((sb_real)side->sign, side->normals[at]);
+    *weight = coarse ? side->spread.weights[at] : regi_icp_weight(side, at);
     *distance = sb_sqrt(squared);
     return 1;
 }
-
-/* How a stage works. */
-typedef struct regi_icp_stage {
-    int coarse; /* among the spread points instead of all */
-    int points; /* of a set that look */
-    reg_icp_metric metric;
-    reg_outliers outliers;
-    sb_real parameter;
-    sb_real reach; /* m */
-    sb_real lost;  /* m: what an outlier counts in the score; 0: no score wanted */
-    int flip;      /* -1: the normals of one of the sides point the wrong way */
-} regi_icp_stage;
 
 /* Pairs of the set's points with their closest ones, appended; weights 0 where there is none, or where the normals
  * contradict. motion: of the set's side onto the other. `back`: the set is b's. Returns the sum of min(distance, lost),
@@ -4290,7 +4643,7 @@ typedef struct regi_icp_stage {
 static void regi_icp_look(regi_icp *icp, const regi_icp_stage *stage, const reg_rigid *motion, int back)
 {
     const regi_icp_set *set =
-        stage->coarse ? (back ? &icp->b.spread : &icp->a.spread) : (back ? &icp->b.sample : &icp->a.sample);
+        stage->spread ? (back ? &icp->b.spread : &icp->a.spread) : (back ? &icp->b.sample : &icp->a.sample);
     const regi_icp_side *other = back ? &icp->a : &icp->b;
     regi_icp_pairs *pairs = &icp->pairs;
     int count = sbi_min_int(set->count, stage->points);
@@ -4329,8 +4682,7 @@ static sb_real regi_icp_prune(regi_icp_pairs *pairs, int first, const regi_icp_s
     return count > 0 ? sum / (sb_real)count : 0;
 }
 
-/* Pairs for this motion, and the score: the mean of min(distance, lost), landmarks included. */
-static sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const reg_rigid *motion)
+REGI_API sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const reg_rigid *motion)
 {
     sb_real score, share = 1, first;
     icp->pairs.count = 0;
@@ -4353,11 +4705,6 @@ static sb_real regi_icp_pair(regi_icp *icp, const regi_icp_stage *stage, const r
 
 /* ==== fits ======================================================================================================== */
 
-/* Normal equations of the small motion, turn about `centre` and shift, that lowers sum w (n . (x - to))^2. */
-typedef struct regi_icp_system {
-    sb_real matrix[6][6], right[6]; /* lower triangle */
-} regi_icp_system;
-
 static void regi_icp_add_row(regi_icp_system *system, sb_vec3 arm, sb_vec3 normal, sb_real gap, sb_real weight)
 {
     sb_vec3 turn = sb_v3_cross(arm, normal);
@@ -4371,8 +4718,7 @@ static void regi_icp_add_row(regi_icp_system *system, sb_vec3 arm, sb_vec3 norma
     }
 }
 
-/* Cholesky, in place; the solution replaces the right-hand side. The matrix is positive definite by its damping. */
-static void regi_icp_solve(regi_icp_system *system)
+REGI_API void regi_icp_solve(regi_icp_system *system)
 {
     sb_real(*m)[6] = system->matrix, *x = system->right;
     for (int i = 0; i < 6; i++)
@@ -4394,16 +4740,12 @@ static void regi_icp_solve(regi_icp_system *system)
     }
 }
 
-/* One Gauss-Newton step to the planes. Lengths are in units of the size, so that turns and shifts are alike; a damping
- * of a millionth holds what the planes leave open. */
-static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
+REGI_API void regi_icp_equations(const regi_icp *icp, const reg_rigid *motion, int at_planes, regi_icp_system *system)
 {
     const regi_icp_pairs *pairs = &icp->pairs;
-    regi_icp_system system;
-    sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle, total = 0;
-    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
-    reg_rigid step;
-    memset(&system, 0, sizeof system);
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, total = 0;
+    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre);
+    memset(system, 0, sizeof *system);
     for (int i = 0; i < pairs->count; i++) {
         sb_vec3 x, gap;
         if (!(pairs->weight[i] > 0))
@@ -4411,18 +4753,28 @@ static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
         x = reg_rigid_apply(motion, pairs->from[i]);
         gap = sb_v3_scale(1 / size, sb_v3_sub(x, pairs->to[i]));
         total += pairs->weight[i];
-        regi_icp_add_row(&system, sb_v3_scale(1 / size, sb_v3_sub(x, centre)), pairs->normal[i],
-                         sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
+        regi_icp_add_row(system, sb_v3_scale(1 / size, sb_v3_sub(at_planes ? pairs->to[i] : x, centre)),
+                         pairs->normal[i], sb_v3_dot(pairs->normal[i], gap), pairs->weight[i]);
     }
     for (int i = 0; i < icp->options->landmark_count; i++) {
         sb_vec3 x = reg_rigid_apply(motion, icp->landmarks_a[i]);
         sb_vec3 arm = sb_v3_scale(1 / size, sb_v3_sub(x, centre));
         sb_vec3 gap = sb_v3_scale(1 / size, sb_v3_sub(x, icp->landmarks_b[i]));
         sb_real weight = total * icp->options->landmarks[i].weight;
-        regi_icp_add_row(&system, arm, sb_v3(1, 0, 0), gap.x, weight);
-        regi_icp_add_row(&system, arm, sb_v3(0, 1, 0), gap.y, weight);
-        regi_icp_add_row(&system, arm, sb_v3(0, 0, 1), gap.z, weight);
+        regi_icp_add_row(system, arm, sb_v3(1, 0, 0), gap.x, weight);
+        regi_icp_add_row(system, arm, sb_v3(0, 1, 0), gap.y, weight);
+        regi_icp_add_row(system, arm, sb_v3(0, 0, 1), gap.z, weight);
     }
+}
+
+/* One Gauss-Newton step to the planes; a damping of a millionth holds what they leave open. */
+static void regi_icp_fit_planes(const regi_icp *icp, reg_rigid *motion)
+{
+    regi_icp_system system;
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, trace = 0, angle;
+    sb_vec3 centre = reg_rigid_apply(motion, icp->a.centre), shift, turn;
+    reg_rigid step;
+    regi_icp_equations(icp, motion, 0, &system);
     for (int i = 0; i < 6; i++)
         trace += system.matrix[i][i];
     for (int i = 0; i < 6; i++)
@@ -4460,8 +4812,7 @@ static void regi_icp_clean(reg_rigid *motion)
     motion->rotation = sb_quat_to_mat3(sb_quat_from_mat3(motion->rotation));
 }
 
-/* Number and weighted mean and rms distance of the pairs that count. */
-static int regi_icp_measure(const regi_icp_pairs *pairs, sb_real *mean, sb_real *rms)
+REGI_API int regi_icp_measure(const regi_icp_pairs *pairs, sb_real *mean, sb_real *rms)
 {
     sb_real total = 0, sum = 0, squares = 0;
     int count = 0;
@@ -4487,9 +4838,8 @@ static int regi_icp_late(regi_icp *icp)
     return icp->out_of_time;
 }
 
-/* At most `rounds` rounds; returns how many. The pairs are left as they are for *motion. */
-static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
-                            reg_rigid *motion, sb_real *score, int *converged)
+REGI_API int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int rounds, sb_real tolerance,
+                              reg_rigid *motion, sb_real *score, int *converged)
 {
     sb_real mean = 0, rms, before, best;
     int round = 0, idle = 0;
@@ -4517,16 +4867,146 @@ static int regi_icp_iterate(regi_icp *icp, const regi_icp_stage *stage, int roun
     return round;
 }
 
-/* ==== search ====================================================================================================== */
+/* ==== src/register/pose_view.c ==== */
+/* pose_view: what the caller knows of a pose: a rough start, from where the organ was seen, and that nothing was in
+ * front of what the camera saw. */
 
-typedef struct regi_icp_candidate {
-    reg_rigid motion;
-    sb_real score;
-    int flip;
-} regi_icp_candidate;
+/* Where the target looks, in its frame; flip -1: its normals point inwards. */
+static sb_vec3 regi_pose_view(const regi_icp *icp, int flip)
+{
+    const regi_icp_side *target = icp->swapped ? &icp->a : &icp->b;
+    if (icp->target->has_camera)
+        return regi_cloud_unit(sb_v3_sub(icp->target->camera, target->centre));
+    return sb_v3_scale((sb_real)flip, regi_cloud_unit(regi_icp_facing(&target->spread)));
+}
+
+static sb_real regi_pose_square(sb_real x, sb_real slack, sb_real sd)
+{
+    sb_real beyond = sb_max(x - slack, 0) / sd;
+    return beyond * beyond;
+}
+
+REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_real slack)
+{
+    const reg_icp_options *o = icp->options;
+    const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a;
+    reg_rigid motion = regi_icp_of_model(icp, &pose->motion);
+    sb_real sum = 0;
+    if (o->start_shift_sd > 0 && o->start_turn_sd > 0) {
+        reg_rigid back = reg_rigid_inverse(&o->start), between = reg_rigid_compose(&motion, &back);
+        sb_real shift =
+            sb_v3_norm(sb_v3_sub(reg_rigid_apply(&motion, model->centre), reg_rigid_apply(&o->start, model->centre)));
+        sum += regi_pose_square(reg_rigid_angle(&between), slack, o->start_turn_sd);
+        if (!(slack > 0))
+            sum += regi_pose_square(shift, 0, o->start_shift_sd);
+    }
+    if (o->seen_from_sd > 0 && !icp->both) {
+        sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
+        sb_vec3 wanted = regi_cloud_unit(o->seen_from);
+        sb_real angle = (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
+        sum += regi_pose_square(angle, slack, o->seen_from_sd);
+    }
+    return -sum / 2;
+}
+
+/* ==== free space ================================================================================================== */
+
+enum { REGI_VIEW_CELLS = 32 }; /* along a side of the camera's image, at most */
+
+/* What the camera saw of the target: the depth of the nearest point in each cell of an image. */
+typedef struct regi_view {
+    sb_vec3 camera, right, up, ahead;
+    sb_real low[2], step[2];
+    sb_real depth[REGI_VIEW_CELLS * REGI_VIEW_CELLS]; /* m; 0: nothing was seen there */
+    int cells;
+} regi_view;
+
+/* A point's place in the image and its depth; 0 behind the camera. */
+static int regi_view_project(const regi_view *view, sb_vec3 point, sb_real image[2], sb_real *depth)
+{
+    sb_vec3 ray = sb_v3_sub(point, view->camera);
+    *depth = sb_v3_dot(ray, view->ahead);
+    if (!(*depth > 0))
+        return 0;
+    image[0] = sb_v3_dot(ray, view->right) / *depth;
+    image[1] = sb_v3_dot(ray, view->up) / *depth;
+    return 1;
+}
+
+/* The cell of a place in the image, or -1 beside it. */
+static int regi_view_cell(const regi_view *view, const sb_real image[2])
+{
+    int at[2];
+    for (int k = 0; k < 2; k++) {
+        sb_real cell = (image[k] - view->low[k]) / view->step[k];
+        if (!(cell >= 0 && cell < (sb_real)view->cells))
+            return -1;
+        at[k] = (int)cell;
+    }
+    return at[1] * view->cells + at[0];
+}
+
+/* 0 where the camera's image has no size. */
+static int regi_view_frame(const regi_icp_side *target, sb_vec3 camera, regi_view *view)
+{
+    sb_real high[2] = {-SB_REAL_MAX, -SB_REAL_MAX}, image[2], depth;
+    view->camera = camera;
+    view->ahead = regi_cloud_unit(sb_v3_sub(target->centre, camera));
+    view->right = sb_v3_cross(view->ahead, sb_abs(view->ahead.x) < (sb_real)0.6 ? sb_v3(1, 0, 0) : sb_v3(0, 1, 0));
+    view->right = regi_cloud_unit(view->right);
+    view->up = sb_v3_cross(view->right, view->ahead);
+    view->low[0] = view->low[1] = SB_REAL_MAX;
+    for (int i = 0; i < target->spread.count; i++)
+        for (int k = 0; k < 2 && regi_view_project(view, target->spread.points[i], image, &depth); k++) {
+            view->low[k] = sb_min(view->low[k], image[k]);
+            high[k] = sb_max(high[k], image[k]);
+        }
+    view->cells = sbi_min_int(REGI_VIEW_CELLS, (int)sb_sqrt((sb_real)target->spread.count / 3));
+    for (int k = 0; k < 2; k++) /* a little more, so that the last point is inside */
+        view->step[k] = (high[k] - view->low[k]) * (1 + 16 * SB_EPSILON) / (sb_real)sbi_max_int(view->cells, 1);
+    return view->cells > 0 && view->step[0] > 0 && view->step[1] > 0 && sb_is_finite(view->step[0] + view->step[1]);
+}
+
+REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion)
+{
+    const regi_icp_side *target = icp->swapped ? &icp->a : &icp->b, *model = icp->swapped ? &icp->b : &icp->a;
+    reg_rigid placed = regi_icp_of_model(icp, motion);
+    sb_real image[2], depth, margin = (sb_real)0.02 * model->extent;
+    regi_view view;
+    int inside = 0, in_front = 0;
+    if (!icp->target->has_camera || !regi_view_frame(target, icp->target->camera, &view))
+        return 0;
+    memset(view.depth, 0, sizeof view.depth);
+    for (int i = 0; i < target->spread.count; i++) {
+        int cell =
+            regi_view_project(&view, target->spread.points[i], image, &depth) ? regi_view_cell(&view, image) : -1;
+        if (cell >= 0 && (!(view.depth[cell] > 0) || depth < view.depth[cell]))
+            view.depth[cell] = depth;
+    }
+    for (int i = 0; i < model->spread.count; i++) {
+        sb_vec3 at = reg_rigid_apply(&placed, model->spread.points[i]);
+        int cell = regi_view_project(&view, at, image, &depth) ? regi_view_cell(&view, image) : -1;
+        if (cell < 0 || !(view.depth[cell] > 0))
+            continue;
+        inside++;
+        in_front += depth < view.depth[cell] - margin;
+    }
+    return inside > 0 ? (sb_real)in_front / (sb_real)inside : 0;
+}
+
+/* ==== src/register/pose.c ==== */
+/* pose: the search for poses, and how they are weighed. */
+
+enum {
+    REGI_POSE_ROTATIONS = 160, /* of the search, the turns of principal axes onto each other included */
+    REGI_POSE_STAGES = 4,
+    REGI_POSE_PROBES = 24 /* points that tell how far apart two poses are */
+};
+
+/* ==== candidates ================================================================================================== */
 
 /* The i-th of n evenly spread rotations: super-Fibonacci spiral (Alexa 2022). */
-static sb_mat3 regi_icp_spiral(int i, int n)
+static sb_mat3 regi_pose_spiral(int i, int n)
 {
     const double pi2 = 6.283185307179586;
     double s = i + 0.5, r = sqrt(s / n), q = sqrt(1 - s / n);
@@ -4538,7 +5018,7 @@ static sb_mat3 regi_icp_spiral(int i, int n)
 }
 
 /* The i-th of the 24 turns of a cube onto itself; the first four keep the axes. */
-static sb_mat3 regi_icp_cube(int i)
+static sb_mat3 regi_pose_cube(int i)
 {
     static const unsigned char order[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     sb_mat3 turn = sb_m3_zero();
@@ -4551,17 +5031,8 @@ static sb_mat3 regi_icp_cube(int i)
     return turn;
 }
 
-/* Mean of the normals: where an open shape is seen from; 0 for a closed one. */
-static sb_vec3 regi_icp_facing(const regi_icp_set *set)
-{
-    sb_vec3 sum = sb_v3(0, 0, 0);
-    for (int i = 0; i < set->count; i++)
-        sum = sb_v3_add(sum, set->normals[i]);
-    return sb_v3_scale(1 / (sb_real)set->count, sum);
-}
-
 /* A rotation with the translation that puts a's centre onto that of the part of b that looks a's way. */
-static reg_rigid regi_icp_place(const regi_icp *icp, sb_mat3 rotation, sb_vec3 facing)
+static reg_rigid regi_pose_place(const regi_icp *icp, sb_mat3 rotation, sb_vec3 facing)
 {
     const regi_icp_set *set = &icp->b.spread;
     sb_vec3 direction = sb_m3_apply(rotation, facing), seen = sb_v3(0, 0, 0);
@@ -4578,95 +5049,525 @@ static reg_rigid regi_icp_place(const regi_icp *icp, sb_mat3 rotation, sb_vec3 f
     return motion;
 }
 
-/* Best scores first; of equal ones the earlier. */
-static void regi_icp_rank(regi_icp_candidate *candidates, int count, int kept)
+static void regi_pose_add(regi_pose *poses, int *count, reg_rigid motion, int flip)
 {
-    for (int i = 0; i < kept && i < count; i++) {
-        int best = i;
-        regi_icp_candidate found;
-        for (int j = i + 1; j < count; j++)
-            best = candidates[j].score < candidates[best].score ? j : best;
-        found = candidates[best];
-        for (int j = best; j > i; j--)
-            candidates[j] = candidates[j - 1];
-        candidates[i] = found;
-    }
+    memset(poses + *count, 0, sizeof poses[0]);
+    poses[*count].motion = motion;
+    poses[(*count)++].flip = flip;
 }
 
-/* How the search thins out its candidates. */
-typedef struct regi_icp_round {
-    int points, rounds, kept;
-    reg_icp_metric metric;
-} regi_icp_round;
-
-static void regi_icp_add(regi_icp_candidate *candidates, int *count, reg_rigid motion, int flip)
+/* All poses to try, after the caller's own and that of the landmarks; not those that the caller rules out by more than
+ * three deviations. */
+static int regi_pose_candidates(const regi_icp *icp, const reg_rigid *start, regi_pose *poses)
 {
-    candidates[*count].motion = motion;
-    candidates[*count].flip = flip;
-    candidates[(*count)++].score = 0;
-}
-
-/* All poses to try, after the caller's own and that of the landmarks. */
-static int regi_icp_candidates(const regi_icp *icp, const reg_rigid *start, regi_icp_candidate *candidates)
-{
+    const sb_real between_rotations = (sb_real)0.6; /* rad: the next of the spiral's is not farther off */
     const reg_icp_options *options = icp->options;
-    int count = 0, spirals = icp->both ? REGI_ICP_SPIRAL / 4 : REGI_ICP_SPIRAL;
-    int flips = icp->a.fitted || icp->b.fitted ? 2 : 1;
+    int count = 0, spirals = REGI_POSE_ROTATIONS - 24, flips = icp->a.unsure || icp->b.unsure ? 2 : 1;
     sb_vec3 facing = icp->both ? sb_v3(0, 0, 0) : regi_icp_facing(&icp->a.spread);
     reg_rigid motion;
     for (int f = 0; f < flips; f++) {
         int flip = f ? -1 : 1;
         sb_vec3 way = sb_v3_scale((sb_real)flip, facing);
-        regi_icp_add(candidates, &count, *start, flip);
+        regi_pose_add(poses, &count, *start, flip);
         if (options->landmark_count >= 3 &&
             reg_rigid_fit(icp->landmarks_a, icp->landmarks_b, NULL, options->landmark_count, &motion, NULL) == SB_OK)
-            regi_icp_add(candidates, &count, motion, flip);
+            regi_pose_add(poses, &count, motion, flip);
         for (int i = 0; i < 24 + spirals; i++) {
-            sb_mat3 turn = i < 24 ? regi_icp_cube(i) : regi_icp_spiral(i - 24, spirals);
+            sb_mat3 turn = i < 24 ? regi_pose_cube(i) : regi_pose_spiral(i - 24, spirals);
             turn = sb_m3_mult(sb_m3_mul(icp->b.axes, turn), icp->a.axes);
-            regi_icp_add(candidates, &count, regi_icp_place(icp, turn, way), flip);
+            regi_pose_add(poses, &count, regi_pose_place(icp, turn, way), flip);
+            if (regi_pose_prior(icp, poses + count - 1, between_rotations) < (sb_real)-4.5)
+                count--;
         }
     }
     return count;
 }
 
-static sb_result regi_icp_search(regi_icp *icp, reg_rigid *motion, regi_icp_stage *last, int *tried)
+/* ==== distinct poses ============================================================================================== */
+
+/* Best scores first; of equal ones the earlier. */
+static void regi_pose_sort(regi_pose *poses, int count, int kept)
 {
-    static const regi_icp_round plan[REGI_ICP_STAGES] = {
-        {60, 3, 24, REG_ICP_POINT}, {250, 8, 4, REG_ICP_PLANE}, {REGI_ICP_FINE, 12, 1, REG_ICP_PLANE}};
-    int most = 2 * (2 + 24 + REGI_ICP_SPIRAL), count, converged;
-    regi_icp_candidate *candidates =
-        (regi_icp_candidate *)sbi_alloc(icp->allocator, (size_t)most, sizeof(regi_icp_candidate));
-    regi_icp_stage stage = *last;
-    if (!candidates)
-        return regi_icp_no_memory(icp);
-    count = *tried = regi_icp_candidates(icp, motion, candidates);
-    stage.coarse = 1;
-    stage.outliers = REG_OUTLIERS_TRIM;
-    stage.parameter = (sb_real)0.9;
-    stage.reach = SB_REAL_MAX;
-    stage.lost = (sb_real)0.25 * icp->a.size;
-    for (int s = 0; s < REGI_ICP_STAGES; s++) {
-        stage.points = plan[s].points;
-        stage.metric = plan[s].metric;
-        for (int i = 0; i < count; i++) {
-            stage.flip = candidates[i].flip;
-            regi_icp_iterate(icp, &stage, plan[s].rounds, 0, &candidates[i].motion, &candidates[i].score, &converged);
-            if (icp->out_of_time) {
-                *tried = s == 0 ? i + 1 : *tried;
-                count = i + 1;
-            }
-        }
-        regi_icp_rank(candidates, count, plan[s].kept);
-        count = sbi_min_int(count, plan[s].kept);
+    for (int i = 0; i < kept && i < count; i++) {
+        int best = i;
+        regi_pose found;
+        for (int j = i + 1; j < count; j++)
+            best = poses[j].score < poses[best].score ? j : best;
+        found = poses[best];
+        for (int j = best; j > i; j--)
+            poses[j] = poses[j - 1];
+        poses[i] = found;
     }
-    *motion = candidates[0].motion;
-    last->flip = candidates[0].flip;
-    sbi_free(icp->allocator, candidates);
+}
+
+/* 1 when two poses are 8 degrees or, in the mean over the shape, 5 % of its size apart. */
+static int regi_pose_differ(const regi_icp *icp, const regi_pose *p, const regi_pose *q)
+{
+    const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a;
+    reg_rigid first = regi_icp_of_model(icp, &p->motion), second = regi_icp_of_model(icp, &q->motion);
+    reg_rigid back = reg_rigid_inverse(&first), between = reg_rigid_compose(&second, &back);
+    int probes = sbi_min_int(model->spread.count, REGI_POSE_PROBES);
+    sb_real sum = 0;
+    if (reg_rigid_angle(&between) > (sb_real)0.14)
+        return 1;
+    for (int i = 0; i < probes; i++)
+        sum += sb_v3_norm(sb_v3_sub(reg_rigid_apply(&first, model->spread.points[i]),
+                                    reg_rigid_apply(&second, model->spread.points[i])));
+    return sum > (sb_real)0.05 * model->extent * (sb_real)probes;
+}
+
+/* Of poses sorted by score those that differ from all before them, up to `kept`; returns how many. */
+static int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
+{
+    int found = 0;
+    for (int i = 0; i < count && found < kept; i++) {
+        int fresh = 1;
+        for (int j = 0; j < found && fresh; j++)
+            fresh = regi_pose_differ(icp, poses + i, poses + j);
+        if (fresh)
+            poses[found++] = poses[i];
+    }
+    return found;
+}
+
+/* ==== likelihood ================================================================================================== */
+
+/* Gaps between the shapes for some poses: [poses][room], filled up to count. */
+typedef struct regi_pose_gaps {
+    sb_real *gap, *weight, *scratch;
+    int room, count[REG_ICP_POSES];
+} regi_pose_gaps;
+
+/* How far pair n is from the other shape: from the surface, or from the plane through the closest point and, beyond
+ * what lies between points, from that. */
+static sb_real regi_pose_gap(const regi_icp *icp, const reg_rigid *motion, int n, const regi_icp_side *other)
+{
+    const regi_icp_pairs *pairs = &icp->pairs;
+    sb_vec3 way;
+    sb_real plane, beside;
+    if (other->surface || !(pairs->weight[n] > 0))
+        return pairs->weight[n] > 0 ? pairs->distance[n] : (sb_real)INFINITY;
+    way = sb_v3_sub(reg_rigid_apply(motion, pairs->from[n]), pairs->to[n]);
+    plane = sb_v3_dot(way, pairs->normal[n]);
+    beside = sb_v3_dot(way, way) - plane * plane - other->spacing * other->spacing;
+    return sb_sqrt(plane * plane + sb_max(beside, 0));
+}
+
+/* Share of neighbouring points' signed gaps that is common to them, in [0, 1]: noise has none, deformation and wrong
+ * poses much. gap: of the pose; residual[count]: scratch. */
+static sb_real regi_pose_correlation(const regi_icp *icp, const regi_pose *pose, const sb_real *gap, sb_real *residual)
+{
+    const regi_icp_side *side = &icp->a;
+    sb_real products = 0, squares = 0, limit = 3 * pose->noise;
+    for (int i = 0; i < side->spread.count; i++) {
+        sb_vec3 way = sb_v3_sub(reg_rigid_apply(&pose->motion, icp->pairs.from[i]), icp->pairs.to[i]);
+        residual[i] = gap[i] <= limit ? sb_v3_dot(way, icp->pairs.normal[i]) : 0;
+    }
+    for (int i = 0; i < side->spread.count; i++) {
+        int pair[2];
+        sb_real squared[2];
+        if (reg_kdtree_k_nearest(side->spread_tree, side->spread.points[i], 2, pair, squared) < 2)
+            continue;
+        squares += residual[i] * residual[i] + residual[pair[1]] * residual[pair[1]];
+        products += 2 * residual[i] * residual[pair[1]];
+    }
+    return squares > 0 ? sb_max(products / squares, 0) : 1;
+}
+
+/* The gaps of one pose, and its noise: 1.48 times their median. */
+static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose *pose, regi_pose_gaps *gaps, int which)
+{
+    regi_icp_stage stage = *last;
+    sb_real *gap = gaps->gap + (size_t)which * (size_t)gaps->room;
+    sb_real *weight = gaps->weight + (size_t)which * (size_t)gaps->room, median;
+    int first = icp->a.spread.count;
+    stage.spread = 1;
+    stage.coarse = 0;
+    stage.points = REGI_ICP_FINE;
+    stage.outliers = REG_OUTLIERS_NONE;
+    stage.reach = SB_REAL_MAX;
+    stage.flip = pose->flip;
+    regi_icp_pair(icp, &stage, &pose->motion);
+    gaps->count[which] = icp->pairs.count;
+    for (int i = 0; i < icp->pairs.count; i++) {
+        gap[i] = regi_pose_gap(icp, &pose->motion, i, i < first ? &icp->b : &icp->a);
+        weight[i] = i < first ? icp->a.spread.weights[i] : icp->b.spread.weights[i - first];
+        gaps->scratch[gaps->room + i] = sb_is_finite(gap[i]) ? gap[i] : icp->a.extent + icp->b.extent;
+    }
+    median =
+        reg_outlier_limit(gaps->scratch + gaps->room, icp->pairs.count, REG_OUTLIERS_TRIM, (sb_real)0.5, gaps->scratch);
+    pose->noise = (sb_real)1.4826 * sb_max(median, 0);
+    pose->lost = 0;
+    for (int i = 0; i < icp->pairs.count; i++)
+        pose->lost += gap[i] > 6 * pose->noise ? 1 / (sb_real)icp->pairs.count : 0;
+    pose->correlation = regi_pose_correlation(icp, pose, gap, gaps->scratch);
+}
+
+/* Student's distribution with three degrees of freedom, as log against that of gap 0. */
+static sb_real regi_pose_student(sb_real gap, sb_real noise)
+{
+    sb_real x = gap / noise;
+    return -2 * (sb_real)log(1 + (double)(x * x / 3));
+}
+
+/* Mean log-likelihood of a point for a common noise; what finds no partner counts as a tenth of the size. */
+static sb_real regi_pose_mean(const regi_icp *icp, const regi_pose *pose, const regi_pose_gaps *gaps, int which,
+                              sb_real noise)
+{
+    const reg_icp_options *o = icp->options;
+    const sb_real *gap = gaps->gap + (size_t)which * (size_t)gaps->room;
+    const sb_real *weight = gaps->weight + (size_t)which * (size_t)gaps->room;
+    sb_real most = (sb_real)0.1 * (icp->swapped ? icp->b.extent : icp->a.extent), sum = 0, total = 0, share = 1;
+    for (int i = 0; i < gaps->count[which]; i++) {
+        total += weight[i];
+        sum += weight[i] * regi_pose_student(sb_min(gap[i], most), noise);
+    }
+    sum = total > 0 ? sum / total : 0;
+    for (int i = 0; i < o->landmark_count; i++) {
+        sb_vec3 way = sb_v3_sub(reg_rigid_apply(&pose->motion, icp->landmarks_a[i]), icp->landmarks_b[i]);
+        sum += o->landmarks[i].weight * regi_pose_student(sb_v3_norm(way), noise);
+        share += o->landmarks[i].weight;
+    }
+    return sum / share;
+}
+
+/* Patches of a tenth of the model's size in radius, of what looks. */
+static sb_real regi_pose_patches(const regi_icp *icp)
+{
+    const double pi = 3.141592653589793;
+    double radius = 0.1 * (double)(icp->swapped ? icp->b.extent : icp->a.extent);
+    double patches = radius > 0 ? (double)icp->a.area / (pi * radius * radius) : 1;
+    return (sb_real)fmin(fmax(patches, 1), (double)icp->a.spread.count);
+}
+
+REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation)
+{
+    sb_real n = (sb_real)icp->a.spread.count;
+    return n / (1 + correlation * (n / regi_pose_patches(icp) - 1));
+}
+
+/* Their likelihoods, by a common noise: the least of all. */
+static void regi_pose_weigh(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count,
+                            regi_pose_gaps *gaps)
+{
+    sb_real noise = SB_REAL_MAX, patches = regi_pose_patches(icp), points;
+    for (int i = 0; i < count; i++) {
+        regi_pose_look(icp, last, poses + i, gaps, i);
+        noise = sb_min(noise, poses[i].noise);
+    }
+    noise = sb_max(noise, 64 * SB_EPSILON * (icp->a.extent + icp->b.extent));
+    for (int i = 0; i < count; i++)
+        poses[i].score = -regi_pose_mean(icp, poses + i, gaps, i, noise);
+    regi_pose_sort(poses, count, count);
+    points = regi_pose_points(icp, poses[0].correlation);
+    for (int i = 0; i < count; i++) {
+        poses[i].in_front = regi_pose_in_front(icp, &poses[i].motion);
+        poses[i].likelihood =
+            regi_pose_prior(icp, poses + i, 0) - points * poses[i].score - 10 * patches * poses[i].in_front;
+        poses[i].score = -poses[i].likelihood;
+    }
+    regi_pose_sort(poses, count, count);
+}
+
+REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count)
+{
+    regi_pose_gaps gaps;
+    size_t room = (size_t)icp->a.spread.count + (size_t)icp->b.spread.count;
+    memset(&gaps, 0, sizeof gaps);
+    gaps.room = (int)room;
+    gaps.gap = (sb_real *)sbi_alloc(icp->allocator, room, (2 * (size_t)count + 2) * sizeof(sb_real));
+    if (!gaps.gap)
+        return regi_icp_no_memory(icp);
+    gaps.weight = gaps.gap + (size_t)count * room;
+    gaps.scratch = gaps.weight + (size_t)count * room;
+    regi_pose_weigh(icp, last, poses, count, &gaps);
+    sbi_free(icp->allocator, gaps.gap);
     return SB_OK;
 }
 
-/* ==== the call ==================================================================================================== */
+/* ==== search ====================================================================================================== */
+
+/* How the search thins out its candidates. */
+typedef struct regi_pose_plan {
+    int coarse, points, rounds, kept, distinct;
+} regi_pose_plan;
+
+static int regi_pose_stage(regi_icp *icp, const regi_pose_plan *plan, regi_icp_stage *stage, regi_pose *poses,
+                           int count, int *begun)
+{
+    int converged;
+    stage->coarse = plan->coarse;
+    stage->points = plan->points;
+    for (int i = 0; i < count; i++) {
+        stage->flip = poses[i].flip;
+        regi_icp_iterate(icp, stage, plan->rounds, (sb_real)1e-3, &poses[i].motion, &poses[i].score, &converged);
+        if (icp->out_of_time)
+            count = i + 1;
+    }
+    *begun = count;
+    regi_pose_sort(poses, count, count);
+    count = plan->distinct ? regi_pose_distinct(icp, poses, count, plan->kept) : sbi_min_int(count, plan->kept);
+    while (count > 3 && plan->distinct && poses[count - 1].score > 2 * poses[0].score)
+        count--; /* far off; some stay to compare with */
+    return count;
+}
+
+REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
+                                    int *count, int *tried)
+{
+    static const regi_pose_plan plan[REGI_POSE_STAGES] = {
+        {1, 60, 4, 60, 0}, {1, 150, 6, 12, 1}, {1, 300, 8, REG_ICP_POSES, 1}, {0, 300, 5, REG_ICP_POSES, 1}};
+    size_t most = 2 * (2 + REGI_POSE_ROTATIONS);
+    regi_pose *all = (regi_pose *)sbi_alloc(icp->allocator, most, sizeof(regi_pose));
+    regi_icp_stage stage = *last;
+    sb_result result;
+    int left, begun;
+    if (!all)
+        return regi_icp_no_memory(icp);
+    left = regi_pose_candidates(icp, start, all);
+    stage.spread = 1;
+    stage.metric = REG_ICP_PLANE;
+    stage.outliers = REG_OUTLIERS_TRIM;
+    stage.parameter = (sb_real)0.7;
+    stage.reach = SB_REAL_MAX;
+    stage.lost = (sb_real)0.03 * (icp->swapped ? icp->b.extent : icp->a.extent);
+    for (int s = 0; s < REGI_POSE_STAGES; s++) {
+        left = regi_pose_stage(icp, plan + s, &stage, all, left, &begun);
+        *tried = s == 0 ? begun : *tried;
+    }
+    result = regi_pose_rank(icp, last, all, left);
+    memcpy(poses, all, (size_t)left * sizeof poses[0]);
+    *count = left;
+    sbi_free(icp->allocator, all);
+    return result;
+}
+
+/* ==== src/register/icp_report.c ==== */
+/* icp_report: how far an alignment can be trusted. */
+
+/* 1.48 times the median distance from the planes of the pairs that count, and what fitting six numbers took off it. */
+static sb_real regi_report_noise(regi_icp *icp, const reg_rigid *motion)
+{
+    regi_icp_pairs *pairs = &icp->pairs;
+    sb_real least = 64 * SB_EPSILON * (icp->a.extent + icp->b.extent), limit;
+    int count = 0;
+    for (int i = 0; i < pairs->count; i++)
+        if (pairs->weight[i] > 0) {
+            sb_vec3 way = sb_v3_sub(reg_rigid_apply(motion, pairs->from[i]), pairs->to[i]);
+            pairs->distance[count++] = sb_abs(sb_v3_dot(way, pairs->normal[i]));
+        }
+    limit = reg_outlier_limit(pairs->distance, count, REG_OUTLIERS_TRIM, (sb_real)0.5, pairs->scratch);
+    limit *= sb_sqrt((sb_real)count / (sb_real)sbi_max_int(count - 6, 1));
+    return sb_max((sb_real)1.4826 * limit, least);
+}
+
+/* Inverse of the information, about a's moved centre in b's frame. Before anything is seen a turn is known to 1.8 rad
+ * (any is as likely), a shift to the shapes' extent, or as well as the start. */
+static void regi_report_invert(const regi_icp *icp, const regi_icp_system *seen, sb_real noise,
+                               sb_real covariance[6][6])
+{
+    const reg_icp_options *o = icp->options;
+    sb_real size = icp->a.size > 0 ? icp->a.size : 1, turn = (sb_real)1.8, shift = icp->a.extent + icp->b.extent;
+    regi_icp_system prior = *seen;
+    if (o->start_shift_sd > 0 && o->start_turn_sd > 0) {
+        turn = sb_min(turn, o->start_turn_sd);
+        shift = sb_min(shift, o->start_shift_sd);
+    }
+    turn = noise / (size * turn);
+    shift = shift > 0 ? noise / shift : 1;
+    for (int i = 0; i < 6; i++)
+        prior.matrix[i][i] += i < 3 ? turn * turn : shift * shift;
+    for (int j = 0; j < 6; j++) {
+        regi_icp_system unit = prior;
+        memset(unit.right, 0, sizeof unit.right);
+        unit.right[j] = 1;
+        regi_icp_solve(&unit);
+        for (int i = 0; i < 6; i++)
+            covariance[i][j] = (i < 3 ? noise / size : noise) * (j < 3 ? noise / size : noise) * unit.right[i];
+    }
+}
+
+static sb_mat3 regi_report_block(sb_real covariance[6][6], int row, int column)
+{
+    sb_mat3 block;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            block.m[i][j] = covariance[row + i][column + j];
+    return block;
+}
+
+/* Of the model's motion, in the target's frame. With the shapes exchanged it is the motion back, by -R^T. */
+static void regi_report_covariance(const regi_icp *icp, const reg_rigid *motion, reg_icp_info *info)
+{
+    regi_icp_system system;
+    sb_real covariance[6][6];
+    regi_icp_equations(icp, motion, 1, &system);
+    regi_report_invert(icp, &system, info->noise, covariance);
+    info->centre = icp->swapped ? icp->a.centre : reg_rigid_apply(motion, icp->a.centre);
+    for (int row = 0; row < 6; row += 3)
+        for (int column = 0; column < 6; column += 3) {
+            sb_mat3 block = regi_report_block(covariance, row, column);
+            if (icp->swapped)
+                block = sb_m3_mul(sb_m3_tmul(motion->rotation, block), motion->rotation);
+            for (int i = 0; i < 9; i++)
+                info->covariance[(row + i / 3) * 6 + column + i % 3] = block.m[i / 3][i % 3];
+        }
+}
+
+/* Largest deviation along any direction, of the turn (first 0) or the shift (first 3). */
+static sb_real regi_report_largest(const reg_icp_info *info, int first)
+{
+    sb_mat3 block;
+    sb_vec3 values;
+    for (int i = 0; i < 9; i++)
+        block.m[i / 3][i % 3] = info->covariance[(first + i / 3) * 6 + first + i % 3];
+    sb_m3_eigen(block, &values, NULL);
+    return sb_sqrt(sb_max(values.x, 0));
+}
+
+/* Median distance of the spread points from their centre. */
+static sb_real regi_report_radius(regi_icp *icp, const regi_icp_side *side)
+{
+    regi_icp_pairs *pairs = &icp->pairs;
+    for (int i = 0; i < side->spread.count; i++)
+        pairs->distance[i] = sb_v3_norm(sb_v3_sub(side->spread.points[i], side->centre));
+    return reg_outlier_limit(pairs->distance, side->spread.count, REG_OUTLIERS_TRIM, (sb_real)0.5, pairs->scratch);
+}
+
+/* The units that may have been mistaken for each other, or the ratio itself. */
+static sb_real regi_report_guess(sb_real ratio)
+{
+    static const double units[] = {1000, 1e-3, 25.4, 1 / 25.4, 100, 0.01, 10, 0.1, 39.37, 1 / 39.37};
+    double best = (double)ratio, least = log(2.5);
+    for (int i = 0; i < (int)(sizeof units / sizeof units[0]); i++) {
+        double off = fabs(log((double)ratio / units[i]));
+        if (off < least) {
+            least = off;
+            best = units[i];
+        }
+    }
+    return (sb_real)best;
+}
+
+/* The shapes' sizes: of the whole organ they agree, a part is no larger than the whole, nor a speck of it. */
+static void regi_report_scale(regi_icp *icp, reg_icp_info *info)
+{
+    sb_real a = regi_report_radius(icp, &icp->a), b = regi_report_radius(icp, &icp->b), ratio, model;
+    info->scale_guess = 1;
+    if (!(a > 0) || !(b > 0))
+        return;
+    ratio = a / b; /* a is the part, where there is one, and as a rule three quarters as large */
+    model = icp->swapped ? 1 / ratio : ratio;
+    if (icp->both ? ratio < (sb_real)1.5 && ratio > 1 / (sb_real)1.5 : ratio < (sb_real)1.5 && ratio > (sb_real)0.05)
+        return;
+    icp->warnings |= REG_WARN_SCALE;
+    if (!icp->both)
+        model *= icp->swapped ? (sb_real)0.75 : 1 / (sb_real)0.75;
+    info->scale_guess = regi_report_guess(model);
+}
+
+REGI_API sb_result regi_icp_report(regi_icp *icp, const regi_icp_stage *stage, const regi_pose *best,
+                                   reg_icp_info *info)
+{
+    const regi_icp_side *model = icp->swapped ? &icp->b : &icp->a, *target = icp->swapped ? &icp->a : &icp->b;
+    regi_pose pose = *best;
+    sb_real dependent, model_size = sb_max(model->extent, target->extent);
+    sb_result result;
+    info->noise = regi_report_noise(icp, &pose.motion);
+    regi_report_covariance(icp, &pose.motion, info);
+    result = regi_pose_rank(icp, stage, &pose, 1);
+    if (result != SB_OK)
+        return result;
+    dependent = sb_sqrt(sb_max(1, (sb_real)info->pairs / regi_pose_points(icp, pose.correlation)));
+    if (dependent * regi_report_largest(info, 0) > (sb_real)0.087 ||
+        dependent * regi_report_largest(info, 3) > (sb_real)0.02 * model_size)
+        icp->warnings |= REG_WARN_LOW_CONTRAST;
+    info->seen = model->area > 0 ? sb_min(target->area / model->area, 1) : 1;
+    if (icp->swapped && info->seen < (sb_real)0.15)
+        icp->warnings |= REG_WARN_VIEW_SMALL;
+    if (pose.lost > (sb_real)0.3)
+        icp->warnings |= REG_WARN_MANY_OUTLIERS;
+    if (pose.in_front > (sb_real)0.05)
+        icp->warnings |= REG_WARN_FREE_SPACE;
+    regi_report_scale(icp, info);
+    return SB_OK;
+}
+
+/* ==== src/register/icp.c ==== */
+/* icp: the call: what it accepts, its last stage, and what it reports. */
+
+enum { REGI_ICP_COOKIE = 0x72696370 };
+
+REG_API reg_icp_options reg_default_icp_options(void)
+{
+    reg_icp_options options;
+    memset(&options, 0, sizeof options);
+    options.metric = REG_ICP_PLANE;
+    options.search = 1;
+    options.start = reg_rigid_identity();
+    options.outliers = REG_OUTLIERS_MEDIAN;
+    options.outlier_parameter = 3;
+    options.max_distance = SB_REAL_MAX;
+    options.sample = 2000;
+    options.max_iterations = 100;
+    options.tolerance = (sb_real)1e-6;
+    options.max_seconds = 10;
+    options.cookie = REGI_ICP_COOKIE;
+    return options;
+}
+
+REG_API const char *reg_icp_stop_string(reg_icp_stop stop)
+{
+    switch (stop) {
+    case REG_ICP_CONVERGED: return "converged";
+    case REG_ICP_ITERATIONS: return "iterations";
+    case REG_ICP_TIME: return "time";
+    }
+    return "unknown";
+}
+
+REG_API const char *reg_warning_string(reg_warning warning)
+{
+    switch (warning) {
+    case REG_WARN_AMBIGUOUS: return "ambiguous";
+    case REG_WARN_INVERTED: return "inverted normals";
+    case REG_WARN_MIXED_NORMALS: return "mixed normals";
+    case REG_WARN_SCALE: return "scale";
+    case REG_WARN_VIEW_SMALL: return "small view";
+    case REG_WARN_MANY_OUTLIERS: return "many outliers";
+    case REG_WARN_LOW_CONTRAST: return "low contrast";
+    case REG_WARN_FREE_SPACE: return "free space";
+    }
+    return "unknown";
+}
+
+/* ==== checks ====================================================================================================== */
+
+static sb_result regi_icp_check(const reg_icp_shape *shape, const char *which, sb_error *error)
+{
+    sb_result result = regi_cloud_check(shape->points, shape->normals, shape->count, error);
+    sb_real most = 0;
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; shape->weights && i < shape->count; i++) {
+        if (!(shape->weights[i] >= 0) || !sb_is_finite(shape->weights[i]))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "the weight of the %s's point %d is %g", which, i,
+                                 (double)shape->weights[i]);
+        most = sb_max(most, shape->weights[i]);
+    }
+    if (shape->weights && !(most > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the %s are 0", which);
+    for (int i = 0; shape->sd && i < shape->count; i++)
+        if (!(shape->sd[i] > 0) || !sb_is_finite(shape->sd[i]))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "the sd of the %s's point %d is %g", which, i,
+                                 (double)shape->sd[i]);
+    if (!sb_v3_is_finite(shape->camera))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the camera of the %s is not finite", which);
+    if (shape->tree && reg_kdtree_count(shape->tree) != shape->count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the %s has %d points, its tree %d", which, shape->count,
+                        reg_kdtree_count(shape->tree));
+    return SB_OK;
+}
 
 static sb_result regi_icp_check_landmarks(const reg_icp_options *o, sb_error *error)
 {
@@ -4697,6 +5598,13 @@ static sb_result regi_icp_check_options(const reg_icp_options *o, sb_error *erro
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, it must be positive", o->max_seconds);
     if (!sb_v3_is_finite(o->start.translation) || !sb_is_finite(sbi_dense_max_abs(&o->start.rotation.m[0][0], 9)))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the start is not finite");
+    if (!(o->start_shift_sd >= 0) || !(o->start_turn_sd >= 0) || !(o->seen_from_sd >= 0) ||
+        !sb_is_finite(o->start_shift_sd + o->start_turn_sd + o->seen_from_sd))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a deviation of the start or of seen_from is out of range");
+    if (!sb_v3_is_finite(o->seen_from))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "seen_from is not finite");
+    if (o->seen_from_sd > 0 && !(sb_v3_norm(o->seen_from) > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "seen_from is 0, but seen_from_sd is not");
     if (reg_outlier_limit(&one, 1, o->outliers, o->outlier_parameter, &scratch) < 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "outlier rule %d with the parameter %g is out of range",
                         (int)o->outliers, (double)o->outlier_parameter);
@@ -4707,7 +5615,8 @@ static sb_result regi_icp_make_pairs(regi_icp *icp)
 {
     int landmarks = icp->options->landmark_count;
     int points = sbi_max_int(icp->a.sample.count, icp->a.spread.count);
-    int most = points + (icp->both ? sbi_max_int(icp->b.sample.count, icp->b.spread.count) : 0);
+    int others = sbi_max_int(icp->b.sample.count, icp->b.spread.count);
+    int most = icp->both ? points + others : sbi_max_int(points, others);
     size_t room = (size_t)most + (size_t)landmarks;
     regi_icp_pairs *p = &icp->pairs;
     p->from = (sb_vec3 *)sbi_alloc(icp->allocator, room, 3 * sizeof(sb_vec3));
@@ -4727,6 +5636,8 @@ static sb_result regi_icp_make_pairs(regi_icp *icp)
     }
     return SB_OK;
 }
+
+/* ==== the call ==================================================================================================== */
 
 static void regi_icp_tell(regi_icp *icp, const reg_rigid *motion, reg_icp_info *info)
 {
@@ -4753,11 +5664,39 @@ static int regi_icp_find_flip(regi_icp *icp, const regi_icp_stage *last, const r
     return regi_icp_pair(icp, &stage, motion) < as_they_are ? -1 : 1;
 }
 
-static sb_result regi_icp_run(regi_icp *icp, reg_rigid *motion, reg_icp_info *info)
+/* The poses to begin the last stage with, the likeliest first. */
+static sb_result regi_icp_begin(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *stage, regi_pose *poses,
+                                reg_icp_info *info)
+{
+    if (icp->options->search)
+        return regi_pose_search(icp, start, stage, poses, &info->pose_count, &info->candidates);
+    memset(poses, 0, sizeof poses[0]);
+    poses[0].motion = *start;
+    poses[0].flip = icp->a.unsure || icp->b.unsure ? regi_icp_find_flip(icp, stage, start) : 1;
+    info->pose_count = 1;
+    return SB_OK;
+}
+
+/* The poses and how clearly they are told apart; motions of the model from here on. */
+static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_info *info)
+{
+    for (int i = 0; i < info->pose_count; i++) {
+        info->poses[i] = regi_icp_of_model(icp, &poses[i].motion);
+        info->likelihood[i] = poses[i].likelihood - poses[0].likelihood;
+    }
+    info->margin = info->pose_count > 1 ? -info->likelihood[1] : SB_REAL_MAX;
+    if (info->margin < 3)
+        icp->warnings |= REG_WARN_AMBIGUOUS;
+    if (poses[0].flip < 0 && !icp->a.fitted && !icp->b.fitted)
+        icp->warnings |= REG_WARN_INVERTED;
+}
+
+static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_info *info)
 {
     const reg_icp_options *options = icp->options;
+    regi_pose poses[REG_ICP_POSES];
     regi_icp_stage stage;
-    sb_result result = SB_OK;
+    sb_result result;
     sb_real score;
     int converged;
     memset(&stage, 0, sizeof stage);
@@ -4767,20 +5706,21 @@ static sb_result regi_icp_run(regi_icp *icp, reg_rigid *motion, reg_icp_info *in
     stage.parameter = options->outlier_parameter;
     stage.reach = options->max_distance;
     stage.flip = 1;
-    if (options->search)
-        result = regi_icp_search(icp, motion, &stage, &info->candidates);
-    else if (icp->a.fitted || icp->b.fitted)
-        stage.flip = regi_icp_find_flip(icp, &stage, motion);
+    result = regi_icp_begin(icp, start, &stage, poses, info);
     if (result != SB_OK)
         return result;
-    info->iterations =
-        regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, motion, &score, &converged);
+    stage.flip = poses[0].flip;
+    info->iterations = regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, &poses[0].motion,
+                                        &score, &converged);
     info->stop = converged ? REG_ICP_CONVERGED : icp->out_of_time ? REG_ICP_TIME : REG_ICP_ITERATIONS;
-    regi_icp_tell(icp, motion, info);
+    regi_icp_tell(icp, &poses[0].motion, info);
     if (info->pairs == 0)
         return sbi_fail(icp->error, SB_ERROR_NOT_CONVERGED, "no points of the shapes are within %g m of each other",
                         (double)options->max_distance);
-    return SB_OK;
+    regi_icp_tell_poses(icp, poses, info);
+    result = regi_icp_report(icp, &stage, &poses[0], info);
+    info->warnings = icp->warnings;
+    return result;
 }
 
 REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *target, const reg_icp_options *options,
@@ -4788,7 +5728,7 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
 {
     reg_icp_options defaults = reg_default_icp_options();
     reg_icp_info report;
-    reg_rigid found;
+    reg_rigid start;
     regi_icp icp;
     sb_result result;
     if (!model || !target || !motion)
@@ -4806,6 +5746,7 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
     if (result != SB_OK)
         return result;
     icp.begun = icp.options->clock ? icp.options->clock() : 0;
+    icp.target = target;
     icp.both = icp.options->overlap == REG_ICP_WHOLE;
     icp.swapped = icp.options->overlap == REG_ICP_TARGET_PART;
     result = regi_icp_side_make(&icp, icp.swapped ? target : model, &icp.a);
@@ -4813,11 +5754,11 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
         result = regi_icp_side_make(&icp, icp.swapped ? model : target, &icp.b);
     if (result == SB_OK)
         result = regi_icp_make_pairs(&icp);
-    found = icp.swapped ? reg_rigid_inverse(&icp.options->start) : icp.options->start;
+    start = icp.swapped ? reg_rigid_inverse(&icp.options->start) : icp.options->start;
     if (result == SB_OK)
-        result = regi_icp_run(&icp, &found, &report);
+        result = regi_icp_run(&icp, &start, &report);
     if (result == SB_OK) {
-        *motion = icp.swapped ? reg_rigid_inverse(&found) : found;
+        *motion = report.poses[0];
         if (info)
             *info = report;
     }

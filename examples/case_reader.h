@@ -173,8 +173,10 @@ typedef struct case_treatment {
 } case_treatment;
 
 static const case_treatment case_treatments[] = {
-    {"tet4", SB_TET4, 0, 0},     {"tet10", SB_TET10, 0, 0}, {"tet10sr", SB_TET10, 1, 0}, {"hex8", SB_HEX8, 0, 0},
-    {"hex8bbar", SB_HEX8, 0, 1}, {"hex20", SB_HEX20, 0, 0}, {"hex27", SB_HEX27, 0, 0},
+    {"tet4", SB_TET4, 0, 0},       {"tet10", SB_TET10, 0, 0},   {"tet10sr", SB_TET10, 1, 0},
+    {"hex8", SB_HEX8, 0, 0},       {"hex20", SB_HEX20, 0, 0},   {"hex27", SB_HEX27, 0, 0},
+    {"tet10bbar", SB_TET10, 0, 1}, {"hex8bbar", SB_HEX8, 0, 1}, {"hex20bbar", SB_HEX20, 0, 1},
+    {"hex27bbar", SB_HEX27, 0, 1},
 };
 enum { CASE_TREATMENT_COUNT = (int)(sizeof case_treatments / sizeof case_treatments[0]) };
 

@@ -54,7 +54,7 @@ static const double GRIP = 0.010, LIFT = 0.005;   /* m from the cut to the grasp
 
 typedef struct settings {
     const char *mesh, *skin, *scan, *prefix;
-    double scale, young, poisson, friction, cutting, noise, push, press, azimuth, elevation;
+    double scale, young, poisson, friction, cutting, noise, limit, push, press, azimuth, elevation;
     int cells, steps, help;
 } settings;
 
@@ -586,6 +586,18 @@ static sb_result measure_fit(work *w, sb_error *error)
     return result;
 }
 
+/* A needle that is planned on an organ which does not lie where it was seen goes beside its target. */
+static int check_fit(const work *w)
+{
+    char words[160];
+    if (1e3 * w->registered <= w->set->limit)
+        return 0;
+    snprintf(words, sizeof words,
+             "the organ lies %.1f mm from its scan, over --limit %g: check --young, --scale and the frame of the scan",
+             1e3 * w->registered, w->set->limit);
+    return complain(EXIT_SOLVE, "registration", words);
+}
+
 static int register_organ(work *w)
 {
     reg_match_def def = reg_default_match_def();
@@ -608,6 +620,8 @@ static int register_organ(work *w)
         return status;
     if (measure_fit(w, &error) != SB_OK)
         return complain_memory();
+    if ((status = check_fit(w)) != 0)
+        return status;
     if (find_target(&w->main, &target))
         return EXIT_SOLVE;
     w->offset = sb_v3_sub(target, w->target);
@@ -1105,7 +1119,7 @@ static int check_settings(const settings *s)
 
 static int program(int argc, char **argv)
 {
-    static settings s = {NULL, NULL, NULL, "one_body", 1, 5e3, 0.45, 10, 0.1, 0.2, 1, 0.3, -60, 20, 14, 120, 0};
+    static settings s = {NULL, NULL, NULL, "one_body", 1, 5e3, 0.45, 10, 0.1, 0.2, 5, 1, 0.3, -60, 20, 14, 120, 0};
     const option options[] = {
         {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0,
          "organ of tet4; default one made here, like a liver"},
@@ -1116,6 +1130,8 @@ static int program(int argc, char **argv)
          "points that were seen, in the organ's frame; default made here"},
         {"--scale", "S", OPTION_NUMBER, NULL, &s.scale, NULL, 1e-9, 1e9, "of the files' lengths, to metres"},
         {"--noise", "MM", OPTION_NUMBER, NULL, &s.noise, NULL, 0, 10, "of a scan made here"},
+        {"--limit", "MM", OPTION_NUMBER, NULL, &s.limit, NULL, 0, 1000,
+         "mean distance of the scan from a registered organ"},
         {"--push", "N", OPTION_NUMBER, NULL, &s.push, NULL, 0, 100, "force that deforms the organ of a scan made here"},
         {"--press", "N", OPTION_NUMBER, NULL, &s.press, NULL, 0, 100, "force that the probe comes down to"},
         {"--young", "PA", OPTION_NUMBER, NULL, &s.young, NULL, 100, 1e9, "of the organ"},

@@ -191,12 +191,17 @@ static inline void random_case_free(random_case *c)
     memset(c, 0, sizeof *c);
 }
 
+static inline sb_integration random_integration(sb_element_type type, unsigned long long *seed)
+{
+    return type != SB_TET4 && check_random(seed) < 0.5 ? SB_INTEGRATION_BBAR : SB_INTEGRATION_AUTO;
+}
+
 /* violence: 0: gentle, so that answers can be compared; 1: steps and loads of any size. 0 when it could not be made. */
 static inline int random_case_make(random_case *c, unsigned long long number, int violence)
 {
     static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
     static const sb_integrator integrators[] = {SB_EULER, SB_NEWMARK, SB_GENERALISED_ALPHA, SB_CENTRAL_DIFFERENCE};
-    unsigned long long seed = 0x9E3779B97F4A7C15ULL * (number + 1);
+    unsigned long long seed = 0x9E3779B97F4A7C15ULL * (number + 1), other = seed;
     sb_element_type type;
     const char *shape, *material;
     double size;
@@ -217,7 +222,7 @@ static inline int random_case_make(random_case *c, unsigned long long number, in
     for (int i = 0; i < c->mesh.node_count; i++)
         c->mesh.nodes[i] = sb_v3_madd(shift, REAL(size), sb_quat_rotate(turn, c->mesh.nodes[i]));
     c->material = random_material(&seed, &material);
-    c->integration = type == SB_HEX8 && check_random(&seed) < 0.5 ? SB_INTEGRATION_BBAR : SB_INTEGRATION_AUTO;
+    c->integration = random_integration(type, type == SB_HEX8 ? &seed : &other);
     c->integrator = integrators[random_below(&seed, violence ? 4 : 3)];
     c->mass = check_random(&seed) < 0.5 || c->integrator == SB_CENTRAL_DIFFERENCE ? SB_MASS_LUMPED : SB_MASS_CONSISTENT;
     c->damping = REAL(c->integrator == SB_CENTRAL_DIFFERENCE ? 0 : random_scale(&seed, 1e-4, 1e-2));

@@ -1,7 +1,8 @@
 /* test_contact_sweep: tools of all shapes and speeds on random ways into bodies: no skeleton ever crosses a deformed
  * face, and steps succeed or leave everything as it was. A sweep is made from its kind and its number alone: 38 of each
- * kind are done, as in CI, or CHECK_SLOW=n of each from number CHECK_FIRST (0) on, or as many of them as CHECK_SECONDS
- * of the processor allow for all kinds (make soak). One that fails is named, and is done again alone by its number. */
+ * kind are done, or CHECK_SLOW=n of each from number CHECK_FIRST (0) on (CI does 834 of each), or as many of them as
+ * CHECK_SECONDS of the processor allow for all kinds (make soak). One that fails is named, and is done again alone by
+ * its number. */
 #define SB_SPLIT_BUILD
 #include "../src/softbody/contact/contact_private.h"
 

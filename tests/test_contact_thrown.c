@@ -2,6 +2,7 @@
  * another, no step is refused, and no energy comes from nowhere. */
 #define SB_SPLIT_BUILD
 #include "../src/softbody/body/body_private.h"
+#include "../src/softbody/body/constraint.h"
 #include "../src/softbody/contact/contact_private.h"
 
 #include "contact_scene.h"
@@ -205,15 +206,30 @@ static void motion_add(motion *m, double mass, sb_vec3 way)
     m->size += mass * (double)sb_v3_norm(way);
 }
 
-static motion motion_of(const sb_contact *contact, const sb_vec3 *u)
+/* Of velocities [rows]. What slaves of constraints weigh counts with each of their masters. */
+static motion speed_of(const sb_contact *contact, const sb_vec3 *v)
 {
     const sb_body *body = contact->body;
     motion m;
     memset(&m, 0, sizeof m);
-    for (int i = 0; i < sb_body_node_count(body); i++) {
-        sb_vec3 way = sb_v3_sub(sb_v3_add(sb_body_rest_positions(body)[i], u[i]), sb_body_positions(body)[i]);
-        motion_add(&m, (double)body->lumped_mass[i], way);
-    }
+    for (int i = 0; i < sb_body_node_count(body); i++)
+        motion_add(&m, (double)body->lumped_mass[i], v[i]);
+    if (body->elimination)
+        m.square += 2 * sbi_constraint_lumped_energy(body, v);
+    return m;
+}
+
+/* Of the ways to displacements u [rows]. */
+static motion motion_of(const sb_contact *contact, const sb_vec3 *u)
+{
+    const sb_body *body = contact->body;
+    int count = sb_body_node_count(body);
+    sb_vec3 *way = (sb_vec3 *)malloc((size_t)count * sizeof *way);
+    motion m;
+    for (int i = 0; i < count; i++)
+        way[i] = sb_v3_sub(sb_v3_add(sb_body_rest_positions(body)[i], u[i]), sb_body_positions(body)[i]);
+    m = speed_of(contact, way);
+    free(way);
     return m;
 }
 
@@ -238,17 +254,6 @@ static int watched_hold(void *user, sb_vec3 *u)
     return changed;
 }
 
-/* Momentum by velocities, as motion_of. */
-static motion speed_of(const sb_contact *contact, const sb_vec3 *v)
-{
-    const sb_body *body = contact->body;
-    motion m;
-    memset(&m, 0, sizeof m);
-    for (int i = 0; i < sb_body_node_count(body); i++)
-        motion_add(&m, (double)body->lumped_mass[i], v[i]);
-    return m;
-}
-
 static void (*own_brake)(void *, const sb_vec3 *, sb_vec3 *);
 static int braked;
 
@@ -261,13 +266,51 @@ static void watched_brake(void *user, const sb_vec3 *u, sb_vec3 *v)
     braked++;
 }
 
+/* ---- constraints --------------------------------------------------------------------------------------------------
+ */
+
+/* Some nodes of each organ go as a mean of others of a cell, which may be slaves themselves. Returns how many. */
+static int organs_tie(organs *o, unsigned long long *seed)
+{
+    int width = sb_element_node_count(o->p.mesh.element_type), made = 0;
+    unsigned char *slave = (unsigned char *)calloc((size_t)o->p.mesh.node_count, 1);
+    for (int e = 0; e < o->p.mesh.element_count; e++) {
+        const int *cell = o->p.mesh.elements + (size_t)e * (size_t)width;
+        sb_constraint_term terms[4];
+        int last = 0, count = 1;
+        double sum = 0;
+        for (int a = 1; a < 4; a++)
+            last = cell[a] > cell[last] ? a : last;
+        if (check_random(seed) > 0.03 || slave[cell[last]])
+            continue;
+        slave[cell[last]] = 1;
+        for (int a = 0; a < 4; a++) {
+            if (a == last)
+                continue;
+            terms[count].node = cell[a];
+            terms[count].coefficient = REAL(-check_random_in(seed, 0.1, 1));
+            sum -= (double)terms[count++].coefficient;
+        }
+        terms[0].node = cell[last];
+        terms[0].coefficient = REAL(sum);
+        for (int axis = 0; axis < 3; axis++) {
+            for (int k = 0; k < count; k++)
+                terms[k].axis = axis;
+            CHECK_OK(sb_body_add_constraint(o->p.body, terms, count, 0, NULL, NULL));
+        }
+        made++;
+    }
+    free(slave);
+    return made;
+}
+
 /* ---- thrown at each other -------------------------------------------------------------------------------------- */
 
 /* Of a cell's edge: how deep nodes of the skin may come. */
 #define DEEPEST 0.5
 
 /* Speeds stay below those at which the tissue itself is turned inside out: rho v^2 = 2 E. */
-static void throw_organs(unsigned long long number, sb_integrator integrator)
+static void throw_organs(unsigned long long number, sb_integrator integrator, int tied)
 {
     static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8};
     unsigned long long seed = 977 * number + 3;
@@ -291,6 +334,7 @@ static void throw_organs(unsigned long long number, sb_integrator integrator)
     def = tissue(material, check_random(&seed) < 0.5 ? 0.01 : 0.002);
     def.integrator = integrator;
     organs_make(&o, type, count, &seed, scale, speed, def);
+    CHECK(!tied || organs_tie(&o, &seed) > 0);
     own_hold = o.p.contact->touch.hold;
     o.p.contact->touch.hold = watched_hold;
     own_brake = o.p.contact->touch.brake;
@@ -317,7 +361,7 @@ static void test_thrown(void)
 {
     int scenes = check_quick() ? 2 : check_rounds(10);
     for (int i = 0; i < scenes; i++)
-        throw_organs((unsigned long long)i, SB_EULER);
+        throw_organs((unsigned long long)i, SB_EULER, 0);
     CHECK(held > 0 || scenes < 10);
 }
 
@@ -328,8 +372,8 @@ static void test_schemes(void)
     int scenes = check_quick() ? 1 : check_rounds(3);
     braked = 0;
     for (int i = 0; i < scenes; i++) {
-        throw_organs(numbers[i], SB_NEWMARK);
-        throw_organs(numbers[i], SB_GENERALISED_ALPHA);
+        throw_organs(numbers[i], SB_NEWMARK, 0);
+        throw_organs(numbers[i], SB_GENERALISED_ALPHA, 0);
     }
     CHECK(braked > 0 || scenes < 3);
 }
@@ -358,7 +402,7 @@ static sb_vec3 middle_of(const organs *o, int organ)
 }
 
 /* What moves farther than itself in the shortest part does not pass either: it takes the other along. */
-static void throw_fast(sb_integrator integrator, double speed)
+static void throw_fast(sb_integrator integrator, double speed, int tied)
 {
     for (unsigned long long number = 1; number <= 3; number++) {
         sb_body_def def = tissue(sb_material_corotated(REAL(5e8), REAL(0.4), 1000), 1e-4);
@@ -367,6 +411,7 @@ static void throw_fast(sb_integrator integrator, double speed)
         organs o;
         def.integrator = integrator;
         organs_make(&o, number % 2 ? SB_TET4 : SB_HEX8, 2, &seed, 1, speed, def);
+        CHECK(!tied || organs_tie(&o, &seed) > 0);
         own_mend = o.p.contact->touch.mend;
         o.p.contact->touch.mend = watched_mend;
         own_brake = o.p.contact->touch.brake;
@@ -387,8 +432,21 @@ static void test_too_fast(void)
     static const sb_integrator schemes[] = {SB_EULER, SB_NEWMARK, SB_GENERALISED_ALPHA};
     mended = 0;
     for (int i = 0; i < 3; i++)
-        throw_fast(schemes[i], schemes[i] == SB_EULER ? 600 : 2000);
+        throw_fast(schemes[i], schemes[i] == SB_EULER ? 600 : 2000, 0);
     CHECK(mended > 0);
+}
+
+/* Slaves of constraints are no supports: what is taken out of their motion goes to their masters. */
+static void test_tied(void)
+{
+    held = braked = mended = 0;
+    throw_organs(0, SB_EULER, 1);
+    throw_organs(4, SB_NEWMARK, 1);
+    CHECK(held > 0 && braked > 0);
+    braked = 0;
+    throw_fast(SB_EULER, 600, 1);
+    throw_fast(SB_NEWMARK, 2000, 1);
+    CHECK(mended > 0 && braked > 0);
 }
 
 /* ---- the same bits ---------------------------------------------------------------------------------------------- */
@@ -500,4 +558,4 @@ static void test_still(void)
 }
 
 CHECK_SUITE(contact_thrown, {"thrown at each other", test_thrown}, {"schemes", test_schemes},
-            {"too fast", test_too_fast}, {"same bits", test_same_bits}, {"still", test_still});
+            {"too fast", test_too_fast}, {"tied", test_tied}, {"same bits", test_same_bits}, {"still", test_still});

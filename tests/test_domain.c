@@ -259,8 +259,8 @@ static void test_errors(void)
     bad.points_per_cell = 7;
     CHECK_RESULT(refused(&def, "7 points per cell"), SB_ERROR_ARGUMENT);
     bad = domain;
-    bad.mean_point = 2;
-    CHECK_RESULT(refused(&def, "mean_point 2"), SB_ERROR_ARGUMENT);
+    bad.mean_points = 2;
+    CHECK_RESULT(refused(&def, "mean_points 2"), SB_ERROR_ARGUMENT);
     bad = domain;
     bad.single_rotation = 1;
     CHECK_RESULT(refused(&def, "single_rotation 1"), SB_ERROR_ARGUMENT);

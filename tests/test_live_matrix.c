@@ -685,6 +685,10 @@ static void test_preconditioners(void)
         }
         CHECK(memcmp(r + 3 * a.row_count, r + 6 * a.row_count, 3 * (size_t)a.row_count * sizeof(sb_real)) == 0);
     }
+    CHECK_OK(sbi_matrix_reserve(&a, NULL, NULL, NULL));
+    sbi_matrix_follow(&a, NULL); /* as where nodes move: the same pattern */
+    for (int kind = SB_PRECOND_BLOCK_JACOBI; kind <= SB_PRECOND_MULTIGRID; kind++)
+        CHECK_OK(sb_preconditioner_update(of[kind][0], &a, NULL, NULL));
     for (pair[0] = 0; a.row_end[pair[0]] - a.row_start[pair[0]] == 1; pair[0]++)
         continue;
     pair[1] = a.columns[a.row_end[pair[0]] - 1];

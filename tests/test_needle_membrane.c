@@ -125,6 +125,42 @@ static void test_steps(void)
     CHECK(most[0] < 1.06 * least[0] && most[1] < 1.06 * least[1]);
 }
 
+/* Steps that are divided at a membrane after the mesh has followed the tip in them are taken back so far, and no
+ * further: that takes no memory while the mesh keeps to its slack. Counts the divided ones in which the mesh changed.
+ */
+static int check_no_memory(unsigned long long seed, double dt)
+{
+    membrane_case c;
+    needle_scene s = membrane_scene(&c, NDL_REMESH, &seed);
+    scene_memory memory = {0, 0, 0, 0};
+    sb_vec3 X = sb_v3(0, 0, 1);
+    int divided = 0;
+    s.cells[0] = s.cells[1] = 6;
+    s.body_def.allocator = s.needle_def.allocator = scene_allocator(&memory);
+    if (needle_scene_make(&s)) {
+        memory.calls = 0;
+        for (double gone = 0; gone < 0.036 && X.z > REAL(0.012); gone += 0.05 * dt) {
+            if (!needle_scene_run(&s, dt, 1, needle_command(0.05, 0)))
+                break;
+            CHECK_INT(memory.calls, 0);
+            memory.calls = 0;
+            divided += s.info.substeps > 2 && s.info.operations > 0;
+            (void)ndl_needle_tip_material(s.needles[0], &X);
+        }
+    }
+    needle_scene_free(&s);
+    CHECK_INT(memory.live, 0);
+    return divided;
+}
+
+static void test_memory(void)
+{
+    int divided = 0;
+    for (int k = 0; k < check_rounds(4); k++)
+        divided += check_no_memory(800 + (unsigned)k, k % 2 ? 0.05 : 0.02);
+    CHECK(divided > 0);
+}
+
 /* Two needles that come to membranes in the same step, at different times; and a base that is moved there. */
 static void test_two_needles(void)
 {
@@ -153,4 +189,4 @@ static void test_two_needles(void)
 }
 
 CHECK_SUITE(needle_membrane, {"embedded", test_embedded}, {"oblique", test_oblique}, {"remeshed", test_remeshed},
-            {"steps", test_steps}, {"two needles", test_two_needles});
+            {"steps", test_steps}, {"no memory", test_memory}, {"two needles", test_two_needles});

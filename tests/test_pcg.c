@@ -893,6 +893,52 @@ static void test_indefinite_solve(void)
     beam_free(&b);
 }
 
+/* A part of the matrix on which single precision keeps the preconditioner from being positive definite, and no shift
+ * either: it goes on with its diagonal, and others take no iteration more. */
+static void test_crumb(void)
+{
+    enum { TIED = 40, CRUMB = TIED, UNKNOWNS = 3 * (TIED + 1) };
+    /* a block that single precision holds exactly, whose pivots just pass and whose rounded inverse is indefinite */
+    static const double block[9] = {1,           0.81297189,  0.614414692, 0.81297189, 0.660941541,
+                                    0.502459049, 0.614414692, 0.502459049, 0.856777906};
+    static const double push[3] = {-0.457856379, -0.368184161, 0.387023854};
+    const double tolerance = SB_REAL_IS_FLOAT ? 1e-3 : 1e-8;
+    int pairs[TIED - 1][2];
+    double values[TIED - 1], *exact;
+    sb_real rhs[UNKNOWNS], x[UNKNOWNS], z[UNKNOWNS], dot = 0;
+    sb_pcg_info alone, both;
+    sb_preconditioner *p;
+    sb_matrix a;
+    for (int k = 0; k < TIED - 1; k++)
+        pairs[k][0] = k, pairs[k][1] = k + 1, values[k] = -1;
+    a = scalar_matrix(TIED + 1, 2.01, TIED - 1, (const int(*)[2])pairs, values);
+    memset(rhs, 0, sizeof rhs);
+    for (int k = 0; k < 3 * TIED; k++)
+        rhs[k] = (sb_real)(k % 5 - 1.5);
+    memset(x, 0, sizeof x);
+    p = precond_make(&a, SB_PRECOND_BLOCK_JACOBI, NULL, 0);
+    CHECK_OK(solve(&a, p, rhs, x, tolerance, 500, NULL, &alone));
+    for (int k = 0; k < 9; k++)
+        a.blocks[a.diagonal[CRUMB]][k] = (sb_real)block[k];
+    CHECK_OK(sb_preconditioner_update(p, &a, NULL, NULL));
+    for (int axis = 0; axis < 3; axis++)
+        rhs[3 * CRUMB + axis] = (sb_real)push[axis];
+    sb_preconditioner_apply(p, rhs, z);
+    for (int axis = 0; axis < 3; axis++)
+        dot += z[3 * CRUMB + axis] * rhs[3 * CRUMB + axis];
+    CHECK(dot < 0); /* or this tests nothing */
+    memset(x, 0, sizeof x);
+    CHECK_OK(solve(&a, p, rhs, x, tolerance, 500, NULL, &both));
+    CHECK_INT(both.iterations, alone.iterations);
+    exact = exact_solution(&a, rhs);
+    for (int k = 0; k < 3 * TIED; k++)
+        CHECK_NEAR(x[k], exact[k], 100 * tolerance * largest(exact, 3 * TIED));
+    CHECK(true_residual(&a, rhs, x) <= tolerance);
+    free(exact);
+    sb_preconditioner_free(p);
+    sb_matrix_free(&a);
+}
+
 /* A free body has six motions without stiffness: solvable when the loads balance, else not, and never a
  * NaN. */
 static void test_singular(void)
@@ -1072,5 +1118,6 @@ CHECK_SUITE(pcg, {"defaults and no preconditioner", test_none_and_defaults},
             {"warm start", test_warm_start}, {"zero rhs and one node", test_zero_rhs_and_one_node},
             {"scales", test_scales}, {"threads", test_threads}, {"golden solve", test_golden_solve},
             {"iteration cap", test_cap}, {"tolerance zero", test_tolerance_zero},
-            {"indefinite solve", test_indefinite_solve}, {"singular", test_singular}, {"not finite", test_not_finite},
-            {"bad arguments", test_bad_arguments}, {"failing memory", test_failing_memory});
+            {"indefinite solve", test_indefinite_solve}, {"a crumb on its diagonal", test_crumb},
+            {"singular", test_singular}, {"not finite", test_not_finite}, {"bad arguments", test_bad_arguments},
+            {"failing memory", test_failing_memory});

@@ -6,7 +6,22 @@
 #include "verification_scene.h"
 
 static const double young = 1000, pressure = 1;
-static const char *const elements[] = {"tet4", "tet10", "hex8", "hex8, B-bar", "hex20", "hex27"};
+
+/* Elements for nearly incompressible bodies alone: at other Poisson's ratios the standard rule is the better one. */
+static const verify_element quadratic_bbar[] = {{"tet10, B-bar", SB_TET10, SB_INTEGRATION_BBAR, 0, 2},
+                                                {"hex20, B-bar", SB_HEX20, SB_INTEGRATION_BBAR, 0, 2},
+                                                {"hex27, B-bar", SB_HEX27, SB_INTEGRATION_BBAR, 0, 2}};
+
+static const verify_element *element_named(const char *name)
+{
+    for (int i = 0; i < 3; i++)
+        if (strcmp(quadratic_bbar[i].name, name) == 0)
+            return quadratic_bbar + i;
+    return verify_element_named(name);
+}
+
+static const char *const elements[] = {"tet4",  "tet10",        "hex8",         "hex8, B-bar", "hex20",
+                                       "hex27", "tet10, B-bar", "hex20, B-bar", "hex27, B-bar"};
 enum { ELEMENTS = (int)(sizeof elements / sizeof elements[0]) };
 static const double poissons[] = {0.45, 0.49, 0.499, 0.4999};
 enum { POISSONS = (int)(sizeof poissons / sizeof poissons[0]) };
@@ -182,13 +197,19 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.0723, -0.262, -0.777, -0.972},
                                       {-0.016, -0.0162, -0.0162, -0.0162},
                                       {-0.00107, -0.00504, -0.0476, -0.333},
-                                      {-0.00109, -0.00505, -0.0476, -0.333}},
+                                      {-0.00109, -0.00505, -0.0476, -0.333},
+                                      {-0.00073, -0.000863, -0.000975, -0.000996},
+                                      {-0.000179, -0.000181, -0.000181, -0.000181},
+                                      {-0.000198, -0.0002, -0.0002, -0.0002}},
                                      {{-0.156, -0.332, -0.508, -0.545},
                                       {-0.003, -0.00835, -0.0383, -0.154},
                                       {-0.0771, -0.271, -0.78, -0.972},
                                       {-0.0181, -0.0187, -0.0188, -0.0189},
                                       {-0.0012, -0.0054, -0.0465, -0.288},
-                                      {-0.00121, -0.00526, -0.0444, -0.254}}}},
+                                      {-0.00121, -0.00526, -0.0444, -0.254},
+                                      {-0.00105, -0.00117, -0.00125, -0.00126},
+                                      {-0.00021, -0.000212, -0.000213, -0.000213},
+                                      {-0.000229, -0.000232, -0.000232, -0.000232}}}},
                                    {"thick sphere b/a = 2, octant, 3 of 3x3x3 (linear 6x6x6)",
                                     "Lame 1852",
                                     "u(a)/exact",
@@ -198,13 +219,19 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.0486, -0.189, -0.695, -0.958},
                                       {-0.0107, -0.0109, -0.0109, -0.0109},
                                       {-0.00364, -0.0168, -0.144, -0.628},
-                                      {-0.00364, -0.0168, -0.144, -0.628}},
+                                      {-0.00364, -0.0168, -0.144, -0.628},
+                                      {-0.00267, -0.00321, -0.00343, -0.00345},
+                                      {-0.000698, -0.000707, -0.000709, -0.00071},
+                                      {-0.000673, -0.000682, -0.000684, -0.000685}},
                                      {{-0.0793, -0.166, -0.275, -0.425},
                                       {-0.00702, -0.015, -0.0533, -0.202},
                                       {-0.0484, -0.184, -0.683, -0.955},
                                       {-0.0115, -0.0117, -0.0118, -0.0118},
                                       {-0.00382, -0.0173, -0.139, -0.566},
-                                      {-0.00376, -0.0167, -0.128, -0.448}}}},
+                                      {-0.00376, -0.0167, -0.128, -0.448},
+                                      {-0.00318, -0.00377, -0.00402, -0.00404},
+                                      {-0.000722, -0.000738, -0.000741, -0.000742},
+                                      {-0.00071, -0.000721, -0.000724, -0.000724}}}},
                                    {"block pressed on a quarter of its top, 4x4x4 (linear 8x8x8)",
                                     "extrapolated from B-bar hex8 of 16, 24, 32 cells per side",
                                     "energy/that of fine meshes",
@@ -214,13 +241,19 @@ static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
                                       {-0.0465, -0.123, -0.425, -0.821},
                                       {-0.0184, -0.0188, -0.0189, -0.019},
                                       {-0.0183, -0.0335, -0.055, -0.0667},
-                                      {-0.0157, -0.0312, -0.0526, -0.0599}},
+                                      {-0.0157, -0.0312, -0.0526, -0.0599},
+                                      {0.00163, 0.00249, 0.00226, 0.0022},
+                                      {-0.00849, -0.00985, -0.0103, -0.0104},
+                                      {-0.00471, -0.00463, -0.00461, -0.00462}},
                                      {{-0.0966, -0.188, -0.345, -0.482},
                                       {-0.0259, -0.0409, -0.0692, -0.137},
                                       {-0.0487, -0.127, -0.432, -0.831},
                                       {-0.0196, -0.0201, -0.0204, -0.0204},
                                       {-0.0188, -0.0341, -0.0596, -0.0953},
-                                      {-0.0159, -0.0315, -0.0546, -0.0715}}}}};
+                                      {-0.0159, -0.0315, -0.0546, -0.0715},
+                                      {0.000583, 0.00138, 0.00113, 0.00106},
+                                      {-0.00891, -0.0104, -0.0109, -0.011},
+                                      {-0.00488, -0.00482, -0.0048, -0.00481}}}}};
 enum { SUBJECTS = (int)(sizeof subjects / sizeof subjects[0]) };
 
 /* Poisson's ratio above which sb_body_check warns of the element. */
@@ -239,7 +272,7 @@ static double limit_of(const verify_element *element)
 static void subject_rows(const subject *s, int distorted)
 {
     for (int e = 0; e < ELEMENTS; e++) {
-        const verify_element *element = verify_element_named(elements[e]);
+        const verify_element *element = element_named(elements[e]);
         double limit = limit_of(element), first = 0, last = 0;
         char name[120];
         for (int k = 0; k < POISSONS; k++) {
@@ -254,7 +287,8 @@ static void subject_rows(const subject *s, int distorted)
         }
         if (limit >= 0.5 && !SB_REAL_IS_FLOAT) {
             snprintf(name, sizeof name, "%s, %s mesh", s->name, distorted ? "distorted" : "even");
-            verify(name, elements[e], s->source, "what nu 0.4999 loses of it against 0.45", 0, first - last, 0.002);
+            verify(name, elements[e], s->source, "what nu 0.4999 loses of it against 0.45", 0, first - last,
+                   element->degree > 1 ? 0.0025 : 0.002); /* a hex20 of so few cells errs otherwise at each */
         }
     }
 }
@@ -281,7 +315,7 @@ static double most_lost(const verify_element *element, double poisson)
 static void test_limits(void)
 {
     for (int e = 0; e < ELEMENTS; e++) {
-        const verify_element *element = verify_element_named(elements[e]);
+        const verify_element *element = element_named(elements[e]);
         double limit = limit_of(element), lost;
         if (limit >= 0.5) {
             if (!SB_REAL_IS_FLOAT)

@@ -72,6 +72,19 @@ struct ndl_needle {
     void *memory;
 };
 
+/* Whose start a state is kept of. */
+typedef enum ndli_keeping {
+    NDLI_KEPT_STEP = 0,
+    NDLI_KEPT_SUBSTEP = 1, /* one before which the mesh has changed in its step */
+    NDLI_KEPT_COUNT = 2
+} ndli_keeping;
+
+/* A state of a body, its remesher and its needles in one block, which holds nothing between steps. */
+typedef struct ndli_kept {
+    unsigned char *bytes;
+    size_t room, body; /* bytes; those of the body's state at its begin */
+} ndli_kept;
+
 /* What the needles of one body share; made for the first, gone with the last. */
 struct ndli_site {
     sb_body *body;
@@ -92,9 +105,8 @@ struct ndli_site {
     size_t place_room;
     double *unknown; /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
     size_t node_room;
-    unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
-    size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */
-    int undo_waits;              /* 1: a failed step is still to be taken back, which wants memory */
+    ndli_kept kept[NDLI_KEPT_COUNT]; /* states to go back to; see needle_undo.c */
+    int undo_waits;                  /* 1: a failed step is still to be taken back, which wants memory */
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -216,14 +228,14 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 
 /* ---- needle_undo ---- */
 
-/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
+/* Memory for all that steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
  * none. */
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
-NDLI_API int ndli_needle_keep(struct ndli_site *site);
+NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which);
 /* Brings it back. SB_ERROR_MEMORY, where the mesh has changed since: nothing has changed, and undo_waits is set. */
-NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error);
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, ndli_keeping which, sb_error *error);
 /* The same where it waits; else does nothing. */
 NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *error);
 /* Where the body has got another mesh since the last step: needles are outside, whatever they were in.

@@ -52,7 +52,8 @@ NDLI_API void ndli_site_free(struct ndli_site *site)
     sbi_free(&allocator, site->node_place);
     sbi_free(&allocator, site->coupled);
     sbi_free(&allocator, site->unknown);
-    sbi_free(&allocator, site->undo);
+    for (int i = 0; i < NDLI_KEPT_COUNT; i++)
+        sbi_free(&allocator, site->kept[i].bytes);
     sbi_free(&allocator, site);
 }
 

@@ -267,29 +267,45 @@ static double ndli_step_end_after(const ndli_step_ends *ends, double t)
     return next;
 }
 
-/* Substeps up to the first that a tip runs through the edge of a membrane in, which is *edge then, else 0. */
-static sb_result ndli_step_run_to_edge(const ndli_stepping *s, double dt, const ndli_step_ends *ends, double *edge)
+static int ndli_step_looks_for_edges(const ndli_step_ends *ends, double t, double end)
 {
-    sb_result result = SB_OK;
-    memset(s->info, 0, sizeof *s->info);
-    s->info->consistent = 1;
-    s->info->worst_quality = 1;
-    *edge = 0;
-    for (double t = 0, end; t < ends->substeps && result == SB_OK; t = end) {
-        int looks = ends->edge_count < NDLI_STEP_EDGES;
-        double length, share;
-        end = ndli_step_end_after(ends, t);
-        length = (end - t) * (dt / ends->substeps);
-        result = ndli_step_advance(s, length, (end - t) / (ends->substeps - t));
-        share = result == SB_OK && looks && end - t > 2 * ndli_step_shortest ? ndli_step_share_to_edge(s, length) : 1;
-        *edge = t + share * (end - t);
-        if (share < 1)
-            return SB_OK;
-        if (result == SB_OK)
-            result = ndli_step_end_substep(s);
+    return ends->edge_count < NDLI_STEP_EDGES && end - t > 2 * ndli_step_shortest;
+}
+
+/* What a substep that runs through an edge of a membrane is taken back to: before the first the mesh is still that of
+ * the step's start. */
+static sb_result ndli_step_keep_substep(const ndli_stepping *s, double t, ndli_keeping *kept)
+{
+    int watched = 0;
+    for (int k = 0; k < s->count; k++)
+        watched = watched || s->needles[k]->capsule_count > 0;
+    *kept = t > 0 && watched ? NDLI_KEPT_SUBSTEP : NDLI_KEPT_STEP;
+    if (*kept == NDLI_KEPT_SUBSTEP && !ndli_needle_keep(s->site, *kept))
+        return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a substep");
+    return SB_OK;
+}
+
+/* A substep from t on, to the first edge of a membrane that a tip runs through in it: what it has to cut is one force
+ * in a substep. No mesh has followed a tip where one is taken back. *end: where it ends. */
+static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
+{
+    ndl_step_info before = *s->info;
+    ndli_keeping kept;
+    sb_result result = ndli_step_keep_substep(s, t, &kept);
+    while (result == SB_OK) {
+        double length, share = 1;
+        *end = ndli_step_end_after(ends, t);
+        length = (*end - t) * (dt / ends->substeps);
+        result = ndli_step_advance(s, length, (*end - t) / (ends->substeps - t));
+        if (result == SB_OK && ndli_step_looks_for_edges(ends, t, *end))
+            share = ndli_step_share_to_edge(s, length);
+        if (result != SB_OK || !(share < 1))
+            break;
+        ends->edges[ends->edge_count++] = t + share * (*end - t);
+        *s->info = before;
+        result = ndli_needle_undo(s->site, kept, s->error);
     }
-    *edge = 0;
-    return result;
+    return result == SB_OK ? ndli_step_end_substep(s) : result;
 }
 
 /* ---- a step ---- */
@@ -391,31 +407,27 @@ static int ndli_step_tear_out(const ndli_stepping *s)
         if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
             continue;
         if (!ndli_step_let_go(needle) || ndli_needle_renew_nodes(needle) >= 0)
-            return ndli_needle_undo(s->site, s->error) == SB_OK ? 0 : -1;
+            return ndli_needle_undo(s->site, NDLI_KEPT_STEP, s->error) == SB_OK ? 0 : -1;
         torn++;
     }
     return torn;
 }
 
-/* In substeps, and anew from its beginning with one more wherever a tip ran through an edge of a membrane: what it has
- * to cut is one force in a substep. */
+/* In so many substeps, and one more wherever a tip runs through an edge of a membrane. */
 static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
 {
     ndli_step_ends ends;
-    sb_result result;
-    double edge;
+    sb_result result = SB_OK;
     memset(&ends, 0, sizeof ends);
     ends.substeps = substeps;
-    for (;;) {
-        result = ndli_step_run_to_edge(s, dt, &ends, &edge);
-        if (result == SB_OK && edge == 0)
-            return SB_OK;
-        if (ndli_needle_undo(s->site, s->error) != SB_OK)
-            return SB_ERROR_MEMORY;
-        if (result != SB_OK)
-            return result;
-        ends.edges[ends.edge_count++] = edge;
-    }
+    memset(s->info, 0, sizeof *s->info);
+    s->info->consistent = 1;
+    s->info->worst_quality = 1;
+    for (double t = 0, end = 0; t < substeps && result == SB_OK; t = end)
+        result = ndli_step_run_substep(s, dt, &ends, t, &end);
+    if (result != SB_OK && ndli_needle_undo(s->site, NDLI_KEPT_STEP, s->error) != SB_OK)
+        return SB_ERROR_MEMORY;
+    return result;
 }
 
 /* A step that is sound in its arguments. */
@@ -430,7 +442,7 @@ static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
     result = ndli_needle_look(s->site, s->error);
     if (result != SB_OK)
         return result;
-    if (!ndli_needle_keep(s->site))
+    if (!ndli_needle_keep(s->site, NDLI_KEPT_STEP))
         return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
     result = ndli_step_run(s, dt, substeps);
     for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)

@@ -1,4 +1,4 @@
-/* needle_undo: the state of a body, its remesher and its needles at the start of a step, in one block. */
+/* needle_undo: the state of a body, its remesher and its needles at the start of a step, or of one of its substeps. */
 #include "needle_private.h"
 
 #include "../softbody/body/state_part.h"
@@ -34,18 +34,17 @@ static size_t ndli_undo_size(const struct ndli_site *site, size_t body)
     return sum;
 }
 
-/* The block holds nothing between steps. */
-static int ndli_undo_make_room(struct ndli_site *site, size_t needed)
+static int ndli_undo_make_room(struct ndli_site *site, ndli_kept *kept, size_t needed)
 {
     unsigned char *grown;
-    if (needed <= site->undo_room)
+    if (needed <= kept->room)
         return 1;
     grown = (unsigned char *)sbi_alloc(&site->allocator, needed, 1);
     if (!grown)
         return 0;
-    sbi_free(&site->allocator, site->undo);
-    site->undo = grown;
-    site->undo_room = needed;
+    sbi_free(&site->allocator, kept->bytes);
+    kept->bytes = grown;
+    kept->room = needed;
     return 1;
 }
 
@@ -58,7 +57,10 @@ NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,
                                          site->needles[i]->track.capacity);
-    return ndli_undo_make_room(site, sum);
+    for (int i = 0; i < NDLI_KEPT_COUNT; i++)
+        if (!ndli_undo_make_room(site, site->kept + i, sum))
+            return 0;
+    return 1;
 }
 
 /* Copies `bytes` of a part to the block, or back from it, and goes on to the next part. */
@@ -83,15 +85,16 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
     ndli_undo_copy(at, needle->track.elements, points * sizeof(int), back);
 }
 
-NDLI_API int ndli_needle_keep(struct ndli_site *site)
+NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which)
 {
+    ndli_kept *kept = site->kept + which;
     size_t body = sbi_body_snapshot_size(site->body), needed = ndli_undo_size(site, body);
     unsigned char *at;
-    if (needed > site->undo_room && !ndli_undo_make_room(site, needed + needed / 8))
+    if (needed > kept->room && !ndli_undo_make_room(site, kept, needed + needed / 8))
         return 0;
-    site->undo_body = body;
-    at = site->undo + ndli_undo_aligned(site->undo_body);
-    sbi_body_snapshot(site->body, site->undo);
+    kept->body = body;
+    at = kept->bytes + ndli_undo_aligned(body);
+    sbi_body_snapshot(site->body, kept->bytes);
     if (!site->embeds)
         ndli_remesh_snapshot(site->remesh, at);
     at += ndli_undo_aligned(ndli_undo_remesh_size(site));
@@ -105,20 +108,21 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site)
     return 1;
 }
 
-NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, sb_error *error)
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, ndli_keeping which, sb_error *error)
 {
-    unsigned char *at = site->undo;
+    const ndli_kept *kept = site->kept + which;
+    unsigned char *at = kept->bytes;
     sb_result result;
     if (!site->embeds)
         ndli_remesh_set_own(site->remesh, 1);
-    result = sbi_body_rewind(site->body, at, site->undo_body, NULL);
+    result = sbi_body_rewind(site->body, at, kept->body, NULL);
     if (!site->embeds)
         ndli_remesh_set_own(site->remesh, 0);
     site->undo_waits = result != SB_OK;
     if (result != SB_OK)
         return sbi_fail(error, SB_ERROR_MEMORY,
                         "no memory to take the failed step back: that comes first in the next step");
-    at += ndli_undo_aligned(site->undo_body);
+    at += ndli_undo_aligned(kept->body);
     if (!site->embeds)
         ndli_remesh_rewind(site->remesh, at);
     at += ndli_undo_aligned(ndli_undo_remesh_size(site));
@@ -137,7 +141,7 @@ NDLI_API sb_result ndli_needle_finish_undo(struct ndli_site *site, sb_error *err
     sb_result result;
     if (!site->undo_waits)
         return SB_OK;
-    result = ndli_needle_undo(site, error);
+    result = ndli_needle_undo(site, NDLI_KEPT_STEP, error);
     for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
         if (site->needles[i])
             ndli_rod_publish(site->needles[i]->rod);

@@ -17,14 +17,17 @@
 #include "cloud.h"
 #include "rigid.h"
 
-/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. */
+/* One of the two shapes. Everything is borrowed during the call. Zero-initialise. Points in one place count once. */
 typedef struct reg_icp_shape {
     const sb_vec3 *points; /* [count], m; also of a surface: its nodes, or samples of it */
     int count;
     const sb_vec3 *normals;    /* [count], outward, or NULL: taken from the surface, else fitted to the points */
     const sb_real *weights;    /* [count] >= 0, how much a point counts (patches that are known well); NULL: all 1 */
+    const sb_real *sd;         /* [count] > 0, m, how sure a point is: counts as a weight of 1 / sd^2; NULL: alike */
     const sb_surface *surface; /* closest points are looked for on this surface; NULL: among the points */
     const reg_kdtree *tree;    /* of the points; NULL: one is made */
+    int has_camera;            /* 1: this is a view, from `camera`: normals face it, and nothing is in front of it */
+    sb_vec3 camera;            /* m, in this shape's frame */
 } reg_icp_shape;
 
 typedef enum reg_icp_metric {
@@ -50,6 +53,10 @@ typedef struct reg_icp_options {
     reg_icp_metric metric;             /* PLANE */
     int search;                        /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
     reg_rigid start;                   /* model to target; identity. With search it is one candidate among the others */
+    sb_real start_shift_sd;            /* m, and */
+    sb_real start_turn_sd;             /* rad: how sure that start is; both > 0 count in the choice; 0: not at all; 0 */
+    sb_vec3 seen_from;                 /* from the organ to the camera, in the model's frame, any length; 0 */
+    sb_real seen_from_sd;              /* rad, how sure that is; 0: not known; 0 */
     const reg_icp_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
     reg_outliers outliers;     /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
@@ -70,6 +77,20 @@ typedef enum reg_icp_stop {
     REG_ICP_TIME = 2        /* max_seconds */
 } reg_icp_stop;
 
+/* What to know before an alignment is used. */
+typedef enum reg_warning {
+    REG_WARN_AMBIGUOUS = 1,      /* another pose is nearly as likely: info.poses[1] */
+    REG_WARN_INVERTED = 2,       /* normals pointed inwards and were taken the other way round */
+    REG_WARN_MIXED_NORMALS = 4,  /* normals pointed towards the camera and away from it: they were fitted anew */
+    REG_WARN_SCALE = 8,          /* the sizes do not fit: info.scale_guess */
+    REG_WARN_VIEW_SMALL = 16,    /* the target shows less than 15 % of the model */
+    REG_WARN_MANY_OUTLIERS = 32, /* over 30 % of the points that looked found nothing of the other shape */
+    REG_WARN_LOW_CONTRAST = 64,  /* the shapes leave a motion open, as a sphere's turns: info.covariance */
+    REG_WARN_FREE_SPACE = 128    /* over 5 % of the model is where the camera saw nothing */
+} reg_warning;
+
+enum { REG_ICP_POSES = 8 };
+
 typedef struct reg_icp_info {
     reg_icp_stop stop;
     int iterations;       /* of the last stage */
@@ -79,11 +100,28 @@ typedef struct reg_icp_info {
     sb_real mean, rms;    /* m, distance between the partners that counted */
     sb_real landmark_rms; /* m, weighted; 0 without landmarks */
     double seconds;       /* 0 without a clock */
+    unsigned warnings;    /* REG_WARN_..., or-ed */
+    /* distinct poses, model to target, the likeliest first; the first is the result, the others are less refined */
+    int pose_count;
+    reg_rigid poses[REG_ICP_POSES];
+    sb_real likelihood[REG_ICP_POSES]; /* nats against the first (0): for so many independent patches as the target is
+                                        * large, its noise the best pose's */
+    sb_real margin;                    /* nats between the first two; SB_REAL_MAX: there is one only */
+    sb_real noise;                     /* m: deviation of the target from the model, noise and deformation, robust */
+    sb_real seen;                      /* area of the target as a share of the model's, estimated */
+    sb_real scale_guess;               /* what the target's lengths should be multiplied with; 1: nothing to say */
+    /* Covariance [6][6] of the result: turn (rad) about `centre` and shift (m), in the target's frame, for independent
+     * errors of the points of deviation `noise`: s^2 (A^T A)^-1 with the rows (c x n, n) of A. */
+    sb_real covariance[36];
+    sb_vec3 centre; /* m */
 } reg_icp_info;
 
 REG_API reg_icp_options reg_default_icp_options(void);
 /* "converged", "iterations", "time"; static. */
 REG_API const char *reg_icp_stop_string(reg_icp_stop stop);
+
+/* "ambiguous", "inverted normals", ...: of one warning; static. "unknown" else. */
+REG_API const char *reg_warning_string(reg_warning warning);
 
 /* The motion that brings the model to the target.
  *

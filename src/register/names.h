@@ -44,6 +44,7 @@
 #define reg_field_sweeps reg_field_sweeps_f32
 #define reg_default_icp_options reg_default_icp_options_f32
 #define reg_icp_stop_string reg_icp_stop_string_f32
+#define reg_warning_string reg_warning_string_f32
 #define reg_icp reg_icp_f32
 #define reg_default_cpd_options reg_default_cpd_options_f32
 #define reg_cpd_fit reg_cpd_fit_f32

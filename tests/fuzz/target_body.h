@@ -142,7 +142,7 @@ static sb_body *fuzz_make_body(fuzz_bytes *bytes, int flags, const sb_mesh *mesh
     def.preconditioner = (sb_precond_kind)(kind / 8 % 5);
     def.single_rotation = (more & 6) == 6;
     def.integration = more & 8 ? SB_INTEGRATION_CURVED : SB_INTEGRATION_AUTO;
-    if ((flags & FUZZ_BBAR) && mesh->element_type == SB_HEX8)
+    if ((flags & FUZZ_BBAR) && mesh->element_type != SB_TET4 && mesh->element_type != SB_CUSTOM && !def.single_rotation)
         def.integration = SB_INTEGRATION_BBAR;
     def.max_newton = more & 16 ? 1 + more / 32 % 4 : SB_AUTO;
     def.tolerance = (sb_real)tolerances[more / 64];

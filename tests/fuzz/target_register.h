@@ -75,9 +75,19 @@ static void fuzz_icp(const uint8_t *data, size_t size)
         options.landmarks = &landmark;
         options.landmark_count = 1;
     }
+    if (more & 128) {
+        target.has_camera = fuzz_byte(&bytes) % 2;
+        target.camera = fuzz_vector(&bytes);
+        options.start_shift_sd = fuzz_real(&bytes);
+        options.start_turn_sd = fuzz_real(&bytes);
+        options.seen_from = fuzz_vector(&bytes);
+        options.seen_from_sd = fuzz_real(&bytes);
+        target.sd = fuzz_byte(&bytes) % 2 ? weights : NULL;
+    }
     result = reg_icp(&model, &target, &options, &motion, &info, &error);
     if (result == SB_OK)
-        FUZZ_REQUIRE(fuzz_is_motion(&motion) && sb_is_finite(info.mean) && sb_is_finite(info.rms));
+        FUZZ_REQUIRE(fuzz_is_motion(&motion) && sb_is_finite(info.mean) && sb_is_finite(info.rms) &&
+                     info.pose_count >= 1 && fuzz_is_motion(info.poses + info.pose_count - 1));
     else
         FUZZ_REQUIRE(error.result == result && error.message[0]);
 }

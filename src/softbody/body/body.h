@@ -45,8 +45,8 @@ typedef struct sb_body_def {
                                      * has none. Read during sb_body_create only. A material with fibres needs it;
                                      * default NULL */
     sb_integration integration;     /* integration points per element; default SB_INTEGRATION_AUTO.
-                                     * SB_INTEGRATION_BBAR: hex8 that does not lock when nearly incompressible; all
-                                     * others do in some measure, see sb_check_report */
+                                     * SB_INTEGRATION_BBAR: tet10, hex8, hex20 and hex27 that do not lock when nearly
+                                     * incompressible; otherwise all do in some measure, see sb_check_report */
     int single_rotation;            /* 1: tet10 with one rotation per element, of its mean (corotated only); default
                                      * 0. Cheaper; forces are still the slope of an energy, so that they conserve
                                      * momentum. Within an element strain is linear, so that it should turn by less
@@ -244,7 +244,7 @@ enum {
     SB_CHECK_DUPLICATES = 256   /* elements with the same corners as another: their mass and stiffness count twice. Not
                                  * looked for where def.domain was given: its cells may well share their nodes */
 };
-/* Locking. Elements other than B-bar hex8 resist changes of volume at more points than a nearly incompressible material
+/* Locking. Elements other than B-bar ones resist changes of volume at more points than a nearly incompressible material
  * leaves them motions for. Measured on even and distorted meshes of a thick tube, 5 cells across, and of a thick
  * sphere, 3 (linear elements 6) cells across, under pressure (tests/verification.md, verification_locking): up to the
  * limit no element loses more than 2 % of its displacement against Poisson's ratio 0.3, and this is what they lose
@@ -255,7 +255,7 @@ enum {
  *     hex8            0.4      5 %    24 %     75 %     95 %
  *     hex20, hex27    0.49   < 1 %     2 %     14 %     63 %
  *     tet10           0.495  < 1 %     1 %      5 %     20 %
- *     B-bar hex8      none   0.2 % and less
+ *     B-bar           none   0.2 % and less (tet10, hex8, hex20, hex27)
  *
  * Meshes that are finer, or graded towards where the load is, lose less; what is held on all sides loses more. Custom
  * elements count as hex8 when they have no nodes but corners, otherwise as hex20. */

@@ -416,7 +416,7 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
     return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
 }
 /* Points of an element that others may see: its mean point is ours. */
-SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_point; }
+SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_points; }
 /* Of the material at rest (m^3); 0 of a free cell. */
 SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element);
 

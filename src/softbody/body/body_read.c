@@ -257,22 +257,35 @@ SB_API sb_vec3 sb_body_momentum(const sb_body *body)
     return sum;
 }
 
+/* Adds to the stress of an ordinary point what mean points have there of their share, which belongs to every point. */
+static void sbi_body_add_mean_stress(const sb_body *body, int point, sb_mat3 *stress, int *admissible)
+{
+    const sb_domain *domain = &body->domain;
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], shares[SB_MAX_MEAN_POINTS];
+    int ordinary = sbi_body_points(body);
+    if (domain->mean_points > 1)
+        sbi_element_quadrature(sbi_domain_element(domain), SB_QUADRATURE_STIFFNESS, points, weights);
+    sbi_domain_mean_shares(domain->mean_points, domain->mean_points > 1 ? points[point] : NULL, shares);
+    for (int k = 0; k < domain->mean_points; k++) {
+        admissible[point] &= admissible[ordinary + k];
+        stress[point] = sb_m3_add(stress[point], sb_m3_scale(shares[k], stress[ordinary + k]));
+    }
+}
+
 /* Cauchy stresses at the points of an element; 0, and admissible[point] 0, where there is none. */
 static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 *stress, int *admissible)
 {
     const sb_material *material = body->materials + body->cell_material[element];
-    sb_mat3 f[SB_MAX_QUADRATURE_POINTS], p[SB_MAX_QUADRATURE_POINTS];
-    int mean = body->domain.points_per_cell - 1;
+    sb_mat3 f[SBI_CELL_POINTS], p[SBI_CELL_POINTS];
+    int ordinary = sbi_body_points(body);
     sbi_assembly_points(&body->assembly, body->displacement, element, f, p, admissible);
-    for (int i = mean; i >= 0; i--) {
+    for (int i = body->domain.points_per_cell - 1; i >= 0; i--) {
         if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
             admissible[i] = 0;
         if (admissible[i])
             stress[i] = sb_material_cauchy_stress(material, f[i], p[i]);
-        if (body->domain.mean_point && i < mean) { /* its share of the stress belongs to every point */
-            admissible[i] &= admissible[mean];
-            stress[i] = sb_m3_add(stress[i], stress[mean]);
-        }
+        if (body->domain.mean_points && i < ordinary)
+            sbi_body_add_mean_stress(body, i, stress, admissible);
         if (!admissible[i] || !sb_is_finite(sb_von_mises(stress[i]))) { /* beyond what sb_real holds, too */
             stress[i] = sb_m3_zero();
             admissible[i] = 0;
@@ -282,8 +295,8 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
 
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress)
 {
-    sb_mat3 all[SB_MAX_QUADRATURE_POINTS];
-    int admissible[SB_MAX_QUADRATURE_POINTS];
+    sb_mat3 all[SBI_CELL_POINTS];
+    int admissible[SBI_CELL_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
     if (!sb_body_cell_in_use(body, element) || point < 0 || point >= sbi_body_points(body))
@@ -306,8 +319,8 @@ SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element)
 
 static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 {
-    sb_mat3 stress[SB_MAX_QUADRATURE_POINTS];
-    int admissible[SB_MAX_QUADRATURE_POINTS];
+    sb_mat3 stress[SBI_CELL_POINTS];
+    int admissible[SBI_CELL_POINTS];
     const sb_real *weights = body->domain.weights + (size_t)element * (size_t)body->domain.points_per_cell;
     sb_real sum = 0;
     sbi_body_element_stresses(body, element, stress, admissible);

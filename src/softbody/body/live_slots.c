@@ -140,11 +140,10 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", cell_capacity);
     for (int e = 0; e < cells; e++)
         live->shares[e] = 1;
-    live->rule =
-        body->domain.points_per_cell - body->domain.mean_point ==
-                sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights)
-            ? SB_QUADRATURE_STIFFNESS
-            : SB_QUADRATURE_STIFFNESS_CURVED;
+    live->rule = sbi_body_points(body) == sbi_element_quadrature(sbi_domain_element(&body->domain),
+                                                                 SB_QUADRATURE_STIFFNESS, points, weights)
+                     ? SB_QUADRATURE_STIFFNESS
+                     : SB_QUADRATURE_STIFFNESS_CURVED;
     body->node_capacity = node_capacity;
     live->slack = (double)def->slack;
     live->follows =
@@ -196,10 +195,10 @@ SBI_API sb_result sbi_live_check_pieces(const sb_body *body, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
     int is_tet4 = domain->element_type == SB_TET4, is_tet10 = domain->element_type == SB_TET10;
-    if ((!is_tet4 && !is_tet10) || (is_tet10 && domain->points_per_cell != 4))
+    if ((!is_tet4 && !is_tet10) || (is_tet10 && sbi_body_points(body) != 4))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "pieces of elements are of tet4, or of tet10 with 4 points each, not of %s with %d",
-                        sb_element_name(domain->element_type), domain->points_per_cell);
+                        sb_element_name(domain->element_type), sbi_body_points(body));
     if (is_tet10 && body->mass_kind == SB_MASS_CONSISTENT)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "consistent masses of pieces of tet10 take more than their moments: lumped ones do not");

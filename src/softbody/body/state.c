@@ -351,7 +351,7 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
     sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");
     sbi_state_same(walk, (uint64_t)body->domain.points_per_cell, "the number of integration points");
     sbi_state_same(walk, used ? sbi_state_table_hash(body->domain.table) : 0, "the hash of the custom element");
-    sbi_state_same(walk, (uint64_t)body->domain.mean_point, "the number of mean points");
+    sbi_state_same(walk, (uint64_t)body->domain.mean_points, "the number of mean points");
     sbi_state_same(walk, (uint64_t)body->domain.single_rotation, "single_rotation");
     sbi_state_same(walk, (uint64_t)body->material_count, "the number of regions");
     sbi_state_same(walk, (uint64_t)body->mass_kind, "the kind of mass");
@@ -974,6 +974,25 @@ static void sbi_state_constraints(sb_body *body, sbi_state_walk *walk)
 
 /* ---- motion ---- */
 
+/* Internal forces, 0 where they are not current. */
+static void sbi_state_forces(sb_body *body, sbi_state_walk *walk, int current)
+{
+    size_t count = (size_t)body->domain.node_count;
+    unsigned char *out;
+    if (!current && sbi_state_place(walk, count, sizeof(sb_vec3), &out)) {
+        if (out)
+            memset(out, 0, count * sizeof(sb_vec3)); /* the bits of 0 */
+        return;
+    }
+    if (sbi_state_bulk(walk, body->internal, count, sizeof(sb_vec3)))
+        return;
+    for (size_t i = 0; i < count && walk->result == SB_OK; i++) {
+        sb_vec3 force = sbi_state_vector(walk, current ? body->internal[i] : sb_v3(0, 0, 0));
+        if (walk->pass == SBI_STATE_READ)
+            body->internal[i] = force;
+    }
+}
+
 /* Motion, and the internal forces that go with it; zeros stand for forces that are not current. */
 static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
 {
@@ -984,13 +1003,7 @@ static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->displacement, n, SBI_STATE_FINITE, "displacement");
     sbi_state_vectors(walk, body->velocity, n, SBI_STATE_FINITE, "velocity");
     sbi_state_vectors(walk, body->acceleration, n, SBI_STATE_FINITE, "acceleration");
-    if (current && sbi_state_bulk(walk, body->internal, (size_t)n, sizeof(sb_vec3)))
-        n = 0;
-    for (int i = 0; i < n && walk->result == SB_OK; i++) {
-        sb_vec3 force = sbi_state_vector(walk, current ? body->internal[i] : sb_v3(0, 0, 0));
-        if (walk->pass == SBI_STATE_READ)
-            body->internal[i] = force;
-    }
+    sbi_state_forces(body, walk, current);
     if (walk->pass != SBI_STATE_READ)
         return;
     body->assembly.unknots = unknots;

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "../body/body_private.h"
+#include "../body/constraint.h"
 #include "contact_private.h"
 
 /* Of the thickness or a face's length, whichever is less: how deep samples may end. */
@@ -314,40 +315,88 @@ static sb_real sbi_apart_mean(int is_held, sb_real way, sb_real ways, sb_real ma
     return is_held || !(masses > 0) ? way : ways / masses;
 }
 
-/* Nodes of a zone go the way [nodes] that they all do on the mean. whole: zones are of organs. */
+/* Of each axis (kg), with what slaves of constraints hand on. */
+static sb_vec3 sbi_apart_mass(const sb_body *body, int node)
+{
+    sb_real m = body->lumped_mass[node];
+    return body->elimination ? body->elimination->reduced[node] : sb_v3(m, m, m);
+}
+
+/* Slaves of constraints go along with their masters, from the ways that elimination->work has. */
+static void sbi_apart_follow(const sb_body *body, sb_vec3 *ways)
+{
+    sbi_elimination *e = body->elimination;
+    for (int i = 0; i < body->domain.node_count; i++)
+        e->work[i] = sb_v3_sub(ways[i], e->work[i]);
+    sbi_elimination_expand(e, e->work, 0);
+    for (int i = 0; i < body->domain.node_count; i++)
+        ways[i] = sb_v3_add(ways[i], sbi_body_pick_axes(e->slave[i], e->work[i], sb_v3(0, 0, 0)));
+}
+
+/* Nodes of a zone go the way [nodes] that they all do on the mean; what slaves of constraints weigh counts with their
+ * masters. whole: zones are of organs. */
 static void sbi_apart_even_out(sb_contact *contact, int whole, sb_vec3 *ways)
 {
     const sb_body *body = contact->body;
+    const sbi_elimination *e = body->elimination;
     sbi_pairs *pairs = &contact->pairs;
     int count = sb_body_node_count(body);
+    if (e) {
+        sbi_constraint_masses(contact->body);
+        memcpy(e->work, ways, (size_t)count * sizeof *ways);
+    }
     memset(pairs->zone_ways, 0, (size_t)count * sizeof *pairs->zone_ways);
     memset(pairs->zone_masses, 0, (size_t)count * sizeof *pairs->zone_masses);
     memset(pairs->zone_held, 0, (size_t)count * sizeof *pairs->zone_held);
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < count; i++) {
             int key = whole ? body->node_component[i] : i;
-            unsigned held = sbi_body_held(body, i);
-            sb_real mass = body->lumped_mass[i];
-            sb_vec3 *way = ways + i, *w, *m, *h;
+            unsigned held = body->fixed[i], slave = e ? e->slave[i] : 0u;
+            sb_vec3 mass = sbi_apart_mass(body, i), *way = ways + i, *w, *m, *h;
             if (key < 0 || pairs->zones[key] < 0)
                 continue;
             key = sbi_apart_root(pairs->zones, key);
             w = pairs->zone_ways + key, m = pairs->zone_masses + key, h = pairs->zone_held + key;
-            if (pass == 0) {
-                sbi_apart_add((held & SB_X) != 0, mass, way->x, &w->x, &m->x, &h->x);
-                sbi_apart_add((held & SB_Y) != 0, mass, way->y, &w->y, &m->y, &h->y);
-                sbi_apart_add((held & SB_Z) != 0, mass, way->z, &w->z, &m->z, &h->z);
-            } else {
-                way->x = sbi_apart_mean((held & SB_X) != 0, way->x, w->x, m->x);
-                way->y = sbi_apart_mean((held & SB_Y) != 0, way->y, w->y, m->y);
-                way->z = sbi_apart_mean((held & SB_Z) != 0, way->z, w->z, m->z);
+            for (int axis = 0; axis < 3; axis++) {
+                int is_held = held >> axis & 1;
+                if (slave >> axis & 1)
+                    continue;
+                if (pass == 0)
+                    sbi_apart_add(is_held, sbi_elimination_get(&mass, axis), sbi_elimination_get(way, axis),
+                                  sbi_elimination_at(w, axis), sbi_elimination_at(m, axis),
+                                  sbi_elimination_at(h, axis));
+                else
+                    *sbi_elimination_at(way, axis) =
+                        sbi_apart_mean(is_held, sbi_elimination_get(way, axis), sbi_elimination_get(w, axis),
+                                       sbi_elimination_get(m, axis));
             }
         }
+    if (e)
+        sbi_apart_follow(body, ways);
 }
 
-static void sbi_apart_move(const sbi_apart_look *look)
+/* What a slave of a constraint in a zone follows becomes a part of the zone. */
+static void sbi_apart_join_masters(sbi_apart_look *look)
+{
+    const sb_body *body = look->contact->body;
+    const sbi_elimination *e = body->elimination;
+    do {
+        look->joined = 0;
+        for (int i = 0; e && i < body->domain.node_count; i++) {
+            int key = look->whole ? body->node_component[i] : i;
+            for (int k = e->first[i]; key >= 0 && look->contact->pairs.zones[key] >= 0 && k < e->first[i + 1]; k++) {
+                int master = look->whole ? body->node_component[e->master[k]] : e->master[k];
+                if (master >= 0)
+                    sbi_apart_join(look, key, master);
+            }
+        }
+    } while (look->joined);
+}
+
+static void sbi_apart_move(sbi_apart_look *look)
 {
     sb_contact *contact = look->contact;
+    sbi_apart_join_masters(look);
     sbi_apart_even_out(contact, look->whole, contact->moved);
     sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
     sbi_pairs_follow(contact, contact->moved, 1);

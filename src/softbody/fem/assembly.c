@@ -139,20 +139,21 @@ static int sbi_assembly_run(sbi_assembly_job *job)
 
 /* What is special about a cell's points, a literal like their number: */
 enum {
+    SBI_CELL_SINGLE = -1, /* they share one rotation, of their mean */
     SBI_CELL_PLAIN = 0,
-    SBI_CELL_SINGLE = 1, /* they share one rotation, of their mean */
-    SBI_CELL_MEAN = 2    /* the last is the mean of the others */
+    SBI_CELL_MEAN = 1, /* the last is the mean of the others; */
+    SBI_CELL_MEANS = 4 /* the last four are */
 };
 
 static int sbi_cell_scheme(const sb_domain *domain)
 {
-    return domain->single_rotation ? SBI_CELL_SINGLE : domain->mean_point ? SBI_CELL_MEAN : SBI_CELL_PLAIN;
+    return domain->single_rotation ? SBI_CELL_SINGLE : domain->mean_points;
 }
 
-/* Points that are not the mean of others. */
-SBI_FORCE_INLINE int sbi_cell_ordinary(const int q, const int scheme) { return q - (scheme == SBI_CELL_MEAN); }
+/* Points that are not means of others. */
+SBI_FORCE_INLINE int sbi_cell_ordinary(const int q, const int scheme) { return scheme > 0 ? q - scheme : q; }
 
-/* The materials of a cell's points and of its mean point. */
+/* The materials of a cell's points and of its mean points. */
 SBI_FORCE_INLINE const sb_material *sbi_cell_shares(const sbi_assembly *assembly, int e)
 {
     return assembly->shares + 2 * (size_t)assembly->cell_material[e];
@@ -200,11 +201,11 @@ static int sbi_cell_has_extras(const sb_material *material)
     return material->fibre_stiffness > 0 || material->prony_count > 0;
 }
 
-/* Ordinary points of a cell whose material has fibres, otherwise 0: a mean point has none. */
+/* Ordinary points of a cell whose material has fibres, otherwise 0: mean points have none. */
 static int sbi_cell_fibre_points(const sbi_assembly *assembly, const sb_material *material)
 {
     const sb_domain *domain = assembly->domain;
-    return material->fibre_stiffness > 0 ? domain->points_per_cell - domain->mean_point : 0;
+    return material->fibre_stiffness > 0 ? domain->points_per_cell - domain->mean_points : 0;
 }
 
 /* The constant second Piola-Kirchhoff stress H of the present step at a point (symmetric). */
@@ -298,7 +299,7 @@ SBI_FORCE_INLINE int sbi_cell_stresses(const sbi_assembly *assembly, int e, cons
     int corotated = sbi_cell_is_corotated(shares), admissible = 1;
     int shared = corotated && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
-        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
+        const sb_material *material = shares + (p >= sbi_cell_ordinary(q, scheme));
         sb_real energy;
         int good = 1;
         stress[p] = sb_m3_zero();
@@ -348,7 +349,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
     for (int e = begin; e < end; e++) {
         const int *cell = domain->cells + (size_t)e * (size_t)n;
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
-        sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
+        sb_mat3 f[SBI_CELL_POINTS], stress[SBI_CELL_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
         if (sbi_domain_is_free(assembly->domain, e))
             continue;
@@ -384,13 +385,13 @@ SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const 
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
-    sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
+    sb_quat rotation[SBI_CELL_POINTS];
     int shared;
     for (int p = 0; p < q; p++)
         rotation[p] = start[p];
     shared = sbi_cell_is_corotated(shares) && sbi_cell_rotate(assembly, e, u, f, q, scheme, rotation);
     for (int p = 0; p < q; p++) {
-        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
+        const sb_material *material = shares + (p >= sbi_cell_ordinary(q, scheme));
         sb_real density = 0;
         if (weights[p] == 0)
             continue;
@@ -409,7 +410,7 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
     const sbi_assembly *assembly = job->assembly;
     *sum = 0;
     for (int e = begin; e < end; e++) {
-        sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+        sb_mat3 f[SBI_CELL_POINTS];
         if (sbi_domain_is_free(assembly->domain, e))
             continue;
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
@@ -504,12 +505,12 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
     const int rotated = sbi_assembly_is_rotated(shares, job->kind);
     const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
-    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+    sb_mat3 f[SBI_CELL_POINTS];
     if (!rotated)
         sbi_cell_deformations(domain, e, job->u, n, q, f);
     for (int p = 0; p < q; p++) {
         size_t point = (size_t)e * (size_t)q + (size_t)p;
-        const sb_material *material = shares + (p == sbi_cell_ordinary(q, scheme));
+        const sb_material *material = shares + (p >= sbi_cell_ordinary(q, scheme));
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
         sb_real w = domain->weights[point] * job->factor, tangent[81];
         sb_quat start = rotation[p];
@@ -553,7 +554,9 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
     switch (sbi_element_type_or_pinned(domain->element_type)) {                                                        \
     case SB_TET4: CALL(4, 1, 0); break;                                                                                \
     case SB_TET10:                                                                                                     \
-        if (domain->points_per_cell != 4) {                                                                            \
+        if (domain->points_per_cell == 5) {                                                                            \
+            CALL(10, 5, SBI_CELL_MEAN);                                                                                \
+        } else if (domain->points_per_cell != 4) {                                                                     \
             CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                                \
         } else if (domain->single_rotation) {                                                                          \
             CALL(10, 4, SBI_CELL_SINGLE);                                                                              \
@@ -562,14 +565,26 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
         }                                                                                                              \
         break;                                                                                                         \
     case SB_HEX8:                                                                                                      \
-        if (domain->mean_point) {                                                                                      \
+        if (domain->mean_points) {                                                                                     \
             CALL(8, 9, SBI_CELL_MEAN);                                                                                 \
         } else {                                                                                                       \
             CALL(8, 8, SBI_CELL_PLAIN);                                                                                \
         }                                                                                                              \
         break;                                                                                                         \
-    case SB_HEX20: CALL(20, 27, SBI_CELL_PLAIN); break;                                                                \
-    case SB_HEX27: CALL(27, 27, SBI_CELL_PLAIN); break;                                                                \
+    case SB_HEX20:                                                                                                     \
+        if (domain->mean_points) {                                                                                     \
+            CALL(20, 31, SBI_CELL_MEANS);                                                                              \
+        } else {                                                                                                       \
+            CALL(20, 27, SBI_CELL_PLAIN);                                                                              \
+        }                                                                                                              \
+        break;                                                                                                         \
+    case SB_HEX27:                                                                                                     \
+        if (domain->mean_points) {                                                                                     \
+            CALL(27, 31, SBI_CELL_MEANS);                                                                              \
+        } else {                                                                                                       \
+            CALL(27, 27, SBI_CELL_PLAIN);                                                                              \
+        }                                                                                                              \
+        break;                                                                                                         \
     default: CALL(domain->nodes_per_cell, domain->points_per_cell, SBI_CELL_PLAIN); break;                             \
     }
 
@@ -625,7 +640,7 @@ static void sbi_assembly_chunk(void *user, int index)
 /* Shares of the materials as they are, and of what relaxes of them. */
 static void sbi_assembly_derive(sbi_assembly *assembly)
 {
-    int split = assembly->domain->mean_point;
+    int split = assembly->domain->mean_points;
     for (int i = 0; i < assembly->material_count; i++) {
         const sb_material *material = assembly->materials + i;
         sb_material relaxing = sbi_material_relaxing(material);
@@ -649,7 +664,7 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
     assembly->viscous = 0;
     assembly->energy_unit = 0;
     for (int e = 0; e < domain->cell_count; e++)
-        for (int p = 0; p < q - domain->mean_point; p++) {
+        for (int p = 0; p < q - domain->mean_points; p++) {
             const sb_material *material = materials + cell_material[e];
             assembly->energy_unit +=
                 domain->weights[(size_t)e * (size_t)q + (size_t)p] * (material->lambda + 2 * material->mu);
@@ -753,7 +768,7 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     const sb_domain *domain = assembly->domain;
     int q = domain->points_per_cell;
     const sb_quat *start = assembly->rotations + (size_t)cell * (size_t)q;
-    sb_quat rotation[SB_MAX_QUADRATURE_POINTS];
+    sb_quat rotation[SBI_CELL_POINTS];
     for (int i = 0; i < q; i++)
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);

@@ -211,7 +211,7 @@ SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment
 
 /* ---- assembly: readings ---- */
 
-/* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
+/* F and P at all points of a cell at u; f and p: [points_per_cell], mean points with their share of
  * the stress last. admissible[point] is 0 where the material does not admit F. */
 SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
                                  int *admissible);

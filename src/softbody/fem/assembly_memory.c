@@ -66,7 +66,7 @@ SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
 /* The shares of materials with Prony terms for a step of dt. */
 static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
 {
-    int split = assembly->domain->mean_point;
+    int split = assembly->domain->mean_points;
     for (int i = 0; i < assembly->material_count; i++) {
         const sb_material *material = assembly->materials + i;
         sb_material relaxed;
@@ -124,10 +124,10 @@ static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
     const sb_domain *domain = assembly->domain;
     int q = domain->points_per_cell, index = assembly->cell_material[e];
     size_t stride = sbi_memory_stride(assembly);
-    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+    sb_mat3 f[SBI_CELL_POINTS];
     sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
     for (int p = 0; p < q; p++) {
-        int is_mean = domain->mean_point && p == q - 1;
+        int is_mean = p >= q - domain->mean_points;
         const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
         const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
         sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];

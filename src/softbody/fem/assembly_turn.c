@@ -79,7 +79,7 @@ SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_ve
                                 sb_quat *rotation)
 {
     const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell, ordinary = q - domain->mean_point;
+    int q = domain->points_per_cell, ordinary = q - domain->mean_points;
     sb_quat shared;
     if (!sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
         return 0;

@@ -133,22 +133,151 @@ SBI_API sb_result sbi_domain_check_straight(const sb_domain *domain, const sb_ve
     return SB_OK;
 }
 
-/* The mean point of a cell after its `ordinary` others: g_a = sum_p w_p g_a,p / V with the weight V = sum_p w_p. */
-static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
+/* ---- mean points ----
+ * The volume's share of a cell's energy is sum_k W_k U(F_k) over its mean points with F_k = I + sum_a u_a (x) G_a,k,
+ *     G_a(x) = sum_ij phi_i(x) M^-1_ij sum_p w_p phi_j(x_p) g_a,p,   M_ij = sum_p w_p phi_i(x_p) phi_j(x_p),
+ * g projected onto phi = 1 or (1, xi, eta, zeta). The four mean points are corners of a regular tetrahedron in the cube
+ * on which products of phi are integrated exactly, and W_k those weights that give every phi its integral over the
+ * cell: then a constant stress has the nodal forces that it has at the ordinary points, whatever the cell's shape. */
+
+static const sb_real sbi_mean_corner[SB_MAX_MEAN_POINTS][3] = {{1, 1, 1}, {1, -1, -1}, {-1, 1, -1}, {-1, -1, 1}};
+
+/* 1/sqrt(3): where the corners lie, times their signs. */
+#define SBI_MEAN_AT ((sb_real)0.57735026918962576451)
+
+/* Mean points that SB_INTEGRATION_BBAR gives an element; 0: none. */
+static int sbi_domain_mean_points(sb_element_type type)
 {
-    size_t first = (size_t)cell * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
-    const sb_real *weights = domain->weights + first;
-    sb_real *gradients = domain->gradients + first * values, *mean = gradients + (size_t)ordinary * values;
+    switch (type) {
+    case SB_TET10:
+    case SB_HEX8: return 1;
+    case SB_HEX20:
+    case SB_HEX27: return 4;
+    default: return 0;
+    }
+}
+
+SBI_API void sbi_domain_mean_shares(int mean_points, const sb_real xi[3], sb_real shares[SB_MAX_MEAN_POINTS])
+{
+    for (int k = 0; k < mean_points; k++) {
+        const sb_real *corner = sbi_mean_corner[k];
+        shares[k] =
+            mean_points == 1
+                ? (sb_real)1
+                : (sb_real)0.25 * (1 + (corner[0] * xi[0] + corner[1] * xi[1] + corner[2] * xi[2]) / SBI_MEAN_AT);
+    }
+}
+
+/* The gradients g_a = sum_p w_p g_a,p / V of a cell with V = sum_p w_p, which it returns; 0 in a cell without any. */
+static sb_real sbi_domain_mean_gradients(const sb_real *weights, const sb_real *gradients, int ordinary, size_t values,
+                                         sb_real *mean)
+{
     sb_real volume = 0;
     for (int p = 0; p < ordinary; p++)
         volume += weights[p];
-    domain->weights[first + (size_t)ordinary] = volume;
     for (size_t k = 0; k < values; k++) {
         sb_real sum = 0;
         for (int p = 0; p < ordinary; p++)
             sum += weights[p] * gradients[(size_t)p * values + k];
-        mean[k] = sum / volume;
+        mean[k] = volume > 0 ? sum / volume : 0;
     }
+    return volume;
+}
+
+/* L of M = L L^T with M as above, points [ordinary][3]; its first column has the integrals of phi over L[0][0]. */
+static void sbi_domain_moments(const sb_real *weights, const sb_real (*points)[3], int ordinary, sb_real l[4][4])
+{
+    memset(l, 0, 16 * sizeof(sb_real));
+    for (int p = 0; p < ordinary; p++) {
+        const sb_real phi[4] = {1, points[p][0], points[p][1], points[p][2]};
+        for (int i = 0; i < 4; i++)
+            for (int j = 0; j <= i; j++)
+                l[i][j] += weights[p] * phi[i] * phi[j];
+    }
+    for (int j = 0; j < 4; j++) {
+        for (int k = 0; k < j; k++)
+            l[j][j] -= l[j][k] * l[j][k];
+        l[j][j] = sb_sqrt(l[j][j]);
+        for (int i = j + 1; i < 4; i++) {
+            for (int k = 0; k < j; k++)
+                l[i][j] -= l[i][k] * l[j][k];
+            l[i][j] /= l[j][j];
+        }
+    }
+}
+
+/* x <- (L L^T)^-1 x */
+static void sbi_domain_solve_moments(const sb_real l[4][4], sb_real x[4])
+{
+    for (int i = 0; i < 4; i++) {
+        for (int k = 0; k < i; k++)
+            x[i] -= l[i][k] * x[k];
+        x[i] /= l[i][i];
+    }
+    for (int i = 3; i >= 0; i--) {
+        for (int k = i + 1; k < 4; k++)
+            x[i] -= l[k][i] * x[k];
+        x[i] /= l[i][i];
+    }
+}
+
+/* Weights of the four mean points; 0 where the cell is so distorted that one would not be positive. */
+static int sbi_domain_mean_weights(const sb_real l[4][4], sb_real weights[4])
+{
+    int good = 1;
+    for (int k = 0; k < 4; k++) {
+        sb_real sum = l[0][0];
+        for (int i = 0; i < 3; i++)
+            sum += sbi_mean_corner[k][i] * l[i + 1][0] / SBI_MEAN_AT;
+        weights[k] = (sb_real)0.25 * l[0][0] * sum;
+        good &= weights[k] > 0;
+    }
+    return good;
+}
+
+/* Projected gradients, by columns of a cell's 3 n values: [4][values]. */
+static void sbi_domain_project(const sb_real *weights, const sb_real *gradients, const sb_real (*points)[3],
+                               int ordinary, size_t values, const sb_real l[4][4], sb_real *means)
+{
+    for (size_t k = 0; k < values; k++) {
+        sb_real c[4] = {0, 0, 0, 0};
+        for (int p = 0; p < ordinary; p++) {
+            sb_real g = weights[p] * gradients[(size_t)p * values + k];
+            c[0] += g;
+            for (int i = 0; i < 3; i++)
+                c[i + 1] += points[p][i] * g;
+        }
+        sbi_domain_solve_moments(l, c);
+        for (int m = 0; m < 4; m++) {
+            sb_real sum = c[0];
+            for (int i = 0; i < 3; i++)
+                sum += SBI_MEAN_AT * sbi_mean_corner[m][i] * c[i + 1];
+            means[(size_t)m * values + k] = sum;
+        }
+    }
+}
+
+/* The mean points of a cell, after its `ordinary` others at local coordinates points[ordinary]. A cell too distorted
+ * for four of its own has its one mean four times. */
+static void sbi_domain_fill_means(sb_domain *domain, int cell, int ordinary, const sb_real (*points)[3])
+{
+    size_t first = (size_t)cell * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    sb_real *weights = domain->weights + first, *gradients = domain->gradients + first * values;
+    sb_real *mean = gradients + (size_t)ordinary * values, l[4][4];
+    int count = domain->mean_points;
+    sb_real volume = sbi_domain_mean_gradients(weights, gradients, ordinary, values, mean);
+    for (int m = 0; m < count; m++)
+        weights[ordinary + m] = volume / (sb_real)count;
+    for (int m = 1; m < count; m++)
+        memcpy(mean + (size_t)m * values, mean, values * sizeof(sb_real));
+    if (count == 1 || !(volume > 0))
+        return;
+    sbi_domain_moments(weights, points, ordinary, l);
+    if (sbi_domain_mean_weights((const sb_real(*)[4])l, weights + ordinary))
+        sbi_domain_project(weights, gradients, points, ordinary, values, (const sb_real(*)[4])l, mean);
+    else
+        for (int m = 0; m < count; m++)
+            weights[ordinary + m] = volume / (sb_real)count;
 }
 
 static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *error)
@@ -179,8 +308,8 @@ static void sbi_domain_piece_slopes(sbi_element element, const sbi_piece *piece,
 
 /* Gradients and weights of one cell. */
 static sb_result sbi_domain_fill_cell(sb_domain *domain, int e, int q, const sb_vec3 *x,
-                                      const sb_real (*local)[SB_MAX_ELEMENT_NODES][3], const sb_real *weights,
-                                      sb_real share, int is_piece, sb_error *error)
+                                      const sb_real (*local)[SB_MAX_ELEMENT_NODES][3], const sb_real (*points)[3],
+                                      const sb_real *weights, sb_real share, int is_piece, sb_error *error)
 {
     size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
     for (int p = 0; p < q; p++) {
@@ -191,8 +320,8 @@ static sb_result sbi_domain_fill_cell(sb_domain *domain, int e, int q, const sb_
         if (!(det > 0) || (!is_piece && !(domain->weights[at] > 0)))
             return sbi_domain_refuse(e, p, det, error);
     }
-    if (domain->mean_point)
-        sbi_domain_fill_mean(domain, e, q);
+    if (domain->mean_points)
+        sbi_domain_fill_means(domain, e, q, points);
     return SB_OK;
 }
 
@@ -220,9 +349,9 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
             return sbi_domain_refuse_curved(e, error);
         if (is_piece && q > 1)
             sbi_domain_piece_slopes(element, pieces + e, q, own);
-        result = sbi_domain_fill_cell(domain, e, q, x,
-                                      (const sb_real(*)[SB_MAX_ELEMENT_NODES][3])(is_piece && q > 1 ? own : local),
-                                      weights, shares ? shares[e] : (sb_real)1, is_piece, error);
+        result = sbi_domain_fill_cell(
+            domain, e, q, x, (const sb_real(*)[SB_MAX_ELEMENT_NODES][3])(is_piece && q > 1 ? own : local),
+            (const sb_real(*)[3])points, weights, shares ? shares[e] : (sb_real)1, is_piece, error);
         if (result != SB_OK)
             return result;
     }
@@ -279,20 +408,23 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
                         sb_element_name(mesh->element_type));
     if ((int)integration < SB_INTEGRATION_AUTO || (int)integration > SB_INTEGRATION_BBAR)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "integration is %d, which is none", (int)integration);
-    if (integration == SB_INTEGRATION_BBAR && mesh->element_type != SB_HEX8)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "SB_INTEGRATION_BBAR is for hex8, the mesh has %s",
+    if (integration == SB_INTEGRATION_BBAR && (sbi_domain_mean_points(mesh->element_type) == 0 || single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "SB_INTEGRATION_BBAR is for tet10 without single_rotation, hex8, hex20 and hex27, the mesh has "
+                        "%s",
                         sb_element_name(mesh->element_type));
     if (integration == SB_INTEGRATION_CURVED ||
-        (integration == SB_INTEGRATION_AUTO && sbi_domain_has_curved_side(mesh)))
+        (integration != SB_INTEGRATION_STANDARD && sbi_domain_has_curved_side(mesh)))
         kind = SB_QUADRATURE_STIFFNESS_CURVED;
     made.element_type = mesh->element_type;
     made.single_rotation = single_rotation != 0;
     made.node_count = mesh->node_count;
     made.cell_count = mesh->element_count;
     made.table = sbi_mesh_element_kind(mesh).table;
-    made.mean_point = integration == SB_INTEGRATION_BBAR;
+    made.mean_points = integration == SB_INTEGRATION_BBAR ? sbi_domain_mean_points(mesh->element_type) : 0;
     made.nodes_per_cell = sb_mesh_element_width(mesh);
-    made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
+    made.points_per_cell =
+        sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_points;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, NULL, error);
@@ -313,7 +445,7 @@ static int sbi_domain_has_loops(const sb_domain *domain, const sb_mesh *mesh)
     sbi_element element = sbi_mesh_element_kind(mesh);
     int plain = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
     int curved = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS_CURVED, points, weights);
-    int ordinary = domain->points_per_cell - domain->mean_point;
+    int ordinary = domain->points_per_cell - domain->mean_points;
     return ordinary == plain || (ordinary == curved && !domain->single_rotation);
 }
 
@@ -328,11 +460,12 @@ static sb_result sbi_domain_check_fit(const sb_domain *domain, const sb_mesh *me
                         "the domain has %d nodes and %d cells of %s, the mesh %d nodes and %d elements of %s",
                         domain->node_count, domain->cell_count, sb_element_name(domain->element_type), mesh->node_count,
                         mesh->element_count, sb_element_name(mesh->element_type));
-    if (domain->mean_point != (domain->mean_point && mesh->element_type == SB_HEX8) ||
-        domain->single_rotation != (domain->single_rotation && mesh->element_type == SB_TET10))
+    if ((domain->mean_points && domain->mean_points != sbi_domain_mean_points(mesh->element_type)) ||
+        domain->single_rotation != (domain->single_rotation && !domain->mean_points && mesh->element_type == SB_TET10))
         return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "the domain's mean_point %d is 0, or 1 for hex8; its single_rotation %d 0, or 1 for tet10",
-                        domain->mean_point, domain->single_rotation);
+                        "the domain's mean_points %d are 0, 1 for tet10 and hex8, 4 for hex20 and hex27; its "
+                        "single_rotation %d is 0, or 1 for tet10 without mean points",
+                        domain->mean_points, domain->single_rotation);
     if (!sbi_domain_has_loops(domain, mesh))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain has %d points per cell, which no rule of %s has",
                         domain->points_per_cell, sb_element_name(mesh->element_type));

@@ -18,9 +18,10 @@ typedef struct sb_domain {
     sb_element_type element_type;  /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
     int single_rotation;           /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
-    int mean_point;                /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
-                                    * gradients and their volume, and stands for the share of the material that resists
-                                    * changes of volume, which the others then leave out */
+    int mean_points;               /* the last points of a cell that are means of the others (B-bar): they have their
+                                    * gradients projected and together their volume, and stand for the share of the
+                                    * material that resists changes of volume, which the others then leave out. 0; 1 of
+                                    * hex8 and tet10: the mean; 4 of hex20 and hex27: linear in the cell's coordinates */
     int node_count;
     int cell_count;
     int nodes_per_cell;
@@ -34,23 +35,29 @@ typedef struct sb_domain {
     sb_allocator allocator;
 } sb_domain;
 
+/* Most mean points of a cell. */
+enum { SB_MAX_MEAN_POINTS = 4 };
+
 /* How a domain integrates its elements. */
 typedef enum sb_integration {
     SB_INTEGRATION_AUTO = 0,     /* standard; tet10 with curved sides gets the 8-point rule it needs */
     SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2, hex20 and hex27 3x3x3 points, custom its own */
     SB_INTEGRATION_CURVED = 2,   /* tet10 8 points (degree 3); other elements as standard */
-    SB_INTEGRATION_BBAR = 3      /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
-                                  * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
-                                  * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
-                                  * stays as stiff as with the standard rule */
+    SB_INTEGRATION_BBAR = 3      /* tet10, hex8, hex20 and hex27 that do not lock when nearly incompressible: shear at
+                                  * the points of the standard rule (of a curved tet10: 8), volume at mean points, one
+                                  * of tet10 and hex8 (a mean gradient B-bar, Hughes 1980, after de Souza Neto et al.
+                                  * 1996 for large strains), four of hex20 and hex27 (gradients projected onto 1, xi,
+                                  * eta, zeta of the cell: Simo, Taylor and Pister 1985), with an energy. Bending within
+                                  * a hex8 stays as stiff as with the standard rule. A tet10's pressure is then constant
+                                  * in each and its errors fall with h^2, not h^3: for nu above 0.45 only */
 } sb_integration;
 
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
  * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
- * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, or single_rotation or
- * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out,
- * SB_ERROR_MEMORY; *domain is then untouched. Release with sb_domain_free. Source: formula of the isoparametric map,
- * g_a = Je^-T dN_a/dxi. */
+ * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, single_rotation or
+ * SB_INTEGRATION_BBAR on another element, or both together, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left
+ * out, SB_ERROR_MEMORY; *domain is then untouched. Release with sb_domain_free. Source: formula of the isoparametric
+ * map, g_a = Je^-T dN_a/dxi. */
 SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
                                   const sb_allocator *allocator, sb_domain *domain, sb_error *error);
 
@@ -76,7 +83,7 @@ typedef enum sb_mass_kind {
  * on failure. */
 SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
                                   sb_domain *copy, sb_error *error);
-/* Fills weights and gradients of every cell; the arrays are there, cells, counts and mean_point set.
+/* Fills weights and gradients of every cell; the arrays are there, cells, counts and mean_points set.
  * positions  [node_count] (m)
  * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where it is free. NULL: 1
  * pieces     [cell_count] of tet4 and tet10; NULL: none
@@ -108,6 +115,11 @@ SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], 
 /* The same of cell e, with the error of sbi_domain_fill. */
 SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error);
+/* Most points of a cell, means included. */
+enum { SBI_CELL_POINTS = SB_MAX_QUADRATURE_POINTS + SB_MAX_MEAN_POINTS };
+/* Shares of a cell's mean points in what is there at local coordinates xi: values at mean points that are linear in xi
+ * are met everywhere. */
+SBI_API void sbi_domain_mean_shares(int mean_points, const sb_real xi[3], sb_real shares[SB_MAX_MEAN_POINTS]);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;

@@ -446,7 +446,7 @@ static int sbi_precond_make_any_coarse(sb_preconditioner *p, const sb_matrix *a,
         return sbi_precond_make_coarse(p, a, p->rest, pieces);
     if (!sbi_precond_take_coarse(p, most))
         return 0;
-    sbi_precond_shape_coarse(p, a, pieces);
+    sbi_precond_shape_coarse(p, a, pieces, 1);
     return 1;
 }
 
@@ -587,7 +587,8 @@ SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, c
 {
     p->ready = p->turned = 0;
     p->coarse.ready = 0;
-    p->stale = 1;
+    p->recut = 1;
+    p->stale |= !sbi_precond_kind_follows(p->kind) || p->pattern_version != sbi_matrix_version(matrix);
     if (!sbi_precond_kind_follows(p->kind))
         return;
     p->row_count = matrix->row_count;
@@ -600,16 +601,16 @@ SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, c
 
 SBI_API int sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
 {
-    int pieces = sbi_precond_pieces(p, p->row_count);
-    if (!p->stale)
+    int pieces = sbi_precond_pieces(p, p->row_count), stale = p->stale;
+    if (!stale && !p->recut)
         return 1;
     if (!sbi_precond_kind_follows(p->kind))
         return 0;
-    p->stale = 0;
-    if (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0)
+    p->stale = p->recut = 0;
+    if (stale && (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0))
         sbi_precond_shape_lower(p, matrix, p->kind == SB_PRECOND_IC0 && pieces > 0);
     if (p->coarse.piece_room)
-        sbi_precond_shape_coarse(p, matrix, pieces);
+        sbi_precond_shape_coarse(p, matrix, pieces, stale);
     return 1;
 }
 

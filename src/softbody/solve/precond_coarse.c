@@ -186,20 +186,46 @@ SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
            sbi_precond_take_entries(p, blocks, blocks);
 }
 
-SBI_API void sbi_precond_shape_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces)
+/* Cuts the nodes into pieces. */
+static void sbi_precond_cut_pieces(sb_preconditioner *p, const sb_matrix *a, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
-    int most = sbi_min_int(sbi_precond_most_pieces(pieces), c->piece_room), rows = a->row_count, entries;
-    int *marker = p->scratch, *entry_of = p->scratch + rows;
-    c->ready = c->piece_count = c->size = 0;
-    if (pieces == 0)
-        return;
+    int most = sbi_min_int(sbi_precond_most_pieces(pieces), c->piece_room);
     c->piece_count = sbi_precond_make_pieces(a, p->rest, pieces, p->scratch, p->centres, c->piece_nodes, c->piece_of);
-    for (int i = 0; i < rows && c->piece_count > most; i++)
+    for (int i = 0; i < a->row_count && c->piece_count > most; i++)
         c->piece_of[i] = sbi_min_int(c->piece_of[i], most - 1);
     c->piece_count = sbi_min_int(c->piece_count, most);
-    sbi_precond_start_pieces(c, rows);
+}
+
+/* The same of a pattern that was cut before; returns 1 when pieces are others than then. */
+static int sbi_precond_recut_pieces(sb_preconditioner *p, const sb_matrix *a, int pieces)
+{
+    const sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)a->row_count;
+    int *before = p->scratch + 6 * rows + 1, count = c->piece_count; /* beyond what the cut uses */
+    memcpy(before, c->piece_of, rows * sizeof(int));
+    sbi_precond_cut_pieces(p, a, pieces);
+    return c->piece_count != count || memcmp(before, c->piece_of, rows * sizeof(int)) != 0;
+}
+
+SBI_API void sbi_precond_shape_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces, int stale)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    int rows = a->row_count, differs = 1, entries;
+    int *marker = p->scratch, *entry_of = p->scratch + rows;
+    c->ready = 0;
+    if (pieces == 0) {
+        c->piece_count = c->size = 0;
+        return;
+    }
+    if (stale || c->piece_count == 0)
+        sbi_precond_cut_pieces(p, a, pieces);
+    else
+        differs = sbi_precond_recut_pieces(p, a, pieces);
     memcpy(c->positions, p->rest, (size_t)rows * sizeof(sb_vec3));
+    if (!differs)
+        return;
+    sbi_precond_start_pieces(c, rows);
     entries = sbi_precond_list_entries(c, a, marker, entry_of);
     sbi_precond_list_blocks(c, a, entries, entry_of);
     sbi_precond_make_reach(c);

@@ -62,7 +62,8 @@ struct sb_preconditioner {
     /* of a matrix that follows: the arrays are for as many rows and blocks as it has room for, and what depends on the
      * pattern is made anew by the first update after a change, from matrix and rest shape alone */
     int row_room, block_room, longest_room; /* 0: the matrix does not follow */
-    int stale;                              /* 1: the pattern has changed since */
+    int stale;                              /* 1: the pattern has changed since, */
+    int recut;                              /* 1: or but the rest shape */
     int wanted_pieces;                      /* of the def */
     const sb_vec3 *rest; /* [row_count] rest shape that pieces are cut in, borrowed; NULL: no pieces */
     int *scratch;        /* [8 row_room + block_room + 1] */
@@ -180,8 +181,9 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
 /* Takes the memory for a matrix that follows and has room for so many pieces' rows; 0 when there is none. */
 SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces);
-/* Pieces of the present pattern of such a matrix; pieces 0: none. */
-SBI_API void sbi_precond_shape_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces);
+/* Pieces of the present pattern of such a matrix; pieces 0: none. stale 0: it is the last call's pattern, so that what
+ * depends on it and on the pieces stays where these do. */
+SBI_API void sbi_precond_shape_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces, int stale);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL), and what is done beside, unless NULL. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
                                        const sbi_precond_beside *beside);

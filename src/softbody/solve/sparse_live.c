@@ -805,7 +805,6 @@ static void sbi_live_begin(sb_matrix *matrix)
     sbi_matrix_live *live = matrix->live;
     live->touched_count = 0;
     live->repacked = 0;
-    live->version++;
     if (live->pack)
         sbi_live_pack(matrix);
     live->pack = 0;
@@ -854,13 +853,23 @@ static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
     }
 }
 
+/* 0: the change was of none but places of nodes: no block and no row has come, gone or moved, or may have. */
+static int sbi_live_pattern_differs(const sb_matrix *matrix, int rows_before)
+{
+    const sbi_matrix_live *live = matrix->live;
+    return live->touched_count > 0 || live->pair_count > 0 || live->key_count > 0 || live->repacked ||
+           matrix->row_count != rows_before;
+}
+
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_mesh_change same;
     sbi_matrix_live *live = matrix->live;
+    int rows;
     memset(&same, 0, sizeof same);
     same.node_end = matrix->row_count;
     change = change ? change : &same;
+    rows = matrix->row_count;
     sbi_live_begin(matrix);
     sbi_live_follow_nodes(matrix, change);
     sbi_live_count_planned(matrix);
@@ -875,6 +884,7 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change)
         sbi_live_touch(matrix, i);
     sbi_live_end_nodes(matrix, change);
     sbi_live_follow_parts(matrix);
+    live->version += (unsigned)sbi_live_pattern_differs(matrix, rows);
     for (int k = 0; k < live->touched_count; k++)
         live->marks[live->touched[k]] = 0;
     live->key_count = live->pair_count = 0;

@@ -45,7 +45,7 @@ typedef struct sbi_live_pair {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
-    unsigned version; /* how many changes there were, from 1 */
+    unsigned version; /* how many changes of the pattern, or of where its blocks are, there were, from 1 */
     int *room;        /* [row_capacity] places of the row's piece */
     int *uses;        /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
     int *heads;  /* [block_capacity] for whoever lists what adds to a coupling: it goes with the coupling; -1 of new
