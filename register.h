@@ -257,7 +257,6 @@
 #define reg_infer_draw reg_infer_draw_f32
 #define reg_infer_covariance reg_infer_covariance_f32
 #define reg_infer_get_quality reg_infer_get_quality_f32
-#define reg_warning_string reg_warning_string_f32
 #define reg_prior_string reg_prior_string_f32
 #define reg_infer_stop_string reg_infer_stop_string_f32
 #endif
@@ -674,7 +673,11 @@ typedef enum reg_warning {
     REG_WARN_VIEW_SMALL = 16,    /* the target shows less than 15 % of the model */
     REG_WARN_MANY_OUTLIERS = 32, /* over 30 % of the points that looked found nothing of the other shape */
     REG_WARN_LOW_CONTRAST = 64,  /* the shapes leave a motion open, as a sphere's turns: info.covariance */
-    REG_WARN_FREE_SPACE = 128    /* over 5 % of the model is where the camera saw nothing */
+    REG_WARN_FREE_SPACE = 128,   /* over 5 % of the model is where the camera saw nothing */
+    /* of an inference, which has VIEW_SMALL, MANY_OUTLIERS and LOW_CONTRAST, too: */
+    REG_WARN_STRAIN = 256,      /* an element has a principal stretch that differs from 1 by more than 0.3 */
+    REG_WARN_VOLUME = 512,      /* the organ's volume changed by more than 0.1 */
+    REG_WARN_NOT_AT_REST = 1024 /* the last round moved a node farther than the error to expect */
 } reg_warning;
 
 enum { REG_ICP_POSES = 8 };
@@ -1415,21 +1418,10 @@ typedef enum reg_prior_kind {
     REG_PRIOR_GRAVITY = 3 /* a weight, and tractions that carry it */
 } reg_prior_kind;
 
-/* What may be wrong, as bits of reg_quality.warnings. */
-enum {
-    REG_WARN_VIEW_SMALL = 1,    /* less than 0.15 of the surface was seen, or the error to expect is above 0.6 of the
-                                 * elastic motion */
-    REG_WARN_MANY_OUTLIERS = 2, /* more than 0.3 of the target was not believed */
-    REG_WARN_LOW_CONTRAST = 4,  /* what was seen leaves the pose open by 2 % of the size or 5 degrees */
-    REG_WARN_STRAIN = 8,        /* an element has a principal strain above 0.3, of where it was at rest */
-    REG_WARN_VOLUME = 16,       /* the organ's volume changed by more than 0.1 */
-    REG_WARN_NOT_AT_REST = 32   /* the last round moved a node farther than the error to expect */
-};
-enum { REG_WARN_COUNT = 6 };
-
 typedef struct reg_quality {
     reg_infer_stop stop;
-    unsigned warnings;
+    unsigned warnings; /* REG_WARN_..., or-ed. VIEW_SMALL: also where the error to expect is above 0.6 of the elastic
+                        * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
     sb_real length;                   /* of the tractions' correlation, in shares of the size */
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
@@ -1451,8 +1443,6 @@ typedef struct reg_quality {
 } reg_quality;
 /* SB_ERROR_ARGUMENT. */
 REG_API sb_result reg_infer_get_quality(const reg_infer *infer, reg_quality *quality);
-/* One sentence about one REG_WARN_ bit; never NULL. */
-REG_API const char *reg_warning_string(unsigned warning);
 /* "rigid", "smooth", "local", "gravity"; "converged", "rounds", "time". */
 REG_API const char *reg_prior_string(reg_prior_kind prior);
 REG_API const char *reg_infer_stop_string(reg_infer_stop stop);
@@ -5537,6 +5527,9 @@ REG_API const char *reg_warning_string(reg_warning warning)
     case REG_WARN_MANY_OUTLIERS: return "many outliers";
     case REG_WARN_LOW_CONTRAST: return "low contrast";
     case REG_WARN_FREE_SPACE: return "free space";
+    case REG_WARN_STRAIN: return "strain";
+    case REG_WARN_VOLUME: return "volume";
+    case REG_WARN_NOT_AT_REST: return "not at rest";
     }
     return "unknown";
 }
@@ -13084,20 +13077,6 @@ REG_API sb_result reg_infer_get_quality(const reg_infer *infer, reg_quality *qua
         return SB_ERROR_ARGUMENT;
     *quality = infer->quality;
     return SB_OK;
-}
-
-REG_API const char *reg_warning_string(unsigned warning)
-{
-    switch (warning) {
-    case REG_WARN_VIEW_SMALL: return "what is seen is too small a part, or shows too little of what the organ did";
-    case REG_WARN_MANY_OUTLIERS: return "much of the target is not of this organ";
-    case REG_WARN_LOW_CONTRAST:
-        return "what is seen leaves the organ's pose open: its shape there is that of a sphere, a plane or the like";
-    case REG_WARN_STRAIN: return "an element is strained by more than 0.3";
-    case REG_WARN_VOLUME: return "the organ's volume changes by more than a tenth";
-    case REG_WARN_NOT_AT_REST: return "the last round still moved the organ by more than the error to expect";
-    default: return "unknown warning";
-    }
 }
 
 REG_API const char *reg_prior_string(reg_prior_kind prior)

@@ -432,20 +432,6 @@ REG_API sb_result reg_infer_get_quality(const reg_infer *infer, reg_quality *qua
     return SB_OK;
 }
 
-REG_API const char *reg_warning_string(unsigned warning)
-{
-    switch (warning) {
-    case REG_WARN_VIEW_SMALL: return "what is seen is too small a part, or shows too little of what the organ did";
-    case REG_WARN_MANY_OUTLIERS: return "much of the target is not of this organ";
-    case REG_WARN_LOW_CONTRAST:
-        return "what is seen leaves the organ's pose open: its shape there is that of a sphere, a plane or the like";
-    case REG_WARN_STRAIN: return "an element is strained by more than 0.3";
-    case REG_WARN_VOLUME: return "the organ's volume changes by more than a tenth";
-    case REG_WARN_NOT_AT_REST: return "the last round still moved the organ by more than the error to expect";
-    default: return "unknown warning";
-    }
-}
-
 REG_API const char *reg_prior_string(reg_prior_kind prior)
 {
     switch (prior) {

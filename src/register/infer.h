@@ -28,8 +28,8 @@
 #ifndef REG_INFER_H
 #define REG_INFER_H
 
+#include "icp.h"
 #include "model.h"
-#include "rigid.h"
 
 /* What is seen of the organ. Everything is borrowed during the call. Zero-initialise. */
 typedef struct reg_points {
@@ -114,21 +114,10 @@ typedef enum reg_prior_kind {
     REG_PRIOR_GRAVITY = 3 /* a weight, and tractions that carry it */
 } reg_prior_kind;
 
-/* What may be wrong, as bits of reg_quality.warnings. */
-enum {
-    REG_WARN_VIEW_SMALL = 1,    /* less than 0.15 of the surface was seen, or the error to expect is above 0.6 of the
-                                 * elastic motion */
-    REG_WARN_MANY_OUTLIERS = 2, /* more than 0.3 of the target was not believed */
-    REG_WARN_LOW_CONTRAST = 4,  /* what was seen leaves the pose open by 2 % of the size or 5 degrees */
-    REG_WARN_STRAIN = 8,        /* an element has a principal strain above 0.3, of where it was at rest */
-    REG_WARN_VOLUME = 16,       /* the organ's volume changed by more than 0.1 */
-    REG_WARN_NOT_AT_REST = 32   /* the last round moved a node farther than the error to expect */
-};
-enum { REG_WARN_COUNT = 6 };
-
 typedef struct reg_quality {
     reg_infer_stop stop;
-    unsigned warnings;
+    unsigned warnings; /* REG_WARN_..., or-ed. VIEW_SMALL: also where the error to expect is above 0.6 of the elastic
+                        * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
     sb_real length;                   /* of the tractions' correlation, in shares of the size */
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
@@ -150,8 +139,6 @@ typedef struct reg_quality {
 } reg_quality;
 /* SB_ERROR_ARGUMENT. */
 REG_API sb_result reg_infer_get_quality(const reg_infer *infer, reg_quality *quality);
-/* One sentence about one REG_WARN_ bit; never NULL. */
-REG_API const char *reg_warning_string(unsigned warning);
 /* "rigid", "smooth", "local", "gravity"; "converged", "rounds", "time". */
 REG_API const char *reg_prior_string(reg_prior_kind prior);
 REG_API const char *reg_infer_stop_string(reg_infer_stop stop);
