@@ -7,13 +7,22 @@
  * nu 0.453). Single bend: inserted and drawn back without a turn. Double bend: its base is turned by 180 degrees half
  * way. The block's far side is held. Writes, for each bend, PREFIX_BEND.csv (where markers are, with displacements) and
  * PREFIX_BEND.png (a look through the gel, markers' motions enlarged), and PREFIX.svg (paths and markers' motion over
- * time). The last line is, with what belongs to the bends that were made,
+ * time).
+ *
+ * --truth PREFIX compares with another run's markers, or with measured ones in files of the same form: PREFIX_BEND.csv
+ * of the same markers, looked at at the same times. --sensitivity runs each bend 25 times, with E and nu up to two
+ * standard deviations (15.551 kPa, 0.007) off, and prints the errors beside those of tables 12.1 and 12.2; they are in
+ * PREFIX_sensitivity.csv.
+ *
+ * The last line is, with what belongs to the bends that were made,
  *
  *     markers=N single_rms_mm=... single_max_mm=... single_radius_mm=... single_deviation_mm=...
  *     double_rms_mm=... double_max_mm=... double_radius_mm=FIRST,SECOND double_deviation_mm=...
  *     topology=restored|changed seconds=...
  *
- * (one line). RMS and max are those of all markers at all times. Exit status: 0, 2 wrong usage or a file that cannot be
+ * (one line). RMS and max are those of the way that all markers have moved, at all times. With --truth follow, before
+ * the topology, single_error_mm=RMS single_error_max_mm=... single_under_1mm=SHARE single_under_2mm=SHARE, and the same
+ * of the double bend. Exit status: 0, 2 wrong usage or a file that cannot be
  * read or written, 3 a step failed. */
 #include "system.h"
 
@@ -28,14 +37,27 @@
 static const double pi = 3.14159265358979323846;
 static const double outlet_height = 0.01; /* m, of the sleeve before the block */
 
-enum { BENDS = 2, MOST_MARKERS = 400, NAME_SIZE = 1024 };
+enum { BENDS = 2, MOST_MARKERS = 400, NAME_SIZE = 1024, OFFS = 5 };
 static const char *const bend_names[BENDS] = {"single", "double"};
 
 typedef struct settings {
-    const char *mesh, *output, *bend;
+    const char *mesh, *output, *bend, *truth;
     double scale, young, poisson, friction, cutting, radius, depth, speed, dt, azimuth, elevation;
-    int cells, markers, every, seed, help;
+    int cells, markers, every, seed, held, sensitivity, help;
 } settings;
+
+/* Where markers were, as a file says. */
+typedef struct truth {
+    sb_vec3 *x; /* [count] m, look by look, marker by marker */
+    double *t;  /* [count] s */
+    int count, capacity;
+} truth;
+
+/* Distances of markers from the truth. */
+typedef struct error_sum {
+    double square, most; /* m^2, m */
+    long samples, under[2] /* 1 and 2 mm */;
+} error_sum;
 
 /* What is recorded of one bend. */
 typedef struct record {
@@ -47,6 +69,7 @@ typedef struct record {
     int count, capacity;
     double square, most; /* m^2, sum over all markers and times; m */
     long samples;
+    error_sum error;
     double *curves[4]; /* x and y of path and needle (mm), for the chart */
     int curve_counts[2];
     int restored;
@@ -61,6 +84,7 @@ typedef struct phantom {
     scene_point markers[MOST_MARKERS];
     int marker_count;
     record records[BENDS];
+    truth truths[BENDS]; /* empty without --truth */
     int made[BENDS];
 } phantom;
 
@@ -100,6 +124,7 @@ static int place_needle(phantom *p)
     p->friction.friction = (sb_real)set->friction;
     p->friction.cutting = (sb_real)set->cutting;
     p->needle = ndl_default_needle_def();
+    p->needle.follow = set->held ? NDL_EMBED : NDL_REMESH;
     ndl_rod_section_preset(NDL_NITINOL_083, &p->needle.section);
     p->needle.base = p->entry;
     p->needle.base.x -= (sb_real)outlet_height;
@@ -133,11 +158,75 @@ static int place_markers(phantom *p)
     return p->marker_count > 0 ? 1 : scene_complain(s, p->set->mesh, "has no upper side for markers");
 }
 
+/* ---- the truth ---- */
+
+static int keep_truth(truth *h, double t, sb_vec3 x)
+{
+    if (h->count == h->capacity) {
+        int capacity = 2 * h->capacity + 1024;
+        sb_vec3 *places = (sb_vec3 *)realloc(h->x, sizeof *places * (size_t)capacity);
+        double *times = places ? (double *)realloc(h->t, sizeof *times * (size_t)capacity) : NULL;
+        h->x = places ? places : h->x;
+        if (!times)
+            return 0;
+        h->t = times;
+        h->capacity = capacity;
+    }
+    h->t[h->count] = t;
+    h->x[h->count++] = x;
+    return 1;
+}
+
+/* Reads PREFIX_BEND.csv. 0, with a message, when that fails. */
+static int read_truth(phantom *p, int bend)
+{
+    char path[NAME_SIZE], line[256];
+    double t, fed, x, y, z;
+    int marker, good = 1, number = 0;
+    FILE *file;
+    snprintf(path, sizeof path, "%s_%s.csv", p->set->truth, bend_names[bend]);
+    file = fopen(path, "r");
+    if (!file)
+        return scene_complain(&p->s, path, "cannot be opened");
+    while (good && fgets(line, sizeof line, file)) {
+        if (number++ == 0)
+            continue; /* names of columns */
+        if (sscanf(line, "%lf,%lf,%d,%lf,%lf,%lf", &t, &fed, &marker, &x, &y, &z) != 6 ||
+            marker != p->truths[bend].count % p->marker_count)
+            good = scene_complain(&p->s, path, "has no rows of these markers");
+        else if (!keep_truth(p->truths + bend, t, sb_v3((sb_real)(1e-3 * x), (sb_real)(1e-3 * y), (sb_real)(1e-3 * z))))
+            good = scene_complain(&p->s, NULL, "memory is short");
+    }
+    fclose(file);
+    return good && (p->truths[bend].count > 0 || scene_complain(&p->s, path, "is empty"));
+}
+
+/* A marker that is at x, the `row`th of its bend. 0, with a message: the truth was not looked at then. */
+static int compare_marker(phantom *p, int bend, error_sum *error, long row, sb_vec3 x)
+{
+    const truth *h = p->truths + bend;
+    double off;
+    if (h->count == 0)
+        return 1;
+    if (row >= h->count || fabs(h->t[row] - p->s.time) > 0.5 * p->set->dt)
+        return scene_complain(&p->s, p->set->truth, "was not looked at at the same times");
+    off = scene_distance(x, h->x[row]);
+    error->square += off * off;
+    error->most = fmax(error->most, off);
+    error->samples++;
+    error->under[0] += off < 1e-3;
+    error->under[1] += off < 2e-3;
+    return 1;
+}
+
+static double error_rms(const error_sum *e) { return e->samples ? sqrt(e->square / (double)e->samples) : 0; }
+
 /* ---- one bend ---- */
 
-/* Notes where all markers are. */
+/* Notes where all markers are; table: or NULL. */
 static int note_markers(phantom *p, record *r, FILE *table)
 {
+    const int bend = (int)(r - p->records);
     double square = 0;
     if (r->count == r->capacity) {
         int capacity = 2 * r->capacity + 256;
@@ -155,6 +244,10 @@ static int note_markers(phantom *p, record *r, FILE *table)
         double moved = (double)sb_v3_norm(d);
         square += moved * moved;
         r->most = fmax(r->most, moved);
+        if (!compare_marker(p, bend, &r->error, r->samples + k, x))
+            return 0;
+        if (!table)
+            continue;
         fprintf(table, "%.6g,%.4f,%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", p->s.time, 10 * r->fed[r->count], k,
                 1e3 * (double)x.x, 1e3 * (double)x.y, 1e3 * (double)x.z, 1e3 * (double)d.x, 1e3 * (double)d.y,
                 1e3 * (double)d.z);
@@ -254,7 +347,7 @@ static int save_picture(phantom *p, const char *path, const char *name)
     return result == PICTURE_OK;
 }
 
-/* In, with or without a half-turn, and out. */
+/* In, with or without a half-turn, and out. table: or NULL, then there is no picture either. */
 static int run_bend(phantom *p, int bend, FILE *table)
 {
     record *r = p->records + bend;
@@ -268,15 +361,78 @@ static int run_bend(phantom *p, int bend, FILE *table)
     good = good && (bend == 0 || move(p, r, table, 0, pi, "turns")) && move(p, r, table, 0.5 * depth, 0, "goes in");
     if (bend == 0)
         r->turned_at = r->path.count;
-    if (!good || !keep_curves(p, r) || !save_picture(p, path, name))
+    if (!good || !keep_curves(p, r) || (table && !save_picture(p, path, name)))
         return 0;
     fit_circles(p, r);
     out = -(depth + outlet_height);
     if (!move(p, r, table, out, 0, "goes out") || !move(p, r, table, 0, 0, "is out"))
         return 0;
-    r->restored = ndl_remesh_is_original(ndl_needle_remesh(p->s.needle));
+    r->restored = p->set->held || ndl_remesh_is_original(ndl_needle_remesh(p->s.needle));
     p->made[bend] = 1;
     return 1;
+}
+
+static void forget(record *r)
+{
+    free(r->path.points);
+    free(r->fed);
+    free(r->rms);
+    for (int k = 0; k < 4; k++)
+        free(r->curves[k]);
+    memset(r, 0, sizeof *r);
+}
+
+/* ---- sensitivity ---- */
+
+static const double sd_young = 15.551e3, sd_poisson = 0.007;
+
+/* The thesis' errors (mm), nu - 2 SD ... nu + 2 SD down, E - 2 SD ... E + 2 SD across: tables 12.1 and 12.2. */
+static const double thesis[BENDS][OFFS][OFFS] = {{{0.924, 0.763, 0.741, 0.795, 0.888},
+                                                  {0.919, 0.768, 0.755, 0.801, 0.885},
+                                                  {0.916, 0.761, 0.753, 0.809, 0.893},
+                                                  {0.910, 0.759, 0.755, 0.814, 0.894},
+                                                  {0.900, 0.761, 0.752, 0.842, 0.929}},
+                                                 {{1.684, 1.445, 1.276, 1.262, 1.313},
+                                                  {1.702, 1.427, 1.295, 1.265, 1.334},
+                                                  {1.721, 1.468, 1.309, 1.290, 1.340},
+                                                  {1.762, 1.465, 1.308, 1.304, 1.344},
+                                                  {1.758, 1.511, 1.365, 1.426, 1.406}}};
+
+static void print_sensitivity(int bend, double errors[OFFS][OFFS])
+{
+    printf("%s bend: RMS of the markers' errors (mm), here and in the thesis\n"
+           "nu \\ E  %13s  %13s  %13s  %13s  %13s\n",
+           bend_names[bend], "-2 SD", "-SD", "mean", "+SD", "+2 SD");
+    for (int i = 0; i < OFFS; i++) {
+        printf("%+d SD   ", i - 2);
+        for (int j = 0; j < OFFS; j++)
+            printf("  %6.3f %6.3f", errors[i][j], thesis[bend][i][j]);
+        printf("\n");
+    }
+}
+
+/* All of one bend; its rows go into `table`. */
+static int run_sensitivity(phantom *p, int bend, FILE *table)
+{
+    const settings *set = p->set;
+    double errors[OFFS][OFFS];
+    int good = 1;
+    for (int i = 0; i < OFFS; i++)
+        for (int j = 0; j < OFFS && good; j++) {
+            p->s.def.young = set->young + (j - 2) * sd_young;
+            p->s.def.poisson = set->poisson + (i - 2) * sd_poisson;
+            forget(p->records + bend);
+            good = run_bend(p, bend, NULL);
+            errors[i][j] = 1e3 * error_rms(&p->records[bend].error);
+            fprintf(table, "%s,%g,%g,%.4f,%.3f\n", bend_names[bend], p->s.def.young, p->s.def.poisson, errors[i][j],
+                    thesis[bend][i][j]);
+        }
+    progress_end();
+    p->s.def.young = set->young;
+    p->s.def.poisson = set->poisson;
+    if (good)
+        print_sensitivity(bend, errors);
+    return good;
 }
 
 /* ---- all ---- */
@@ -319,6 +475,11 @@ static void print_results(const phantom *p, double seconds)
             deviation = fmax(deviation, r->circles[k].deviation);
         }
         printf("%s %s_deviation_mm=%.3f ", r->circle_count ? "" : "straight", name, 1e3 * deviation);
+        if (r->error.samples)
+            printf("%s_error_mm=%.3f %s_error_max_mm=%.3f %s_under_1mm=%.3f %s_under_2mm=%.3f ", name,
+                   1e3 * error_rms(&r->error), name, 1e3 * r->error.most, name,
+                   (double)r->error.under[0] / (double)r->error.samples, name,
+                   (double)r->error.under[1] / (double)r->error.samples);
         restored = restored && r->restored;
     }
     printf("topology=%s seconds=%.1f\n", restored ? "restored" : "changed", seconds);
@@ -345,6 +506,11 @@ static int parse(settings *set, int argc, char **argv)
         {"--azimuth", "DEG", OPTION_NUMBER, NULL, &set->azimuth, NULL, -360, 360, "of the pictures"},
         {"--elevation", "DEG", OPTION_NUMBER, NULL, &set->elevation, NULL, -90, 90, "of the pictures"},
         {"--seed", "N", OPTION_INTEGER, &set->seed, NULL, NULL, 0, 1e9, "of chance: where markers are set"},
+        {"--held", NULL, OPTION_FLAG, &set->held, NULL, NULL, 0, 0,
+         "springs hold the needle, the mesh stays (NDL_EMBED)"},
+        {"--truth", "PREFIX", OPTION_TEXT, NULL, NULL, &set->truth, 0, 0, "of files of markers to compare with"},
+        {"--sensitivity", NULL, OPTION_FLAG, &set->sensitivity, NULL, NULL, 0, 0,
+         "errors with E and nu that are off; needs --truth"},
         {"-o", "PREFIX", OPTION_TEXT, NULL, NULL, &set->output, 0, 0, "of the files' names"},
         {"--help", NULL, OPTION_FLAG, &set->help, NULL, NULL, 0, 0, "this text"},
     };
@@ -360,7 +526,41 @@ static int parse(settings *set, int argc, char **argv)
                strcmp(set->bend, "double") != 0) {
         good = options_complain("needle_phantom", set->bend, "is no bend: single, double or both");
     }
+    if (good && set->sensitivity && !set->truth)
+        good = options_complain("needle_phantom", "--sensitivity", "needs a --truth");
+    if (good && set->sensitivity && !(set->poisson + 2 * sd_poisson < 0.495 && set->young > 2.1 * sd_young))
+        good = options_complain("needle_phantom", "--sensitivity", "needs E above 33 kPa and nu below 0.48");
     return good;
+}
+
+static int open_table(phantom *p, const char *ending, char path[NAME_SIZE], sb_output *table)
+{
+    snprintf(path, NAME_SIZE, "%s_%s.csv", p->set->output, ending);
+    return sb_output_open(table, path, NULL) == SB_OK || scene_complain(&p->s, path, "cannot be written");
+}
+
+static int is_wanted(const phantom *p, int bend)
+{
+    return strcmp(p->set->bend, "both") == 0 || strcmp(p->set->bend, bend_names[bend]) == 0;
+}
+
+/* All bends with E and nu off. */
+static int run_all_off(phantom *p)
+{
+    char path[NAME_SIZE];
+    sb_output table;
+    int good = 1;
+    if (!open_table(p, "sensitivity", path, &table))
+        return SCENE_USAGE;
+    fprintf(table.file, "bend,young_pa,poisson,error_mm,thesis_mm\n");
+    for (int b = 0; b < BENDS && good; b++)
+        if (is_wanted(p, b))
+            good = run_sensitivity(p, b, table.file);
+    if (sb_output_close(&table, NULL) != SB_OK) {
+        scene_complain(&p->s, path, "cannot be written");
+        return SCENE_USAGE;
+    }
+    return good ? SCENE_OK : SCENE_SOLVE;
 }
 
 static int run(phantom *p)
@@ -370,16 +570,18 @@ static int run(phantom *p)
     char path[NAME_SIZE];
     if (!make_block(p) || !place_needle(p) || !place_markers(p))
         return SCENE_USAGE;
+    for (int b = 0; set->truth && b < BENDS; b++)
+        if (is_wanted(p, b) && !read_truth(p, b))
+            return SCENE_USAGE;
+    if (set->sensitivity)
+        return run_all_off(p);
     for (int b = 0; b < BENDS; b++) {
         sb_output table;
         int good, written;
-        if (strcmp(set->bend, "both") != 0 && strcmp(set->bend, bend_names[b]) != 0)
+        if (!is_wanted(p, b))
             continue;
-        snprintf(path, sizeof path, "%s_%s.csv", set->output, bend_names[b]);
-        if (sb_output_open(&table, path, NULL) != SB_OK) {
-            scene_complain(&p->s, path, "cannot be written");
+        if (!open_table(p, bend_names[b], path, &table))
             return SCENE_USAGE;
-        }
         fprintf(table.file, "t,fed_mm,marker,x_mm,y_mm,z_mm,dx_mm,dy_mm,dz_mm\n");
         good = run_bend(p, b, table.file);
         progress_end();
@@ -403,20 +605,17 @@ static int run(phantom *p)
 static void end(phantom *p)
 {
     for (int b = 0; b < BENDS; b++) {
-        record *r = p->records + b;
-        free(r->path.points);
-        free(r->fed);
-        free(r->rms);
-        for (int k = 0; k < 4; k++)
-            free(r->curves[k]);
+        forget(p->records + b);
+        free(p->truths[b].x);
+        free(p->truths[b].t);
     }
     scene_end(&p->s);
 }
 
 static int program(int argc, char **argv)
 {
-    settings set = {NULL, "phantom", "both", 1,  125.89e3, 0.453, 25, 0.5, 0.15, 0.16,
-                    0.02, 0.05,      -6,     60, 24,       8,     5,  1,   0};
+    settings set = {NULL, "phantom", "both", NULL, 1,  125.89e3, 0.453, 25, 0.5, 0.15, 0.16,
+                    0.02, 0.05,      -6,     60,   24, 8,        5,     1,  0,   0,    0};
     phantom p;
     int status;
     if (!parse(&set, argc, argv))

@@ -16,11 +16,12 @@
 #include "options.h"
 #include "plot.h"
 
-enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, MOST = 4, MOST_POINTS = 256 };
+enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, GELS = 3, MOST = 5, MOST_POINTS = 256 };
 
 typedef struct settings {
     const char *out;
-    int remesh, quick, help;
+    int remesh, quick, all, help;
+    int edges; /* of the mesh, that are tried */
     FILE *csv;
     int status;
 } settings;
@@ -127,12 +128,12 @@ static sb_vec3 scene_tip(const scene *c)
 
 /* ---- studies: one number each; NaN: a step failed ---------------------------------------------------------------- */
 
-/* N/m of the base, the needle 45 mm deep in 60 kPa. */
-static double base_stiffness(const settings *s, ndl_rod_preset preset, double edge)
+/* N/m of the base, the needle 45 mm deep. */
+static double base_stiffness(const settings *s, ndl_rod_preset preset, double young, double edge)
 {
     scene c = scene_begin(s, 0.07, 0.012, preset);
     double before, found = (double)NAN;
-    if (scene_make(&c, 0.07, edge, 60e3, 0.0341) && scene_go(&c, 0.05, 46, 0.02, 0)) {
+    if (scene_make(&c, 0.07, edge, young, 0.0341) && scene_go(&c, 0.05, 46, 0.02, 0)) {
         before = (double)scene_force(&c).x;
         if (scene_go(&c, 0.05, 4, 0, 0.0025) && scene_go(&c, 0.05, 16, 0, 0))
             found = ((double)scene_force(&c).x - before) / 0.0005;
@@ -226,39 +227,64 @@ static void keep(settings *s, const char *study, const char *gel, double at, dou
         s->status = EXIT_SOLVE;
 }
 
-static double edges[MOST] = {20, 14.5, 10, 7.3}, steps[MOST] = {40, 20, 10, 5};
-static double nitinol[MOST], steel[MOST], solid[2][MOST], soft[MOST], firm[MOST], off[MOST], peaks[MOST], more[MOST];
+static double edges[MOST] = {20, 14.5, 10, 7.3, 5}, steps[MOST] = {40, 20, 10, 5};
+static double stiff[GELS][2][MOST], solid[GELS][2][MOST], aside[GELS][MOST], off[MOST], peaks[MOST], more[MOST];
+
+/* Of both needles in one gel, and of the needle as a solid (tests/test_needle_held.c has its cases). */
+static void study_stiffness(settings *s, int gel)
+{
+    static const char *const words[2][GELS] = {{"nitinol, 12 kPa", "nitinol, 60 kPa", "nitinol, 240 kPa"},
+                                               {"steel, 12 kPa", "steel, 60 kPa", "steel, 240 kPa"}};
+    static const double young[GELS] = {12e3, 60e3, 240e3}, alone[2][GELS] = {{175, 497, 1066}, {449, 1354, 3357}};
+    static const ndl_rod_preset kinds[2] = {NDL_NITINOL_083, NDL_STYLET_18G};
+    for (int k = 0; k < 2; k++)
+        for (int i = 0; i < s->edges; i++) {
+            stiff[gel][k][i] = base_stiffness(s, kinds[k], young[gel], 1e-3 * edges[i]);
+            solid[gel][k][i] = alone[k][gel];
+            keep(s, "base stiffness", words[k][gel], edges[i], stiff[gel][k][i], "N/m");
+        }
+}
+
+static void study_bend(settings *s, int gel)
+{
+    static const char *const words[GELS] = {"10 kPa", "50 kPa", "25 kPa"};
+    static const double young[GELS] = {1e4, 5e4, 2.5e4};
+    for (int i = 0; i < s->edges; i++) {
+        aside[gel][i] = 1e3 * tip_aside(s, young[gel], 1e-3 * edges[i]);
+        keep(s, "tip aside", words[gel], edges[i], aside[gel][i], "mm");
+    }
+}
 
 static void study_edges(settings *s, plot *p)
 {
     plot_panel *panel;
-    int count = s->quick ? 2 : MOST;
-    for (int i = 0; i < count; i++) {
-        double edge = 1e-3 * edges[i];
-        keep(s, "base stiffness", "nitinol", edges[i], nitinol[i] = base_stiffness(s, NDL_NITINOL_083, edge), "N/m");
-        keep(s, "base stiffness", "steel", edges[i], steel[i] = base_stiffness(s, NDL_STYLET_18G, edge), "N/m");
-        keep(s, "tip aside", "10 kPa", edges[i], soft[i] = 1e3 * tip_aside(s, 1e4, edge), "mm");
-        keep(s, "tip aside", "50 kPa", edges[i], firm[i] = 1e3 * tip_aside(s, 5e4, edge), "mm");
-        keep(s, "shaft off its way", "1 GPa", edges[i], off[i] = 1e3 * shaft_off_way(s, edge), "mm");
-        solid[0][i] = 497, solid[1][i] = 1354; /* tests/test_needle_held.c */
-    }
-    panel = plot_add_panel(p, "base pushed aside", "edge (mm)", "stiffness (N/m)");
-    plot_add_curve(panel, "nitinol", edges, nitinol, count);
-    plot_add_curve(panel, "steel", edges, steel, count);
-    plot_add_curve(panel, "solid nitinol", edges, solid[0], count)->dashed = 1;
-    plot_add_curve(panel, "solid steel", edges, solid[1], count)->dashed = 1;
+    for (int gel = 0; gel < GELS; gel++)
+        if (s->all || gel == 1)
+            study_stiffness(s, gel);
+    for (int gel = 0; gel < GELS; gel++)
+        if (s->all || gel < 2)
+            study_bend(s, gel);
+    for (int i = 0; i < s->edges; i++)
+        keep(s, "shaft off its way", "1 GPa", edges[i], off[i] = 1e3 * shaft_off_way(s, 1e-3 * edges[i]), "mm");
+    panel = plot_add_panel(p, "base pushed aside, 60 kPa", "edge (mm)", "stiffness (N/m)");
+    plot_add_curve(panel, "nitinol", edges, stiff[1][0], s->edges);
+    plot_add_curve(panel, "steel", edges, stiff[1][1], s->edges);
+    plot_add_curve(panel, "solid nitinol", edges, solid[1][0], s->edges)->dashed = 1;
+    plot_add_curve(panel, "solid steel", edges, solid[1][1], s->edges)->dashed = 1;
     panel = plot_add_panel(p, "tip after 8 cm", "edge (mm)", "aside (mm)");
-    plot_add_curve(panel, "10 kPa", edges, soft, count);
-    plot_add_curve(panel, "50 kPa", edges, firm, count);
+    plot_add_curve(panel, "10 kPa", edges, aside[0], s->edges);
+    plot_add_curve(panel, "50 kPa", edges, aside[1], s->edges);
+    if (s->all)
+        plot_add_curve(panel, "25 kPa", edges, aside[2], s->edges);
     panel = plot_add_panel(p, "shaft in stiff gel", "edge (mm)", "off its tip's way (mm)");
-    plot_add_curve(panel, "nodes, the most", edges, off, count);
+    plot_add_curve(panel, "nodes, the most", edges, off, s->edges);
 }
 
 static void study_steps(settings *s, plot *p)
 {
     plot_panel *panel;
     double unused;
-    int count = s->quick ? 2 : MOST;
+    int count = s->quick ? 2 : 4;
     for (int i = 0; i < count; i++) {
         keep(s, "skin", "2 N and 0.5 N", steps[i], peaks[i] = skin_peak(s, 1e-3 * steps[i], 1, &unused), "N");
         unused = skin_peak(s, 1e-3 * steps[i], 0, more + i);
@@ -308,11 +334,12 @@ static int study(settings *s)
 
 static int program(int argc, char **argv)
 {
-    settings s = {"needle_study", 0, 0, 0, NULL, 0};
+    settings s = {"needle_study", 0, 0, 0, 0, 0, NULL, 0};
     option list[] = {
         {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s.out, 0, 0, "writes NAME.csv, NAME_mesh.svg and NAME_step.svg"},
         {"--remesh", NULL, OPTION_FLAG, &s.remesh, NULL, NULL, 0, 0, "meshes that follow the needle (NDL_REMESH)"},
         {"--quick", NULL, OPTION_FLAG, &s.quick, NULL, NULL, 0, 0, "two meshes and two steps: seconds"},
+        {"--all", NULL, OPTION_FLAG, &s.all, NULL, NULL, 0, 0, "three gels and a mesh of 5 mm edges, too: 20 minutes"},
         {"--help", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, "this text"},
     };
     enum { OPTIONS = sizeof list / sizeof list[0] };
@@ -323,6 +350,7 @@ static int program(int argc, char **argv)
         options_print(list, OPTIONS);
         return 0;
     }
+    s.edges = s.quick ? 2 : s.all ? MOST : 4;
     return study(&s);
 }
 

@@ -441,6 +441,14 @@ check "to a share of a percent" holds "$(last single_deviation_mm) < 0.5"
 check "both bends are pictured" eval 'is_png phantom_single.png && is_png phantom_double.png'
 check "a chart of three panels" [ "$(grep -c '<g transform' phantom.svg)" = 3 ]
 check "markers have their rows" [ "$(awk -F, '$3 == 15' phantom_double.csv | wc -l)" -gt 20 ]
+expect 0 'single_error_mm=0.000 .*single_under_1mm=1.000' \
+    needle_phantom --cells 12 --markers 4 --bend single --truth phantom -o again
+expect 0 'single_error_mm=0\.[1-9][0-9]* .*single_under_2mm=1.000' \
+    needle_phantom --cells 12 --markers 4 --bend single --held --truth phantom -o held
+long expect 0 '^single bend: RMS of the markers' needle_phantom --cells 8 --markers 4 --bend single --truth phantom -o off --every 5 --sensitivity
+expect 2 '--sensitivity needs a --truth' needle_phantom --sensitivity
+expect 2 'no-such_single.csv: cannot be opened' needle_phantom --truth no-such
+expect 2 'has no rows of these markers' needle_phantom --truth phantom --markers 5
 long expect 0 '^markers=9 double_rms_mm=' needle_phantom --bend double --cells 8 --markers 3 --depth 0.08 -o short
 long expect_data 0 '^markers=[0-9]* single' needle_phantom phantom/phantom_tet4.vtk --bend single --depth 0.06 -o organ --mesh
 expect 2 'triple is no bend' needle_phantom --bend triple

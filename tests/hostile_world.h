@@ -99,6 +99,8 @@ typedef struct world {
     ndl_plan plan;
     ndl_steer_def steer_def;
     ndl_push_def push_def;
+    ndl_guide_def guide_def;
+    ndl_push_place place;
     ndl_command command;
     ndl_needle *needles[1];
     reg_rigid motion;
@@ -949,6 +951,28 @@ static ndl_push_def *world_push_def(world *w)
     w->push_def.line_direction = sb_v3(0, 0, 1);
     w->push_def.max_force = 5;
     return &w->push_def;
+}
+
+static int world_model(void *user, sb_vec3 point, int place, sb_mat3 *compliance)
+{
+    (void)user, (void)point, (void)place;
+    *compliance = sb_m3_scale(REAL(0.001), sb_m3_identity());
+    return 1;
+}
+
+static ndl_guide_def *world_guide_def(world *w)
+{
+    w->place.direction = sb_v3(1, 0, 0);
+    w->place.cone = REAL(0.5);
+    w->place.max_force = w->place.weight = 1;
+    w->guide_def = ndl_default_guide_def(sb_v3(0, 0, REAL(-0.08)), sb_v3(0, 0, 0), sb_v3(0, 0, -1));
+    w->guide_def.obstacles = world_obstacle(w);
+    w->guide_def.obstacle_count = 1;
+    w->guide_def.places = &w->place;
+    w->guide_def.place_count = 1;
+    w->guide_def.model = world_model;
+    w->guide_def.samples = w->guide_def.climbs = 3;
+    return &w->guide_def;
 }
 
 static ndl_push *world_push(world *w)

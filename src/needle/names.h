@@ -82,6 +82,8 @@
 #define ndl_push_begin ndl_push_begin_f32
 #define ndl_push_update ndl_push_update_f32
 #define ndl_push_choose ndl_push_choose_f32
+#define ndl_default_guide_def ndl_default_guide_def_f32
+#define ndl_guide_make ndl_guide_make_f32
 #define ndl_default_needle_def ndl_default_needle_def_f32
 #define ndl_needle_create ndl_needle_create_f32
 #define ndl_needle_destroy ndl_needle_destroy_f32

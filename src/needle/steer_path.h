@@ -41,6 +41,7 @@ NDLI_API double ndli_field_march(const ndli_field *field, const ndli_pose *pose,
                                  double slack, double *nearest);
 
 /* ---- the planner's, for the controller ---- */
+NDLI_API sb_result ndli_obstacle_check(const ndl_obstacle *o, int i, sb_error *error); /* i: its name in messages */
 NDLI_API sb_result ndli_plan_check(const ndl_plan_def *def, sb_error *error);
 /* The plan whose pieces aim at the waypoints in turn, then at the target, with the curvature, limits and tolerance of
  * def; `sense` is the sign of twist to keep, or 0. Where it meets an obstacle nearer than `clearance` it is cut off

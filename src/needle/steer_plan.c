@@ -550,7 +550,7 @@ NDL_API ndl_plan_def ndl_default_plan_def(sb_real curvature, sb_real max_length)
 static int ndli_plan_positive(sb_real x) { return x > 0 && x <= SB_REAL_MAX; }
 static int ndli_plan_not_negative(sb_real x) { return x >= 0 && x <= SB_REAL_MAX; }
 
-static sb_result ndli_obstacle_check(const ndl_obstacle *o, int i, sb_error *error)
+NDLI_API sb_result ndli_obstacle_check(const ndl_obstacle *o, int i, sb_error *error)
 {
     if (o->kind < NDL_OBSTACLE_SPHERE || o->kind > NDL_OBSTACLE_SHAPE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "obstacle %d is of no such kind", i);

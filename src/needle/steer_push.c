@@ -1,6 +1,5 @@
 /* steer_push: the manipulator that moves a point inside the tissue onto a path, or out of its way. */
-#include "real3.h"
-#include "steer.h"
+#include "steer_push.h"
 
 static const unsigned ndli_push_cookie = 0x70736831u;
 
@@ -136,7 +135,7 @@ static sb_result ndli_push_check(const ndl_push_def *def, sb_error *error)
     return SB_OK;
 }
 
-static ndl_push_def ndli_push_unit(const ndl_push_def *def)
+NDLI_API ndl_push_def ndli_push_unit(const ndl_push_def *def)
 {
     ndl_push_def unit = *def;
     sb_real size = sb_v3_norm(def->direction);
@@ -169,8 +168,7 @@ NDL_API sb_result ndl_push_begin(const ndl_push_def *def, ndl_push *push, sb_err
 
 /* ---- control ---- */
 
-/* The way that a point has still to go, across the path: onto it, or out of the cylinder about it. */
-static ndli_v3 ndli_push_error(const ndl_push_def *def, ndli_v3 point)
+NDLI_API ndli_v3 ndli_push_error(const ndl_push_def *def, ndli_v3 point)
 {
     ndli_v3 off = ndli_push_across(def, ndli_sub(point, ndli_from(def->line_point)));
     double radius = (double)def->clear_radius, distance = ndli_norm(off), inside = distance;
@@ -220,11 +218,20 @@ NDL_API sb_result ndl_push_update(ndl_push *push, sb_vec3 point, sb_real dt, sb_
 
 /* ---- where to push ---- */
 
+NDLI_API double ndli_push_try(const ndl_push_def *unit, const sb_mat3 *compliance, ndli_v3 wanted, ndli_v3 *force)
+{
+    ndli_push_set set = ndli_push_set_of(unit);
+    ndli_m3 a = ndli_push_compliance(unit, compliance);
+    ndli_v3 none = ndli_v(0, 0, 0);
+    *force = ndli_push_size(&a) > 0 ? ndli_push_solve(&a, &set, wanted, none) : none;
+    return ndli_norm(ndli_sub(wanted, ndli_m_apply(&a, *force)));
+}
+
 NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compliances, const sb_vec3 *directions,
                                   int count, sb_vec3 point, int *best, sb_vec3 *force, sb_real *left, sb_error *error)
 {
     ndl_push_def unit;
-    ndli_v3 wanted, best_force = ndli_v(0, 0, 0);
+    ndli_v3 best_force = ndli_v(0, 0, 0);
     double best_left = 0;
     int found = -1, best_there = 0;
     sb_result result;
@@ -240,19 +247,13 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
             return sbi_fail(error, SB_ERROR_NOT_FINITE, "candidate %d is not finite", i);
     for (int i = 0; i < count; i++) {
         ndl_push_def candidate = *def;
-        ndli_push_set set;
-        ndli_m3 a;
         ndli_v3 f;
         double rest;
         int there;
         if (directions)
             candidate.direction = directions[i];
         unit = ndli_push_unit(&candidate);
-        set = ndli_push_set_of(&unit);
-        a = ndli_push_compliance(&unit, compliances + i);
-        wanted = ndli_push_error(&unit, ndli_from(point));
-        f = ndli_push_size(&a) > 0 ? ndli_push_solve(&a, &set, wanted, ndli_v(0, 0, 0)) : ndli_v(0, 0, 0);
-        rest = ndli_norm(ndli_sub(wanted, ndli_m_apply(&a, f)));
+        rest = ndli_push_try(&unit, compliances + i, ndli_push_error(&unit, ndli_from(point)), &f);
         there = rest <= (double)def->tolerance;
         if (found < 0 || there > best_there ||
             (there == best_there && (there ? ndli_norm(f) < ndli_norm(best_force) : rest < best_left))) {
