@@ -40,7 +40,8 @@ INCLUDES = -I. -Itests -Ibuild
 TEST_INCLUDES = -Ibuild/include $(INCLUDES)
 # Tests of what is internal include headers of src/ and link with the implementation that all share, whose internals are
 # extern for them. With an implementation of its own each would take longer to compile than all others together.
-INTERNAL_TESTS = $(shell grep -l '^\#define SB_SPLIT_BUILD' tests/test_*.c)
+# Headers cut_*.h of tests are internal, too.
+INTERNAL_TESTS = $(shell grep -lE '^\#(define SB_SPLIT_BUILD|include "cut_)' tests/test_*.c)
 
 PRODUCTS = softbody needle register
 HEADERS = $(PRODUCTS:%=%.h)

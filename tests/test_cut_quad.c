@@ -304,9 +304,8 @@ static void test_peeling(void)
         roots[k] = cbrt(peel_opening(&b, stroke, h, lengths[k], force));
         CHECK_NEAR(pow(roots[k] / (slope * (lengths[k] + chi * h)), 3), 1, 0.03);
     }
-    for (int k = 0; k < 2; k++)
-        CHECK_NEAR((roots[k + 1] - roots[k]) / (lengths[k + 1] - lengths[k]), slope,
-                   (SB_REAL_IS_FLOAT ? 0.05 : 0.01) * slope);
+    CHECK_NEAR(roots[2] - roots[0], slope * (lengths[2] - lengths[0]),
+               (SB_REAL_IS_FLOAT ? 0.05 : 0.01) * (roots[2] - roots[0])); /* floats leave a root five digits */
     printf("  double cantilever by peeling: slope %.4f of a slender beam's, chi %.3f\n",
            (roots[2] - roots[0]) / (lengths[2] - lengths[0]) / slope, (roots[2] / slope - lengths[2]) / h);
     block_free(&b);

@@ -183,9 +183,21 @@ SBI_API int sbi_blade_is_passed(const sbi_blade *blade, sbi_int3 p, sbi_int3 r)
     return side != 0 && sbi_crossing_edge(at[1], at[2], p, e) == side && sbi_crossing_edge(at[2], at[0], p, e) == side;
 }
 
+/* 0: a link lies beside the blade's box on an axis, where no tie is broken either: it does not cross. */
+static int sbi_blade_is_near(const sbi_blade *blade, sbi_int3 p, sbi_int3 r)
+{
+    return (p.x <= blade->high.x || r.x <= blade->high.x) && (p.x >= blade->low.x || r.x >= blade->low.x) &&
+           (p.y <= blade->high.y || r.y <= blade->high.y) && (p.y >= blade->low.y || r.y >= blade->low.y) &&
+           (p.z <= blade->high.z || r.z <= blade->high.z) && (p.z >= blade->low.z || r.z >= blade->low.z);
+}
+
 SBI_API int sbi_blade_crosses(const sbi_blade *blade, sbi_int3 p, sbi_int3 r, sb_real *t)
 {
-    double from = sbi_blade_height(blade, p), to = sbi_blade_height(blade, r);
+    double from, to;
+    if (!sbi_blade_is_near(blade, p, r))
+        return 0;
+    from = sbi_blade_height(blade, p);
+    to = sbi_blade_height(blade, r);
     if (sbi_blade_side(blade, from) == sbi_blade_side(blade, to) || !sbi_blade_is_passed(blade, p, r))
         return 0;
     *t = (sb_real)(from / (from - to)); /* one of them is not 0, and they have other signs */

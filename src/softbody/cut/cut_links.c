@@ -14,7 +14,7 @@ SBI_API int sbi_cut_links_table(int capacity)
 /* Place of a key in the table, or the free one where it belongs. */
 static int sbi_cut_links_slot(const sbi_cut_links *links, const sbi_link_key *key)
 {
-    unsigned mask = (unsigned)sbi_cut_links_table(links->capacity) - 1;
+    unsigned mask = (unsigned)links->table_size - 1;
     uint64_t mixed = 0;
     for (int i = 0; i < 4; i++) {
         mixed = (mixed ^ (unsigned)key->at[i]) * UINT64_C(0x9e3779b97f4a7c15);
@@ -31,7 +31,8 @@ SBI_API void sbi_cut_links_move(sbi_cut_links *links, sbi_cut_link *items, int *
 {
     if (links->count)
         memcpy(items, links->items, (size_t)links->count * sizeof *items);
-    memset(table, 0, (size_t)sbi_cut_links_table(capacity) * sizeof *table);
+    links->table_size = sbi_cut_links_table(capacity);
+    memset(table, 0, (size_t)links->table_size * sizeof *table);
     links->items = items;
     links->table = table;
     links->capacity = capacity;

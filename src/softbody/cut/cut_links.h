@@ -21,7 +21,8 @@ enum { SBI_LINK_WHOLE = 0, SBI_LINK_CUT = 1, SBI_LINK_PREDICTED = 2 };
 typedef struct sbi_cut_links {
     int count, capacity;
     sbi_cut_link *items; /* [capacity] in the order they were cut */
-    int *table;          /* [sbi_cut_links_table(capacity)] 1 + item, or 0 */
+    int *table;          /* [table_size] 1 + item, or 0 */
+    int table_size;      /* sbi_cut_links_table(capacity) */
     uint64_t *lost;      /* [tets] points of each tet's lattice whose material was taken out; NULL: none. Links from
                           * them to others are cut */
 } sbi_cut_links;

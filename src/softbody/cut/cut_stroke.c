@@ -113,13 +113,18 @@ static int sbi_cut_bricks_along(const sb_cut *cut) { return cut->nodes_per_tet =
 /* Where the corners of a brick of a piece are now. */
 static void sbi_cut_corners(const sb_cut *cut, int tet, int piece, int brick, sb_vec3 corners[4])
 {
-    sbi_corner_order order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
+    sbi_corner_order order;
     sb_vec3 x[SBI_CUT_NODES];
     sbi_cut_get_nodes(cut, piece, x);
+    if (cut->nodes_per_tet == 4) {
+        memcpy(corners, x, 4 * sizeof *corners);
+        return;
+    }
+    order = sbi_corner_order_make(cut->tets + 4 * (size_t)tet);
     for (int a = 0; a < 4; a++) {
         sb_real at[4];
         sbi_lattice_point(&cut->lattice, cut->lattice.micros[brick][a], at);
-        corners[a] = cut->nodes_per_tet == 4 ? x[a] : sbi_cut_place(cut, &order, at, x);
+        corners[a] = sbi_cut_place(cut, &order, at, x);
     }
 }
 
@@ -304,7 +309,7 @@ static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *c
     for (int skin = 0; skin < 2; skin++)
         for (int i = 0; i < cut->near.count; i++) {
             int tet = passing.tet = cut->near.items[i];
-            if (!sbi_cut_meets_tet(cut, tet, &box) || (skin && !sbi_cut_is_on_skin(cut, tet)))
+            if ((skin && !sbi_cut_is_on_skin(cut, tet)) || !sbi_cut_meets_tet(cut, tet, &box))
                 continue;
             for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
                 for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++)

@@ -65,7 +65,8 @@ struct sb_cut_surface {
     int merged_capacity;
     sbi_draw_table joins; /* of faces between elements: which corners are of one piece, as bits of pairs */
     sbi_draw_table edges; /* of the skin that faces meet at by links */
-    signed char edge_of[4][4], opposite[4];
+    signed char edge_of[4][4];
+    signed char beside[4][3]; /* local corners of a tet's face without each, counter-clockwise from outside */
 
     sbi_draw_table names; /* of vertices */
     sbi_draw_vertex *vertices;
@@ -87,7 +88,8 @@ struct sb_cut_surface {
 typedef struct sbi_draw_tet {
     int tet;
     sbi_parted parted;
-    int cells[SBI_LATTICE_POINTS]; /* of the pieces */
+    int cells[SBI_LATTICE_POINTS];             /* of the pieces */
+    signed char places[4][SBI_LATTICE_POINTS]; /* of points of a face in it, the same from both its elements */
 } sbi_draw_tet;
 
 /* ---- tables ---- */
@@ -412,8 +414,8 @@ static int sbi_draw_point(sb_cut_surface *s, const sbi_draw_tet *t, int point)
 static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int end, int tag, sb_vec3 normal)
 {
     const sbi_parted *parted = &t->parted;
-    sbi_link_key name = sbi_lattice_key(parted->lattice, &parted->order, t->tet, link);
-    int item = sbi_cut_links_find(&s->cut->links, &name), ends[2], piece = parted->piece_of[end], side;
+    int item = parted->rank[link], ends[2], piece = parted->piece_of[end], side;
+    const sbi_link_key *name = &s->cut->links.items[item].key;
     sb_real first[4], last[4], at[4];
     sbi_draw_key key;
     sbi_lattice_ends(parted->lattice, &parted->order, link, ends);
@@ -424,7 +426,7 @@ static int sbi_draw_link(sb_cut_surface *s, const sbi_draw_tet *t, int link, int
     side = s->merged[item] ? 0 : end == ends[1];
     for (int a = 0; a < 4; a++) /* crossings at an end still depend on all of the link's corners */
         first[a] += last[a];
-    key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name.at[0], name.at[1], name.at[2], name.at[3],
+    key = sbi_draw_key_make(SBI_DRAW_LINK | side << 3, name->at[0], name->at[1], name->at[2], name->at[3],
                             sbi_draw_node(s, t, piece, first));
     key.at[6] = tag | sbi_draw_place(t, at) << 1; /* ablation moves crossings */
     return sbi_draw_vertex_of(s, t, piece, key, at, normal);
@@ -445,11 +447,8 @@ static sbi_draw_key sbi_draw_face_key(const sbi_draw_tet *t, int micro, const in
     for (int k = 0; k < 3; k++) {
         rank[k] = corners[local[k]];
         ranked[k] = k;
-        if (outer >= 0) {
-            unsigned mark = sbi_lattice_face_marks(lattice, &t->parted.order, outer, (uint64_t)1 << corners[local[k]]);
-            for (rank[k] = 0; mark > 1; mark >>= 1)
-                rank[k]++;
-        }
+        if (outer >= 0)
+            rank[k] = t->places[outer][corners[local[k]]];
     }
     for (int i = 1; i < 3; i++)
         for (int k = i; k > 0 && rank[ranked[k - 1]] > rank[ranked[k]]; k--) {
@@ -461,11 +460,10 @@ static sbi_draw_key sbi_draw_face_key(const sbi_draw_tet *t, int micro, const in
         code = 64 * code + rank[ranked[k]];
     *shared = outer >= 0;
     if (outer >= 0) {
-        int names[3], count = 0, lacking[SB_MAX_FACE_NODES];
-        sb_element_face(SB_TET4, outer, lacking, NULL);
+        int names[3], count = 0;
         for (int k = 0; k < 4; k++) {
             int corner = t->parted.order.corners[k];
-            if (corner == lacking[0] || corner == lacking[1] || corner == lacking[2])
+            if (lattice->face_points[outer] >> corner & 1)
                 names[count++] = t->parted.order.nodes[corner];
         }
         return sbi_draw_key_make(SBI_DRAW_FACE, names[0], names[1], names[2], code, 0);
@@ -525,6 +523,8 @@ static void sbi_draw_load_tet(const sb_cut_surface *s, int tet, sbi_draw_tet *t)
     int count = 0;
     t->tet = tet;
     sbi_parted_make(&cut->lattice, &cut->links, cut->tets + 4 * (size_t)tet, tet, &t->parted);
+    for (int face = 0; face < 4; face++)
+        sbi_lattice_face_places(&cut->lattice, &t->parted.order, face, t->places[face]);
     for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
         t->cells[count++] = cut->pieces[piece].cell;
 }
@@ -566,10 +566,8 @@ static void sbi_draw_list_tets(sb_cut_surface *s)
 /* Local corners of a face of a micro-tet without corner x, counter-clockwise from outside. */
 static void sbi_draw_micro_face(const sb_cut_surface *s, int x, int local[3])
 {
-    int nodes[SB_MAX_FACE_NODES];
-    sb_element_face(SB_TET4, s->opposite[x], nodes, NULL);
     for (int k = 0; k < 3; k++)
-        local[k] = nodes[k];
+        local[k] = s->beside[x][k];
 }
 
 /* Where cuts end, and which corners of faces between elements are of one piece in one of them. */
@@ -578,11 +576,8 @@ static void sbi_draw_find_sides(sb_cut_surface *s, const sbi_draw_tet *t)
     const sbi_parted *parted = &t->parted;
     const sbi_lattice *lattice = parted->lattice;
     for (int l = 0; l < lattice->link_count; l++) {
-        sbi_link_key key;
-        if (!parted->cut[l] || parted->piece_of[lattice->links[l][0]] != parted->piece_of[lattice->links[l][1]])
-            continue;
-        key = sbi_lattice_key(lattice, &parted->order, t->tet, l);
-        s->merged[sbi_cut_links_find(&s->cut->links, &key)] = 1;
+        if (parted->cut[l] && parted->piece_of[lattice->links[l][0]] == parted->piece_of[lattice->links[l][1]])
+            s->merged[parted->rank[l]] = 1;
     }
     for (int micro = 0; micro < lattice->micro_count; micro++)
         for (int x = 0; x < 4; x++) {
@@ -770,38 +765,65 @@ static void sbi_draw_skin(sb_cut_surface *s, const sbi_draw_tet *t)
     }
 }
 
-/* The triangle between v and w of a micro-tet beside the face without corner x, on the side of each. turned: link, face
- * and centre go round v the other way than out of it. */
-static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, int micro, const sbi_micro_points *points, int v,
-                         int w, int x, int turned)
+/* Points of a micro-tet and the vertices of its lips that have been found, -1: not yet: several triangles have each. */
+typedef struct sbi_draw_micro {
+    int micro;
+    sbi_micro_points points;
+    int links[6][2]; /* on the side of the first corner and the last */
+    int faces[4][4]; /* of the face without a corner, on the side of another */
+    int centres[4];  /* on the side of a corner */
+} sbi_draw_micro;
+
+/* The corners of a lip's triangle on the side of corner v, from w, beside the face without corner x; its normal at
+ * rest. */
+static void sbi_draw_lip_side(sb_cut_surface *s, const sbi_draw_tet *t, sbi_draw_micro *m, int v, int w, int x,
+                              sb_vec3 normal, int vertices[3])
 {
     const sbi_lattice *lattice = t->parted.lattice;
-    const unsigned char *corners = lattice->micros[micro];
-    int link = lattice->micro_links[micro][s->edge_of[v][w]], local[3], tag;
-    const sb_real *of_face = points->tet[SBI_MICRO_FACES + sbi_draw_opposite[x]];
-    const sb_real *of_link = points->tet[s->edge_of[v][w]], *of_centre = points->tet[SBI_MICRO_CENTRE];
+    const unsigned char *corners = lattice->micros[m->micro];
+    int edge = s->edge_of[v][w], local[3], k = 0;
+    int *link = &m->links[edge][v > w], *face = &m->faces[x][v], *centre = &m->centres[v];
+    sbi_draw_micro_face(s, x, local);
+    while (local[k] != v)
+        k++;
+    if (*link < 0)
+        *link = sbi_draw_link(s, t, lattice->micro_links[m->micro][edge], corners[v], SB_CUT_LIP, normal);
+    if (*face < 0)
+        *face = sbi_draw_face(s, t, m->micro, local, k, m->points.tet[SBI_MICRO_FACES + sbi_draw_opposite[x]],
+                              SB_CUT_LIP, normal);
+    if (*centre < 0)
+        *centre =
+            sbi_draw_centre(s, t, m->micro, t->parted.piece_of[corners[v]], m->points.tet[SBI_MICRO_CENTRE], normal);
+    vertices[0] = *link;
+    vertices[1] = *face;
+    vertices[2] = *centre;
+}
+
+/* The triangle between v and w of a micro-tet beside the face without corner x, on the side of each. turned: link, face
+ * and centre go round v the other way than out of it. */
+static void sbi_draw_lip(sb_cut_surface *s, const sbi_draw_tet *t, sbi_draw_micro *m, int v, int w, int x, int turned)
+{
+    const sbi_lattice *lattice = t->parted.lattice;
+    const unsigned char *corners = lattice->micros[m->micro];
+    int link = lattice->micro_links[m->micro][s->edge_of[v][w]], tag;
     sb_vec3 rest[3], nodes[4], normal;
     for (int a = 0; a < 4; a++)
         nodes[a] = s->cut->body->reference[s->cut->tets[4 * (size_t)t->tet + (size_t)a]];
-    rest[0] = sbi_lattice_place(&t->parted.order, of_link, nodes);
-    rest[1] = sbi_lattice_place(&t->parted.order, of_face, nodes);
-    rest[2] = sbi_lattice_place(&t->parted.order, of_centre, nodes);
+    rest[0] = sbi_lattice_place(&t->parted.order, m->points.tet[s->edge_of[v][w]], nodes);
+    rest[1] = sbi_lattice_place(&t->parted.order, m->points.tet[SBI_MICRO_FACES + sbi_draw_opposite[x]], nodes);
+    rest[2] = sbi_lattice_place(&t->parted.order, m->points.tet[SBI_MICRO_CENTRE], nodes);
     normal = sb_v3_cross(sb_v3_sub(rest[1], rest[0]), sb_v3_sub(rest[2], rest[0]));
     tag = s->cut->links.items[t->parted.rank[link]].charred ? SB_CUT_CHAR : SB_CUT_LIP;
-    sbi_draw_micro_face(s, x, local);
     for (int side = 0; side < 2; side++) {
-        int corner = side ? w : v, piece = t->parted.piece_of[corners[corner]], k = 0, a, b, c;
+        int corner = side ? w : v, cell, at[3];
         if (sbi_draw_is_lost(t, corners[corner]))
             continue;
-        while (local[k] != corner)
-            k++;
-        a = sbi_draw_link(s, t, link, corners[corner], SB_CUT_LIP, normal);
-        b = sbi_draw_face(s, t, micro, local, k, of_face, SB_CUT_LIP, normal);
-        c = sbi_draw_centre(s, t, micro, piece, of_centre, normal);
+        sbi_draw_lip_side(s, t, m, corner, side ? v : w, x, normal, at);
+        cell = t->cells[t->parted.piece_of[corners[corner]]];
         if (side == turned)
-            sbi_draw_add_triangle(s, a, b, c, tag, t->cells[piece]);
+            sbi_draw_add_triangle(s, at[0], at[1], at[2], tag, cell);
         else
-            sbi_draw_add_triangle(s, a, c, b, tag, t->cells[piece]);
+            sbi_draw_add_triangle(s, at[0], at[2], at[1], tag, cell);
     }
 }
 
@@ -811,18 +833,22 @@ static void sbi_draw_lips(sb_cut_surface *s, const sbi_draw_tet *t)
     int has_lips = t->parted.piece_count > 1 || t->parted.lost;
     for (int micro = 0; micro < lattice->micro_count && has_lips; micro++) {
         const unsigned char *corners = lattice->micros[micro];
-        sbi_micro_points points;
+        sbi_draw_micro m;
         if (!sbi_parted_is_split(&t->parted, micro))
             continue;
-        sbi_parted_points(&t->parted, micro, 0, &points);
+        m.micro = micro;
+        memset(m.links, -1, sizeof m.links);
+        memset(m.faces, -1, sizeof m.faces);
+        memset(m.centres, -1, sizeof m.centres);
+        sbi_parted_points(&t->parted, micro, 0, &m.points);
         for (int v = 0; v < 4; v++)
             for (int w = v + 1; w < 4; w++) {
                 int u = v == 0 ? (w == 1 ? 2 : 1) : 0, x = 6 - v - w - u;
                 int odd = (v > u) + (w > u) + (v > x) + (w > x) + (u > x); /* of the order v, w, u, x */
                 if (t->parted.piece_of[corners[v]] == t->parted.piece_of[corners[w]])
                     continue;
-                sbi_draw_lip(s, t, micro, &points, v, w, x, odd & 1);
-                sbi_draw_lip(s, t, micro, &points, v, w, u, !(odd & 1));
+                sbi_draw_lip(s, t, &m, v, w, x, odd & 1);
+                sbi_draw_lip(s, t, &m, v, w, u, !(odd & 1));
             }
     }
 }
@@ -1043,7 +1069,8 @@ static int sbi_draw_take_skin(sb_cut_surface *s)
         sb_element_face(SB_TET4, face, local, NULL);
         for (int k = 0; k < 3; k++)
             missing -= local[k];
-        s->opposite[missing] = (signed char)face;
+        for (int k = 0; k < 3; k++)
+            s->beside[missing][k] = (signed char)local[k];
     }
     for (int edge = 0; edge < 6; edge++) {
         int ends[3];

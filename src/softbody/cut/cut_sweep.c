@@ -166,13 +166,30 @@ SBI_API sbi_cut_box sbi_cut_box_of_piece(const sb_cut *cut, int piece)
     return box;
 }
 
+/* Whether boxes of pieces meet another is asked thousands of times a frame: mostly one axis and corner tell. */
+static int sbi_cut_meets_piece(const sb_cut *cut, int piece, const sbi_cut_box *box)
+{
+    const sb_vec3 *x = cut->body->position;
+    const int *nodes = sbi_cut_piece_nodes(cut, piece);
+    const sb_vec3 *a = x + nodes[0], *b = x + nodes[1], *c = x + nodes[2], *d = x + nodes[3];
+    sb_vec3 low = box->low, high = box->high;
+    if (cut->nodes_per_tet > 4) {
+        sbi_cut_box of = sbi_cut_box_of_piece(cut, piece);
+        return sbi_cut_boxes_meet(&of, box);
+    }
+    return !((a->x > high.x && b->x > high.x && c->x > high.x && d->x > high.x) ||
+             (a->x < low.x && b->x < low.x && c->x < low.x && d->x < low.x) ||
+             (a->y > high.y && b->y > high.y && c->y > high.y && d->y > high.y) ||
+             (a->y < low.y && b->y < low.y && c->y < low.y && d->y < low.y) ||
+             (a->z > high.z && b->z > high.z && c->z > high.z && d->z > high.z) ||
+             (a->z < low.z && b->z < low.z && c->z < low.z && d->z < low.z));
+}
+
 SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box)
 {
     int meets = 0;
-    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0 && !meets; piece = cut->pieces[piece].next) {
-        sbi_cut_box of = sbi_cut_box_of_piece(cut, piece);
-        meets = sbi_cut_boxes_meet(&of, box);
-    }
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0 && !meets; piece = cut->pieces[piece].next)
+        meets = sbi_cut_meets_piece(cut, piece, box);
     return meets;
 }
 

@@ -298,23 +298,43 @@ SBI_API int sbi_lattice_pieces(const sbi_lattice *lattice, const unsigned char *
     return count;
 }
 
+/* Corners of a face in ascending order of their nodes. */
+static void sbi_lattice_sort_face(const sbi_lattice *lattice, const sbi_corner_order *order, int face, int sorted[3])
+{
+    int count = 0;
+    for (int i = 0; i < 4; i++)
+        if (lattice->face_points[face] >> order->corners[i] & 1)
+            sorted[count++] = order->corners[i];
+}
+
+/* Place of a point in a face, whose rows are i of the second corner, j of the third. */
+static int sbi_lattice_place_in_face(const sbi_lattice *lattice, const int sorted[3], int point)
+{
+    int i = lattice->points[point][sorted[1]], j = lattice->points[point][sorted[2]];
+    return i * (2 * lattice->intervals + 3 - i) / 2 + j;
+}
+
 SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
                                         uint64_t piece)
 {
     uint64_t on = piece & lattice->face_points[face];
-    int corners[SB_MAX_FACE_NODES], sorted[3], count = 0, m = lattice->intervals;
+    int sorted[3];
     unsigned marks = 0;
-    sb_element_face(SB_TET4, face, corners, NULL);
-    for (int i = 0; i < 4; i++)
-        for (int a = 0; a < 3; a++)
-            if (corners[a] == order->corners[i])
-                sorted[count++] = corners[a];
+    sbi_lattice_sort_face(lattice, order, face, sorted);
     for (int p = 0; on; p++, on >>= 1)
-        if (on & 1) { /* rows of the face: i of the second corner, j of the third */
-            int i = lattice->points[p][sorted[1]], j = lattice->points[p][sorted[2]];
-            marks |= 1u << (i * (2 * m + 3 - i) / 2 + j);
-        }
+        if (on & 1)
+            marks |= 1u << sbi_lattice_place_in_face(lattice, sorted, p);
     return marks;
+}
+
+SBI_API void sbi_lattice_face_places(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
+                                     signed char places[SBI_LATTICE_POINTS])
+{
+    int sorted[3];
+    sbi_lattice_sort_face(lattice, order, face, sorted);
+    for (int p = 0; p < lattice->point_count; p++)
+        if (lattice->face_points[face] >> p & 1)
+            places[p] = (signed char)sbi_lattice_place_in_face(lattice, sorted, p);
 }
 
 SBI_API void sbi_lattice_find_ringed(const sbi_lattice *lattice, const unsigned char *cut, unsigned char *ringed)

@@ -73,6 +73,9 @@ SB_INLINE uint64_t sbi_lattice_all(const sbi_lattice *lattice) { return ((uint64
  * when their marks have one in common. */
 SBI_API unsigned sbi_lattice_face_marks(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
                                         uint64_t piece);
+/* The places in a face of the points on it: the bits of their marks. Others are left as they are. */
+SBI_API void sbi_lattice_face_places(const sbi_lattice *lattice, const sbi_corner_order *order, int face,
+                                     signed char places[SBI_LATTICE_POINTS]);
 /* ringed[link_count]: 1 where every micro-triangle of this tet around the link has exactly one cut link: of a whole
  * link that is so in all tets around it nothing holds but itself. */
 SBI_API void sbi_lattice_find_ringed(const sbi_lattice *lattice, const unsigned char *cut, unsigned char *ringed);
