@@ -6,6 +6,8 @@
 
 /* Deviation of the offset of all points, as share of the organ's size. */
 #define REGI_INFER_OFFSET 1e-3
+/* Farthest that a round moves a node, as share of the size: the response is linear no farther. */
+#define REGI_INFER_STEP ((sb_real)0.05)
 
 /* ---- responses ---- */
 
@@ -120,8 +122,11 @@ static sb_result regi_infer_move(reg_infer *f, double share, sb_error *error)
     int tries = 0;
     least = sb_min((sb_real)0.02, (sb_real)0.5 * least);
     do {
+        sb_real way = 0;
         regi_infer_try(f, share);
-        volume = regi_infer_least_volume(f, f->trial);
+        for (int i = 0; i < f->node_count; i++)
+            way = sb_max(way, sb_v3_norm(sb_v3_sub(f->trial[i], u[i])));
+        volume = way <= REGI_INFER_STEP * f->model->size ? regi_infer_least_volume(f, f->trial) : -1;
         if (volume >= least)
             break;
         share *= 0.5;
