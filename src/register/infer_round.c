@@ -7,7 +7,7 @@
 /* Deviation of the offset of all points, as share of the organ's size. */
 #define REGI_INFER_OFFSET 1e-3
 /* Farthest that a round moves a node, as share of the size: the response is linear no farther. */
-#define REGI_INFER_STEP ((sb_real)0.05)
+#define REGI_INFER_STEP ((sb_real)0.1)
 
 /* ---- responses ---- */
 
