@@ -1390,14 +1390,14 @@ REG_API void reg_infer_destroy(reg_infer *infer); /* NULL is fine; the model sta
 REG_API sb_result reg_infer_displacements(const reg_infer *infer, sb_vec3 *displacements);
 /* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included. */
 REG_API sb_result reg_infer_forces(const reg_infer *infer, sb_vec3 *forces);
-/* expected[nodes]: root mean square error (m) to expect of each node, calibrated. */
+/* expected[nodes]: root mean square error (m) to expect of each node. On views of a tenth it may be far too small. */
 REG_API sb_result reg_infer_expected(const reg_infer *infer, sb_real *expected);
 /* One of the REG_INFER_DRAWS shapes that agree with what was seen, as displacements[nodes] (m) like the answer's: to
  * see in how many of them a path misses. SB_ERROR_INDEX. */
 enum { REG_INFER_DRAWS = 32 };
 REG_API sb_result reg_infer_draw(const reg_infer *infer, int index, sb_vec3 *displacements);
-/* Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2),
- * calibrated; either may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY
+/* Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);
+ * either may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY
  * leave both untouched. From the draws, so that single covariances are known to a quarter. */
 REG_API sb_result reg_infer_covariance(const reg_infer *infer, const sb_vec3 *points, int count, sb_vec3 *moved,
                                        sb_mat3 *covariances, sb_error *error);
@@ -1412,7 +1412,7 @@ typedef enum reg_infer_stop {
 
 /* What the loads that won are like. */
 typedef enum reg_prior_kind {
-    REG_PRIOR_RIGID = 0,  /* no loads explain more than a pose does: the organ keeps its shape */
+    REG_PRIOR_RIGID = 0,  /* loads explain hardly more than a pose does: by less than 3 nats */
     REG_PRIOR_SMOOTH = 1, /* tractions of like size everywhere */
     REG_PRIOR_LOCAL = 2,  /* tractions of some places */
     REG_PRIOR_GRAVITY = 3 /* a weight, and tractions that carry it */
@@ -11411,7 +11411,6 @@ struct reg_infer {
     double pose_sd[REGI_INFER_POSE]; /* m, rad */
     double pose[REGI_INFER_POSE];    /* reached: m, rad */
     double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
-    int is_rigid;                    /* 1: no loads are worth their while */
     double temper;                   /* share of the evidence that counts, (0, 1] */
 };
 
@@ -12239,9 +12238,8 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
 #include <string.h>
 
 
-/* What the predicted deviations are multiplied by, for full views and for parts: fitted to 30 generated cases (drags,
- * pulls, pushes, indentations, pressures, weights, lifts; stiff inclusions; meshes and materials unlike the model's),
- * whose errors were 1.06 and 1.23 of the raw prediction in the root mean square and 1.3 and 1.7 for nine in ten. */
+/* What the predicted deviations are multiplied by, for full views and for parts: taken over from a prototype, and not
+ * yet fitted to errors of this code. */
 #define REGI_INFER_ALPHA_FULL 1.3
 #define REGI_INFER_ALPHA_VIEW 1.7
 
@@ -12609,10 +12607,10 @@ static void regi_infer_summarise(reg_infer *f)
     }
     q->expected = (sb_real)sum;
     q->length = (sb_real)f->choice.length;
-    q->prior = f->is_rigid             ? REG_PRIOR_RIGID
-               : f->choice.gravity > 0 ? REG_PRIOR_GRAVITY
-               : f->choice.is_local    ? REG_PRIOR_LOCAL
-                                       : REG_PRIOR_SMOOTH;
+    q->prior = f->quality.prior_margin < 3 ? REG_PRIOR_RIGID
+               : f->choice.gravity > 0     ? REG_PRIOR_GRAVITY
+               : f->choice.is_local        ? REG_PRIOR_LOCAL
+                                           : REG_PRIOR_SMOOTH;
 }
 
 static void regi_infer_warn(reg_infer *f)
