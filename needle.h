@@ -27,9 +27,9 @@
  * side of the tissue is stopped there.
  *
  * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
- * ndl_needle_def.entry_slip for figures. Needles go into bodies of SB_TET4 only (SB_ERROR_UNSUPPORTED otherwise), with
- * implicit steps. What is embedded in a body follows the changes that needles make where it is asked to
- * (sb_embedding_follow).
+ * ndl_needle_def.entry_slip for figures. With NDL_REMESH needles go into bodies of SB_TET4 only
+ * (SB_ERROR_UNSUPPORTED otherwise); all bodies with needles take implicit steps. What is embedded in a body follows the
+ * changes that needles make where it is asked to (sb_embedding_follow).
  *
  * A FIRST PROGRAM
  *
@@ -1053,9 +1053,7 @@ typedef struct ndl_guide_def {
                                * lies before the disc is not looked at */
     sb_real max_lean;         /* rad, in [0, 1.5]: of paths from `direction`; default 0.6 */
     sb_real shift;            /* m, >= 0: how far from the target at rest paths may pass; default as entry_radius */
-    const ndl_obstacle
-        *obstacles; /* [obstacle_count] sensitive tissue, borrowed; default none. It moves with the tissue
-                     */
+    const ndl_obstacle *obstacles; /* [obstacle_count] tissue to keep out of, borrowed; it moves; default none */
     int obstacle_count;
     sb_real clearance;            /* m from obstacles, > 0: half the needle's diameter, and margin; default 1/50 of the
                                    * distance */
@@ -1098,8 +1096,10 @@ NDL_API ndl_guide_def ndl_default_guide_def(sb_vec3 target, sb_vec3 entry, sb_ve
  * Displacements add up (linear tissue); a place pushes in one phase only. Points of interest beyond NDL_GUIDE_PHASES -
  * 1 are not pushed, but count. SB_OK with any outcome. Failures leave *guide untouched: SB_ERROR_ARGUMENT (field,
  * obstacle or place named), SB_ERROR_NOT_FINITE (also of the model). Some 0.1 ms for a path and phase with 8 places,
- * beside what the model takes for up to 64 points and all places a path. Deterministic to the bit, nothing is
- * allocated. */
+ * beside what the model takes, which is asked some 128 times for each of up to four tries of a path and each place in
+ * use. Distances are looked at in 64 points of a path: an obstacle thinner than 1/64 of it may lie between two, and
+ * `clearance` is too large by up to 1/32 of the path over 8 clearances. A distance that is no number is within an
+ * obstacle. Deterministic to the bit, nothing is allocated. */
 NDL_API sb_result ndl_guide_make(const ndl_guide_def *def, ndl_guide *guide, sb_error *error);
 
 #endif /* NDL_GUIDE_H */
@@ -1180,18 +1180,26 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* How a needle is in the tissue.
  *
+ * Which to take: NDL_EMBED wherever forces, bends or places matter, in soft tissue above all, in other elements than
+ * tet4, in cut bodies, for needles close together. NDL_REMESH (the default, and what Chentanez 2010 has) where nodes
+ * are wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x
+ * 3 cells. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED
+ * (RMS; needle_phantom); lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a
+ * bend is 0.82 to 1.56 of its law with NDL_REMESH (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED.
+ * Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm, feel friction and cutting to 1 %.
+ *
  * With NDL_EMBED the shaft is held by springs at material points. They are what the mesh does not show of the tissue
  * close to the needle (couple_rows.h), so that what a hand feels hardly depends on the mesh: an 18-gauge or nitinol
- * needle 45 mm deep in 12 to 60 kPa has the same lateral stiffness to 3 % with edges from 17 to 7 mm (NDL_REMESH: 1.9
- * times), 2 to 4 % below that of the needle as a solid in a mesh graded to it (steel in 12 kPa 4 to 7 %), 5 % above it
- * in a mesh that is uneven and distorted, 4 to 8 % below it in other elements than tet4. Shafts stay on what their tips
- * cut, to 0.05 mm in stiff gel. Needles enter where they meet the skin: of 200 into random ellipsoids none felt 0.02 N
- * more than friction and cutting in any step. Under load the rod is ahead of its material points, by 1 mm of 20 N/m and
- * 3 mm at a tip of 0.5 N in 50 kPa, which is how far tissue about a needle is drawn along. A tip bends as its bevel
- * says: after 8 cm in 10 to 50 kPa it is aside by the same to 3 % with edges from 20 to 7 mm. Limits: needles do not go
- * in through the lips of a cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that
- * cut the body has to stay as long as they do: without it they are out of the tissue, as where others change the mesh;
- * entry_slip is not read.
+ * needle 45 mm deep in 12 to 240 kPa is within 6 % of the lateral stiffness of the needle as a solid in a mesh graded
+ * to it, with edges from 20 to 5 mm (needle_study --all), 5 % above it in a mesh that is uneven and distorted, 4 to 8 %
+ * below it in other elements than tet4. Shafts stay on what their tips cut, to 0.05 mm in stiff gel. Needles enter
+ * where they meet the skin: of 200 into random ellipsoids none felt 0.02 N more than friction and cutting in any step.
+ * Under load the rod is ahead of its material points, by 1 mm of 20 N/m and 3 mm at a tip of 0.5 N in 50 kPa, which is
+ * how far tissue about a needle is drawn along. A tip bends as its bevel says: after 8 cm in 10 to 50 kPa it is aside
+ * by the same to 3 % with edges from 20 to 7 mm (5 mm in 10 kPa: 7 % less). Limits: needles do not go in through the
+ * lips of a cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that cut the body
+ * has to stay as long as they do: without it they are out of the tissue, as where others change the mesh; entry_slip is
+ * not read.
  */
 typedef enum ndl_follow {
     NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no
@@ -1283,8 +1291,12 @@ typedef struct ndl_step_info {
     int blocked;         /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
                           * follow it (no operation left sound tets, no memory); then it tries again later */
     int torn;            /* needles that were less than half an edge deep and tore out of the skin, because nothing
-                          * else could be computed */
+                          * else could be computed. They come in again when their tips cross the skin anew, from
+                          * outside */
     int limited;         /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
+    int coarse;          /* needles with NDL_REMESH in tissue so soft that it, not the bevel, sets how far they bend
+                          * (curvature times lam beyond the lag, see steer.h): their way then depends on the mesh, 0.82
+                          * to 1.56 times the bend of NDL_EMBED. Do not trust it; take NDL_EMBED */
     sb_step_info body;   /* of the last substep */
     double seconds_body; /* with the body's clock, else 0: forces, matrix and preconditioner of the body, */
     double seconds_couple; /* needles' matrices and all trials, */
@@ -10804,9 +10816,11 @@ static int ndli_guide_path_of(const ndl_guide_def *def, const double z[4], ndli_
     return path->length > 0 && ndli_dot(path->t, middle) >= cosine - 1e-9;
 }
 
+/* One that is no number is as far within the obstacle as the target is away. */
 static double ndli_guide_distance(const ndl_guide_def *def, int obstacle, ndli_v3 p)
 {
-    return (double)ndl_obstacle_distance(def->obstacles + obstacle, ndli_to(p));
+    double distance = (double)ndl_obstacle_distance(def->obstacles + obstacle, ndli_to(p));
+    return distance == distance ? distance : -ndli_norm(ndli_sub(ndli_from(def->target), ndli_from(def->entry)));
 }
 
 /* The way out of an obstacle at a point, across the path; any where it has none. */
@@ -11005,7 +11019,8 @@ static void ndli_guide_list(const ndl_guide_def *def, const ndli_guide_path *pat
     }
 }
 
-/* What all forces leave, and what they cost; returns both as one cost (N). */
+/* What all forces leave, and what they cost; returns both as one cost (N): a path that does not reach costs more than
+ * all forces together. */
 static double ndli_guide_judge(ndli_guide_work *w, ndli_guide_path *path, ndl_guide *guide,
                                double least[NDL_GUIDE_PHASES])
 {
@@ -11026,8 +11041,8 @@ static double ndli_guide_judge(ndli_guide_work *w, ndli_guide_path *path, ndl_gu
     guide->length = (sb_real)path->length;
     guide->clearance = (sb_real)ndli_guide_clearance(w, guide, path, least);
     close = fmax(0, (double)def->clearance - tolerance - (double)guide->clearance);
-    guide->reaches = late == 0 && close == 0;
-    return (double)guide->cost + w->penalty * (late + close);
+    guide->reaches = late == 0 && close == 0 && path->length > 0;
+    return (double)guide->cost + w->penalty * (late + close + (guide->reaches ? 0 : 0.5 * tolerance));
 }
 
 /* The plan of a path: forces are taken one after another, each as the others ask for, until they agree; obstacles are
@@ -11125,6 +11140,11 @@ NDL_API sb_result ndl_guide_make(const ndl_guide_def *def, ndl_guide *guide, sb_
     for (int i = 0; i < def->place_count; i++)
         most += (double)def->places[i].weight * (double)def->places[i].max_force;
     w.penalty = (most > 0 ? 2 * most : 1) / (double)def->tolerance;
+    if (!(w.penalty <= (double)SB_REAL_MAX))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "weights and max_force of the places come to %g N over a tolerance "
+                        "of %g m: too much",
+                        most, (double)def->tolerance);
     ndli_guide_search(&w, &found);
     if (w.result != SB_OK)
         return w.result;
@@ -12570,6 +12590,8 @@ NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 NDLI_API double ndli_bevel_curvature(const ndl_bevel *bevel); /* 1/m, of a way in rigid tissue */
 /* Before a substep: from where its bevel turns. */
 NDLI_API void ndli_bevel_begin(ndl_needle *needle);
+/* 1: a needle that its mesh follows is bent by more than soft tissue holds; how far depends on the mesh. */
+NDLI_API int ndli_bevel_is_coarse(const ndl_needle *needle);
 NDLI_API double ndli_bevel_lag(const ndl_bevel *bevel); /* rad: how far a way may be from the shaft's direction */
 /* Direction of the shaft at its tip (unit). heading: of the way; chord: of what is cut along the shaft's last edge. */
 NDLI_API ndli_v3 ndli_bevel_shaft(const ndl_needle *needle, ndli_v3 heading, ndli_v3 chord);
@@ -12842,6 +12864,12 @@ NDLI_API double ndli_bevel_lag(const ndl_bevel *bevel)
 static ndli_v3 ndli_bevel_side(const ndl_needle *needle)
 {
     return ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2);
+}
+
+NDLI_API int ndli_bevel_is_coarse(const ndl_needle *needle)
+{
+    return !needle->site->embeds && needle->line.count > 0 &&
+           fabs(ndli_bevel_curvature(&needle->bevel)) * needle->wave > ndli_bevel_lag(&needle->bevel);
 }
 
 NDLI_API void ndli_bevel_begin(ndl_needle *needle) { needle->side = ndli_bevel_side(needle); }
@@ -14081,6 +14109,12 @@ static void ndli_held_measure_entering(ndl_needle *needle)
         needle->line.count > 0 ? fmin(fmax(reach, 0), ndli_held_edge(needle->rod, needle->line.first - 1)) : 0;
 }
 
+/* How far on the track a node may be that the next one is not to be passed by (m). */
+static double ndli_held_most_arc(const ndl_needle *needle, int i)
+{
+    return needle->arc[i + 1] - 0.05 * needle->rod->rest_length[i];
+}
+
 /* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
 static double ndli_held_length(const ndl_needle *needle, int i)
 {
@@ -14120,6 +14154,23 @@ static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struc
     }
 }
 
+/* Slip that a hold cannot make: where the shaft goes in it stays at the skin, and where soft tissue is so much pressed
+ * before the tip that more of the shaft would be past it than there is on the track, it stays behind the next. What it
+ * is ahead of the tissue beyond what friction can wind up is then of steps before: taken for a slip of this one, and
+ * again in each, viscosity made a force of it (0.2 N beyond friction and cutting were seen). */
+static double ndli_held_overrun(const ndl_needle *needle, int i, const ndli_held_spot *spot, ndli_v3 tangent,
+                                ndli_v3 offset)
+{
+    double wound = ndli_dot(tangent, offset), slack, room;
+    if (i == ndli_line_foremost(&needle->line))
+        return 0;
+    slack = ndli_held_slack(needle, spot);
+    if (i < needle->line.first)
+        return wound - fmin(fmax(wound, -slack), slack);
+    room = spot->stretch * fmax(0, ndli_held_most_arc(needle, i) - needle->arc[i]);
+    return fmax(0, wound - slack - room);
+}
+
 /* Hold i where it is now, `length` of shaft; *spot: where its material is. */
 static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_spot *spot)
 {
@@ -14137,6 +14188,8 @@ static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_s
     ndli_held_tie(needle->site, &spot->row, hold);
     hold->offset = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(&needle->site->bed, &spot->row));
     tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
+    hold->offset =
+        ndli_madd(hold->offset, -ndli_held_overrun(needle, i, spot, hold->tangent, hold->offset), hold->tangent);
     hold->across = length * ndli_held_across(&tissue);
     hold->along = length * ndli_held_along(&tissue) + (is_tip ? ndli_held_tip(needle, &tissue) : 0);
 }
@@ -14328,7 +14381,7 @@ static void ndli_held_count(ndl_needle *needle)
     }
     while (line->first > 2 && (more = ndli_held_reach(needle, &stretch) - ndli_held_edge(rod, line->first - 1)) > 0) {
         int next = line->first - 1;
-        double arc = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
+        double arc = fmin(more / stretch, ndli_held_most_arc(needle, next));
         if (!(arc > 0)) /* the rod is ahead of its material by more than it is in */
             break;
         line->first = next;
@@ -14347,7 +14400,7 @@ static void ndli_held_slip(ndl_needle *needle)
     int last = ndli_line_foremost(line);
     double tip = ndli_track_length(&needle->track);
     for (int i = last; i >= line->first; i--) {
-        double most = i == last ? tip : needle->arc[i + 1] - 0.05 * needle->rod->rest_length[i];
+        double most = i == last ? tip : ndli_held_most_arc(needle, i);
         double arc = i == last ? tip : needle->arc[i] + line->slip[i] / needle->stretch[i];
         needle->arc[i] = fmin(arc, most);
     }
@@ -15408,6 +15461,17 @@ static sb_result ndli_step_keep_substep(const ndli_stepping *s, double t, ndli_k
     return SB_OK;
 }
 
+/* What is told of a try that is taken back: as before, but for what it took. */
+static void ndli_step_forget(ndl_step_info *info, const ndl_step_info *before)
+{
+    ndl_step_info taken = *info;
+    *info = *before;
+    info->iterations = taken.iterations;
+    info->seconds_body = taken.seconds_body;
+    info->seconds_couple = taken.seconds_couple;
+    info->seconds_needle = taken.seconds_needle;
+}
+
 /* A substep from t on, to the first edge of a membrane that a tip runs through in it: what it has to cut is one force
  * in a substep. No mesh has followed a tip where one is taken back. *end: where it ends. */
 static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
@@ -15425,7 +15489,7 @@ static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_s
         if (result != SB_OK || !(share < 1))
             break;
         ends->edges[ends->edge_count++] = t + share * (*end - t);
-        *s->info = before;
+        ndli_step_forget(s->info, &before);
         result = ndli_needle_undo(s->site, kept, s->error);
     }
     return result == SB_OK ? ndli_step_end_substep(s) : result;
@@ -15508,6 +15572,7 @@ static void ndli_step_count_states(const ndli_stepping *s)
         }
         s->info->blocked += needle->blocked;
         s->info->limited += needle->limited;
+        s->info->coarse += ndli_bevel_is_coarse(needle);
     }
 }
 

@@ -104,7 +104,8 @@
  *              noise is taken off clouds and surfaces by reg_cloud_smooth and reg_cloud_smooth_mesh.
  * reg_kdtree   nearest points and those within a radius.
  * reg_rigid    a rotation and a translation; reg_rigid_fit gives the best one for pairs.
- * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks.
+ * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks. Says
+ *              which other poses fit, how clearly they are told apart, warnings by name, and a covariance.
  * reg_cpd_fit  coherent point drift, rigid to non-rigid, for clouds without a model (and markers of different number).
  * reg_field    the potential about a target: distance, or Laplace's.
  * reg_match    physics-based shape matching: an sb_body drawn to a target by charges on its surface.
@@ -677,7 +678,7 @@ typedef enum reg_warning {
     REG_WARN_VIEW_SMALL = 16,    /* the target shows less than 15 % of the model */
     REG_WARN_MANY_OUTLIERS = 32, /* over 30 % of the points that looked found nothing of the other shape */
     REG_WARN_LOW_CONTRAST = 64,  /* the shapes leave a motion open, as a sphere's turns: info.covariance */
-    REG_WARN_FREE_SPACE = 128    /* over 5 % of the model is where the camera saw nothing */
+    REG_WARN_FREE_SPACE = 128    /* over 10 % of what the camera faced would hide what it saw */
 } reg_warning;
 
 enum { REG_ICP_POSES = 8 };
@@ -692,7 +693,8 @@ typedef struct reg_icp_info {
     sb_real landmark_rms; /* m, weighted; 0 without landmarks */
     double seconds;       /* 0 without a clock */
     unsigned warnings;    /* REG_WARN_..., or-ed */
-    /* distinct poses, model to target, the likeliest first; the first is the result, the others are less refined */
+    /* distinct poses, model to target, the likeliest first; the first is the result, those 3 nats behind are less
+     * refined */
     int pose_count;
     reg_rigid poses[REG_ICP_POSES];
     sb_real likelihood[REG_ICP_POSES]; /* nats against the first (0): for so many independent patches as the target is
@@ -1530,7 +1532,7 @@ REG_API sb_real reg_rigid_angle(const reg_rigid *motion)
     if (!r)
         return 0;
     axis = sb_v3(r->m[2][1] - r->m[1][2], r->m[0][2] - r->m[2][0], r->m[1][0] - r->m[0][1]);
-    return (sb_real)atan2((double)sb_v3_norm(axis), (double)(r->m[0][0] + r->m[1][1] + r->m[2][2] - 1));
+    return sb_atan2(sb_v3_norm(axis), r->m[0][0] + r->m[1][1] + r->m[2][2] - 1);
 }
 
 static sb_result regi_rigid_check(const sb_vec3 *from, const sb_vec3 *to, const sb_real *weights, int count,
@@ -4079,6 +4081,9 @@ REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion
 REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation);
 /* Fills the poses' likelihoods and what they come from, and sorts them by it. Overwrites the pairs. */
 REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count);
+/* Of poses, the best first, those that differ from all before them, by 8 degrees or, in the mean over the model, by 5 %
+ * of its size; up to `kept`. Returns how many. */
+REGI_API int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept);
 /* Finds poses[REG_ICP_POSES], the likeliest first: *count >= 1; *tried: how many were begun with. */
 REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
                                     int *count, int *tried);
@@ -4431,6 +4436,31 @@ static int regi_icp_outward(const sb_surface *surface)
     return votes < 0 ? -1 : 1;
 }
 
+/* Normals that a cloud brings, as means over neighbours where they are noisy: half of them over 15 degrees off these
+ * means. Of very many points they are taken as they are. */
+static sb_result regi_icp_smooth_normals(const regi_icp *icp, regi_icp_side *side)
+{
+    const sb_real even = (sb_real)0.034;
+    sb_real *reach;
+    sb_result result;
+    if (side->surface || side->count > REGI_ICP_FITTED)
+        return SB_OK;
+    result = regi_cloud_allocate(&side->own, side->count, 1, icp->allocator, icp->error);
+    if (result != SB_OK)
+        return result;
+    reach = (sb_real *)sbi_alloc(icp->allocator, (size_t)side->count, 2 * sizeof(sb_real));
+    result = reach ? regi_icp_neighbours(icp, side->points, side->normals, side->count, reach, side->own.normals)
+                   : regi_icp_no_memory(icp);
+    if (result == SB_OK) {
+        for (int i = 0; i < side->count; i++)
+            reach[i] = 1 - sb_v3_dot(side->normals[i], side->own.normals[i]);
+        if (reg_outlier_limit(reach, side->count, REG_OUTLIERS_TRIM, (sb_real)0.5, reach + side->count) > even)
+            side->normals = side->own.normals;
+    }
+    sbi_free(icp->allocator, reach);
+    return result;
+}
+
 /* Share of the normals that look away from the camera. */
 static sb_real regi_icp_away(const regi_icp_side *side, sb_vec3 camera)
 {
@@ -4473,7 +4503,7 @@ static sb_result regi_icp_normals(regi_icp *icp, const reg_icp_shape *shape, reg
     }
     if (side->sign < 0)
         icp->warnings |= REG_WARN_INVERTED;
-    return SB_OK;
+    return regi_icp_smooth_normals(icp, side);
 }
 
 /* Centre, size and principal axes of the evenly spread points. An axis has no direction of its own: it gets the one in
@@ -4893,7 +4923,7 @@ REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_
     if (o->seen_from_sd > 0 && !icp->both) {
         sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
         sb_vec3 wanted = regi_cloud_unit(o->seen_from);
-        sb_real angle = (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
+        sb_real angle = sb_atan2(sb_v3_norm(sb_v3_cross(seen, wanted)), sb_v3_dot(seen, wanted));
         sum += regi_pose_square(angle, slack, o->seen_from_sd);
     }
     return -sum / 2;
@@ -5106,8 +5136,7 @@ static int regi_pose_differ(const regi_icp *icp, const regi_pose *p, const regi_
     return sum > (sb_real)0.05 * model->extent * (sb_real)probes;
 }
 
-/* Of poses sorted by score those that differ from all before them, up to `kept`; returns how many. */
-static int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
+REGI_API int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
 {
     int found = 0;
     for (int i = 0; i < count && found < kept; i++) {
@@ -5197,7 +5226,7 @@ static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose 
 static sb_real regi_pose_student(sb_real gap, sb_real noise)
 {
     sb_real x = gap / noise;
-    return -2 * (sb_real)log(1 + (double)(x * x / 3));
+    return -2 * sb_log(1 + x * x / 3);
 }
 
 /* Mean log-likelihood of a point for a common noise; what finds no partner counts as a tenth of the size. */
@@ -5246,6 +5275,8 @@ static void regi_pose_weigh(regi_icp *icp, const regi_icp_stage *last, regi_pose
         noise = sb_min(noise, poses[i].noise);
     }
     noise = sb_max(noise, 64 * SB_EPSILON * (icp->a.extent + icp->b.extent));
+    if (!(noise > 0))
+        noise = 1; /* the shapes are points: any unit does */
     for (int i = 0; i < count; i++)
         poses[i].score = -regi_pose_mean(icp, poses + i, gaps, i, noise);
     regi_pose_sort(poses, count, count);
@@ -5477,7 +5508,7 @@ REGI_API sb_result regi_icp_report(regi_icp *icp, const regi_icp_stage *stage, c
         icp->warnings |= REG_WARN_VIEW_SMALL;
     if (pose.lost > (sb_real)0.3)
         icp->warnings |= REG_WARN_MANY_OUTLIERS;
-    if (pose.in_front > (sb_real)0.05)
+    if (pose.in_front > (sb_real)0.1)
         icp->warnings |= REG_WARN_FREE_SPACE;
     regi_report_scale(icp, info);
     return SB_OK;
@@ -5670,6 +5701,9 @@ static sb_result regi_icp_begin(regi_icp *icp, const reg_rigid *start, const reg
     return SB_OK;
 }
 
+/* Whether so many nats tell two poses apart. */
+static int regi_icp_is_clear(sb_real nats) { return nats >= 3; }
+
 /* The poses and how clearly they are told apart; motions of the model from here on. */
 static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_info *info)
 {
@@ -5678,10 +5712,24 @@ static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_i
         info->likelihood[i] = poses[i].likelihood - poses[0].likelihood;
     }
     info->margin = info->pose_count > 1 ? -info->likelihood[1] : SB_REAL_MAX;
-    if (info->margin < 3)
+    if (!regi_icp_is_clear(info->margin))
         icp->warnings |= REG_WARN_AMBIGUOUS;
     if (poses[0].flip < 0 && !icp->a.fitted && !icp->b.fitted)
         icp->warnings |= REG_WARN_INVERTED;
+}
+
+/* The last stage for the poses that may be the right one as well as the first. */
+static void regi_icp_refine_others(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count)
+{
+    regi_icp_stage stage = *last;
+    sb_real score;
+    int converged;
+    for (int i = 1; i < count; i++) {
+        stage.flip = poses[i].flip;
+        if (!regi_icp_is_clear(poses[0].likelihood - poses[i].likelihood))
+            regi_icp_iterate(icp, &stage, icp->options->max_iterations, icp->options->tolerance, &poses[i].motion,
+                             &score, &converged);
+    }
 }
 
 static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_info *info)
@@ -5702,6 +5750,7 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
     result = regi_icp_begin(icp, start, &stage, poses, info);
     if (result != SB_OK)
         return result;
+    regi_icp_refine_others(icp, &stage, poses, info->pose_count);
     stage.flip = poses[0].flip;
     info->iterations = regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, &poses[0].motion,
                                         &score, &converged);
@@ -5710,6 +5759,7 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
     if (info->pairs == 0)
         return sbi_fail(icp->error, SB_ERROR_NOT_CONVERGED, "no points of the shapes are within %g m of each other",
                         (double)options->max_distance);
+    info->pose_count = regi_pose_distinct(icp, poses, info->pose_count, REG_ICP_POSES); /* the last stage moved one */
     regi_icp_tell_poses(icp, poses, info);
     result = regi_icp_report(icp, &stage, &poses[0], info);
     info->warnings = icp->warnings;

@@ -619,6 +619,7 @@ static int run_method(work *w, int pattern, method how)
     given.target = w->set->outliers > 0 ? NULL : &w->target;
     given.cloud = w->set->outliers > 0 ? &w->cloud : NULL;
     given.partial = w->set->partial;
+    given.any = 1;
     given.linear = w->set->linear;
     given.noisy = w->set->noise > 0;
     given.loads = !w->set->plain && !w->set->linear;

@@ -526,6 +526,8 @@ static int parse(settings *set, int argc, char **argv)
                strcmp(set->bend, "double") != 0) {
         good = options_complain("needle_phantom", set->bend, "is no bend: single, double or both");
     }
+    if (good && set->truth && strcmp(set->truth, set->output) == 0)
+        good = options_complain("needle_phantom", "--truth", "names the files that -o writes");
     if (good && set->sensitivity && !set->truth)
         good = options_complain("needle_phantom", "--sensitivity", "needs a --truth");
     if (good && set->sensitivity && !(set->poisson + 2 * sd_poisson < 0.495 && set->young > 2.1 * sd_young))

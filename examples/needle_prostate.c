@@ -1,6 +1,6 @@
 /* needle_prostate: a flexible needle goes into a prostate phantom, is turned, goes on, and is drawn out again.
  *
- *     needle_prostate [--mesh FILE] [--tip bevel|symmetric] [--seconds S] [--csv FILE] [-o PREFIX]
+ *     needle_prostate [--mesh FILE | --anatomy] [--tip bevel|symmetric] [--seconds S] [--csv FILE] [-o PREFIX]
  *
  * The needle is fed at 1 cm/s through a template that stands before the block; steps of 20 ms. A bevelled tip curves
  * upwards until the base is turned by half a turn, then downwards. Written are PREFIX_0000.vtk and so on (tissue),
@@ -32,7 +32,7 @@ static const double STEP = 0.02, SPEED = 0.01, BEVEL = 7; /* s, m/s, 1/m */
 typedef struct settings {
     const char *mesh, *tip, *csv, *prefix;
     double seconds;
-    int help;
+    int anatomy, help;
 } settings;
 
 /* Curves of the chart: one value per step each. */
@@ -95,8 +95,9 @@ static void name_file(const work *w, const char *ending, char path[PATH_SIZE])
 static int make_mesh(work *w)
 {
     sb_error error;
-    sb_result result = w->set->mesh ? sb_mesh_load(&w->body.mesh, w->set->mesh, NULL, &error)
-                                    : phantom_make_mesh(&w->body.mesh, &error);
+    sb_result result = w->set->mesh      ? sb_mesh_load(&w->body.mesh, w->set->mesh, NULL, &error)
+                       : w->set->anatomy ? phantom_make_anatomy(&w->body, &error)
+                                         : phantom_make_mesh(&w->body.mesh, &error);
     if (result == SB_OK)
         result = phantom_survey(&w->body, &error);
     if (result == SB_OK)
@@ -527,6 +528,8 @@ static int check_settings(const settings *s)
 {
     if (strcmp(s->tip, "bevel") != 0 && strcmp(s->tip, "symmetric") != 0)
         return options_complain("needle_prostate", "--tip", "needs bevel or symmetric");
+    if (s->mesh && s->anatomy)
+        return options_complain("needle_prostate", "--anatomy", "does not go with --mesh");
     if (strlen(s->prefix) > PATH_SIZE - 64)
         return options_complain("needle_prostate", "-o", "needs a shorter prefix");
     if (s->mesh && s->csv && is_same_file(s->mesh, s->csv))
@@ -544,6 +547,8 @@ static int program(int argc, char **argv)
         {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0,
          "tissue of tets in metres, the highest region is the prostate (VTK, VTU, gmsh, Medit, TetGen); default: made "
          "here"},
+        {"--anatomy", NULL, OPTION_FLAG, &s.anatomy, NULL, NULL, 0, 0,
+         "made here with skin of 6 mm and a pubic bone, in a mesh that is finer at their surfaces"},
         {"--tip", "KIND", OPTION_TEXT, NULL, NULL, &s.tip, 0, 0, "bevel or symmetric"},
         {"--seconds", "S", OPTION_NUMBER, NULL, &s.seconds, NULL, 0.5, 1e5, "length of the run, steps are of 0.02 s"},
         {"--csv", "FILE", OPTION_TEXT, NULL, NULL, &s.csv, 0, 0, "a line for each step"},

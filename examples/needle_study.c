@@ -233,8 +233,8 @@ static double stiff[GELS][2][MOST], solid[GELS][2][MOST], aside[GELS][MOST], off
 /* Of both needles in one gel, and of the needle as a solid (tests/test_needle_held.c has its cases). */
 static void study_stiffness(settings *s, int gel)
 {
-    static const char *const words[2][GELS] = {{"nitinol, 12 kPa", "nitinol, 60 kPa", "nitinol, 240 kPa"},
-                                               {"steel, 12 kPa", "steel, 60 kPa", "steel, 240 kPa"}};
+    static const char *const words[2][GELS] = {{"nitinol in 12 kPa", "nitinol in 60 kPa", "nitinol in 240 kPa"},
+                                               {"steel in 12 kPa", "steel in 60 kPa", "steel in 240 kPa"}};
     static const double young[GELS] = {12e3, 60e3, 240e3}, alone[2][GELS] = {{175, 497, 1066}, {449, 1354, 3357}};
     static const ndl_rod_preset kinds[2] = {NDL_NITINOL_083, NDL_STYLET_18G};
     for (int k = 0; k < 2; k++)

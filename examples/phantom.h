@@ -26,6 +26,7 @@ enum { PHANTOM_REGIONS = 64, PHANTOM_MEMBRANES = 2 * PHANTOM_REGIONS };
 
 typedef struct phantom {
     sb_mesh mesh;
+    int anatomy;                         /* 1: made by phantom_make_anatomy */
     int region_count;                    /* highest number and 1 */
     int prostate;                        /* its region, or -1: the mesh has only one */
     int meets_prostate[PHANTOM_REGIONS]; /* 1: this region has a face with it, */
@@ -85,6 +86,47 @@ static inline sb_result phantom_make_mesh(sb_mesh *mesh, sb_error *error)
     def.low = sb_v3((sb_real)-0.065, (sb_real)-0.055, (sb_real)-0.050);
     def.high = sb_v3((sb_real)0.065, (sb_real)0.055, (sb_real)0.050);
     return sb_mesh_stuff(&def, mesh, NULL, error);
+}
+
+/* ---- with skin and bone ---- */
+
+enum { PHANTOM_SKIN = 1, PHANTOM_TISSUE = 2, PHANTOM_BONE = 3, PHANTOM_PROSTATE = 4 };
+
+/* 6 mm below the skin. */
+static inline sb_real phantom_deep_distance(void *user, sb_vec3 x)
+{
+    return phantom_block_distance(user, x) + (sb_real)0.006;
+}
+
+/* A pubic bone: a rod of 16 mm across the needle, above its way and before the prostate. */
+static inline sb_real phantom_bone_distance(void *user, sb_vec3 x)
+{
+    double y = fabs((double)x.y), across = hypot((double)x.x + 0.02, (double)x.z - 0.031);
+    (void)user;
+    return (sb_real)(hypot(across, y > 0.025 ? y - 0.025 : 0) - 0.008);
+}
+
+/* The same block with skin, bone and prostate, in cells of 8.5 mm at all their surfaces that grow inwards. */
+static inline sb_result phantom_make_anatomy(phantom *p, sb_error *error)
+{
+    static const sb_distance distances[4] = {phantom_block_distance, phantom_deep_distance, phantom_bone_distance,
+                                             phantom_prostate_distance};
+    sb_stuff_def def = sb_default_stuff_def();
+    sb_shape shapes[4];
+    memset(shapes, 0, sizeof shapes);
+    for (int k = 0; k < 4; k++) {
+        shapes[k].distance = distances[k];
+        shapes[k].region = PHANTOM_SKIN + k;
+        shapes[k].max_slope = k < 3;
+    }
+    def.shapes = shapes;
+    def.shape_count = 4;
+    def.cell = (sb_real)0.0085;
+    def.levels = 2;
+    def.low = sb_v3((sb_real)-0.065, (sb_real)-0.055, (sb_real)-0.050);
+    def.high = sb_v3((sb_real)0.065, (sb_real)0.055, (sb_real)0.050);
+    p->anatomy = 1;
+    return sb_mesh_stuff(&def, &p->mesh, NULL, error);
 }
 
 static inline int phantom_region(const sb_mesh *mesh, int element)
@@ -165,27 +207,43 @@ static inline sb_body_def phantom_default_body_def(void)
     return def;
 }
 
-/* Tissue of 50 kPa with a prostate of 100 kPa; what lies on the table (the lowest 3 % of the height) sticks to it. */
+/* fixed: [node_count], room. What lies on the table (the lowest 3 % of the height), and bone; returns how many. */
+static inline int phantom_list_fixed(const phantom *p, int *fixed)
+{
+    sb_real table = p->low.z + (sb_real)0.03 * (p->high.z - p->low.z);
+    int count = 0;
+    memset(fixed, 0, sizeof *fixed * (size_t)p->mesh.node_count);
+    for (int k = 0; k < 4 * p->mesh.element_count; k++) {
+        int i = p->mesh.elements[k];
+        if (p->mesh.nodes[i].z <= table || (p->anatomy && phantom_region(&p->mesh, k / 4) == PHANTOM_BONE))
+            fixed[i] = 1;
+    }
+    for (int i = 0; i < p->mesh.node_count; i++)
+        if (fixed[i])
+            fixed[count++] = i;
+    return count;
+}
+
+/* Tissue of 50 kPa with a prostate of 100 kPa, and skin of 150 kPa where there is one; bone does not move, and what
+ * lies on the table sticks to it. */
 static inline sb_result phantom_make_tissue(phantom *p, sb_body_def *def, sb_error *error)
 {
-    sb_region_material prostate;
-    sb_real table = p->low.z + (sb_real)0.03 * (p->high.z - p->low.z);
-    int *fixed = (int *)malloc((size_t)p->mesh.node_count * sizeof *fixed), fixed_count = 0;
+    sb_region_material materials[2];
+    int *fixed = (int *)malloc((size_t)p->mesh.node_count * sizeof *fixed);
     sb_result result;
     if (!fixed)
         return phantom_refuse(SB_ERROR_MEMORY, "not enough memory", error);
-    prostate.region = p->prostate;
-    prostate.material = sb_material_corotated(100000, (sb_real)0.45, 1040);
+    materials[0].region = p->prostate;
+    materials[0].material = sb_material_corotated(100000, (sb_real)0.45, 1040);
+    materials[1].region = PHANTOM_SKIN;
+    materials[1].material = sb_material_corotated(150000, (sb_real)0.45, 1100);
     def->mesh = &p->mesh;
     def->material = sb_material_corotated(50000, (sb_real)0.45, 1040);
-    def->region_materials = &prostate;
-    def->region_material_count = p->prostate >= 0;
-    for (int i = 0; i < p->mesh.node_count; i++)
-        if (p->mesh.nodes[i].z <= table)
-            fixed[fixed_count++] = i;
+    def->region_materials = materials;
+    def->region_material_count = p->prostate < 0 ? 0 : p->anatomy ? 2 : 1;
     result = sb_body_create(def, &p->tissue, error);
     if (result == SB_OK)
-        result = sb_body_hold(p->tissue, fixed, fixed_count, SB_XYZ, error);
+        result = sb_body_hold(p->tissue, fixed, phantom_list_fixed(p, fixed), SB_XYZ, error);
     def->region_materials = NULL; /* it was of this call */
     def->region_material_count = 0;
     free(fixed);

@@ -14,11 +14,11 @@
  *     --displacement FILE  n ux uy uz      is written: of every node, rigid part included
  * The last line is iterations=N steps_per_second=S seconds=T distance_mm=D stop=REASON: of the deformation, but for T,
  * which is all from the files to the result, and D, the mean distance of the target's points from the registered
- * surface. Which way a target's surface faces has to be known: from --camera, or by its normals, which are tried both
- * ways; a cloud that has none, of a part of an organ, is refused without --camera.
- * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no registration was found, 4 one was
- * written that is not to be trusted: cut off by its time, or still far from the target. A small distance does not tell
- * how far off what was not seen is. */
+ * surface. Which way a target's surface faces is known from --camera, or found: both ways are tried. What the rigid
+ * start warns of is said by name. Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no
+ * registration was found, or two that the target does not tell apart (--any takes the likelier one; better: --camera,
+ * --seen-from or landmarks), 4 one was written that is not to be trusted: cut off by its time, of another size, or
+ * still far from the target. A small distance does not tell how far off what was not seen is. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -35,8 +35,8 @@ enum { EXIT_USAGE = 2, EXIT_FAILED = 3, EXIT_DOUBTFUL = 4 };
 #define REAL(x) ((sb_real)(x)) /* files and everything here are in double, the body in sb_real */
 
 typedef struct settings {
-    const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out, *camera;
-    int linear, partial, aligned, noisy, plain, cells, steps, help;
+    const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out, *camera, *seen_from;
+    int linear, partial, aligned, any, noisy, plain, cells, steps, help;
     double scale, young, poisson, seconds;
 } settings;
 
@@ -46,8 +46,9 @@ typedef struct work {
     method how;
     sb_mesh model, surface, target;
     reg_cloud cloud;
-    int has_surface, has_target, has_camera;
-    sb_vec3 camera; /* m */
+    int has_surface, has_target, has_camera, has_seen_from;
+    sb_vec3 camera;    /* m */
+    sb_vec3 seen_from; /* of any length */
     sb_vec3 *landmarks, *landmark_targets;
     int landmark_count;
     int *fixed, fixed_count;
@@ -256,18 +257,29 @@ static int thin_target(work *w, const char *path)
     return 0;
 }
 
-static int parse_camera(work *w)
+/* X,Y,Z of an option, in the files' unit; nothing where it was not given. */
+static int parse_place(const work *w, const char *name, const char *text, sb_vec3 *place, int *given)
 {
     row item;
-    if (!w->set->camera)
+    if (!text)
         return 0;
-    if (parse_row(w->set->camera, &item) != 1 || item.count != 3) {
-        fprintf(stderr, "register_liver: --camera %s: not X,Y,Z\n", w->set->camera);
+    if (parse_row(text, &item) != 1 || item.count != 3) {
+        fprintf(stderr, "register_liver: %s %s: not X,Y,Z\n", name, text);
         return EXIT_USAGE;
     }
-    w->camera = row_point(w->set, &item, 0);
-    w->has_camera = 1;
+    *place = row_point(w->set, &item, 0);
+    *given = 1;
     return 0;
+}
+
+static int parse_view(work *w)
+{
+    int status = parse_place(w, "--camera", w->set->camera, &w->camera, &w->has_camera);
+    if (!status)
+        status = parse_place(w, "--seen-from", w->set->seen_from, &w->seen_from, &w->has_seen_from);
+    if (!status && w->has_seen_from && !(sb_v3_norm(w->seen_from) > 0))
+        status = complain("--seen-from", "0,0,0 is no direction");
+    return status;
 }
 
 /* Share of the normals that point away from the camera. */
@@ -321,17 +333,11 @@ static int face_camera(work *w, const char *path)
     return 0;
 }
 
-/* Which way the target faces, or that it has to be tried. */
+/* Which way the target faces, where a camera tells; else the rigid start finds out. */
 static int face_target(work *w, const char *path)
 {
-    int status = parse_camera(w);
-    if (status || w->has_camera)
-        return status ? status : face_camera(w, path);
-    if (!w->has_target && !w->cloud.normals && w->set->partial)
-        return complain(path,
-                        "has no normals: which side of a part is outside? Say from where it was seen (--camera X,Y,Z), "
-                        "or give a file with normals or triangles");
-    return 0;
+    int status = parse_view(w);
+    return status || !w->has_camera ? status : face_camera(w, path);
 }
 
 /* A surface when the file has one, else its points. */
@@ -585,7 +591,10 @@ static task make_task(const work *w)
     given.aligned = set->aligned;
     given.linear = set->linear;
     given.noisy = set->noisy;
+    given.any = set->any;
     given.facing = !w->has_camera;
+    given.camera = w->has_camera ? &w->camera : NULL;
+    given.seen_from = w->has_seen_from ? &w->seen_from : NULL;
     given.loads = !set->plain && !set->linear;
     given.fixed = w->fixed;
     given.fixed_count = w->fixed_count;
@@ -621,6 +630,29 @@ static void tell_start(const work *w)
            1e3 * (double)sb_v3_norm(sb_v3_sub(reg_rigid_apply(start, centre), centre)), w->out.seconds_start);
 }
 
+/* What the rigid start warns of, by name. A turned target is reported by itself. */
+static void tell_warnings(const work *w)
+{
+    static const struct {
+        reg_warning warning;
+        const char *words;
+    } all[] = {
+        {REG_WARN_AMBIGUOUS, "another pose explains the target about as well"},
+        {REG_WARN_MIXED_NORMALS, "normals point towards the camera and away from it"},
+        {REG_WARN_SCALE, "the target's size does not fit the model's"},
+        {REG_WARN_VIEW_SMALL, "less than 15 % of the organ is seen"},
+        {REG_WARN_MANY_OUTLIERS, "over 30 % of the target is nowhere near the model"},
+        {REG_WARN_LOW_CONTRAST, "what is seen leaves a turn or a shift open"},
+        {REG_WARN_FREE_SPACE, "a part of the model hides what the camera saw"},
+    };
+    const reg_icp_info *rigid = &w->out.rigid;
+    for (int i = 0; i < (int)(sizeof all / sizeof all[0]); i++)
+        if (rigid->warnings & (unsigned)all[i].warning)
+            fprintf(stderr, "register_liver: warning: %s: %s\n", reg_warning_string(all[i].warning), all[i].words);
+    if (rigid->warnings & REG_WARN_SCALE)
+        fprintf(stderr, "register_liver: times %.4g the target's lengths would fit\n", (double)rigid->scale_guess);
+}
+
 /* NULL, or why what was found is not to be trusted. A rigid start alone leaves what the organ was deformed by. */
 static const char *doubt(const work *w, double median)
 {
@@ -629,6 +661,8 @@ static const char *doubt(const work *w, double median)
     sb_mesh_bounds(&w->model, &low, &high);
     if (strcmp(w->out.stop, "time_cap") == 0)
         return "cut off by its time (--seconds)";
+    if (w->out.rigid.warnings & REG_WARN_SCALE)
+        return "the target's size does not fit the model's (--scale)";
     if (strcmp(w->out.stop, "no_overlap") == 0 || strcmp(w->out.stop, "failed") == 0)
         return "the deformation ended early";
     if (w->how != METHOD_ICP &&
@@ -658,6 +692,7 @@ static int run(work *w, double begun, const char *target)
     if (w->out.is_turned)
         say_turned(target);
     tell_start(w);
+    tell_warnings(w);
     if (write_all(w))
         return EXIT_USAGE;
     printf("iterations=%d steps_per_second=%.2f seconds=%.3f distance_mm=%.4f stop=%s\n", w->out.iterations,
@@ -700,8 +735,8 @@ static int check_settings(const settings *set, const char *const files[2])
 
 static int program(int argc, char **argv)
 {
-    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0,
-                    0,      0,    0,    12,   300,  0,    1,    5000, 0.45, 60};
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0,
+                    0,      0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60};
     const char *files[2] = {NULL, NULL};
     const option options[] = {
         {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0, "pbsm, pbsm-laplace, nicp, icp, cpd"},
@@ -715,6 +750,10 @@ static int program(int argc, char **argv)
          "pbsm only: without the loads that say more of motion along the surface; some seconds less"},
         {"--camera", "X,Y,Z", OPTION_TEXT, NULL, NULL, &set.camera, 0, 0,
          "from where the target was seen, in its frame and unit: normals are made or turned to face it"},
+        {"--seen-from", "X,Y,Z", OPTION_TEXT, NULL, NULL, &set.seen_from, 0, 0,
+         "direction from the organ to the camera, in the model's frame, within some 30 degrees"},
+        {"--any", NULL, OPTION_FLAG, &set.any, NULL, NULL, 0, 0,
+         "of two poses that are about as likely take the likelier one, instead of exit status 3"},
         {"--surface", "FILE", OPTION_TEXT, NULL, NULL, &set.surface, 0, 0,
          "the fine surface that the model was made from: it is matched in place of the model's own"},
         {"--landmarks", "FILE", OPTION_TEXT, NULL, NULL, &set.landmarks, 0, 0, "lines x y z  X Y Z"},

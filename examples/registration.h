@@ -31,17 +31,20 @@ typedef struct task {
     const reg_cloud *cloud;
     int partial; /* 1: the target is a part of the surface */
     int aligned; /* 1: it is in the model's frame already */
+    int any;     /* 1: of poses that are about as likely the likelier one is taken; 0: that is an error */
     int linear;  /* 1: a linear material */
     int noisy;
-    int facing;       /* 1: which way the target's normals face is not sure: both are tried */
+    int facing;       /* 1: which way the target's normals face is not sure: turned where they are found to be */
     int loads;        /* after shape matching: the loads on little of the surface that give that shape */
     const int *fixed; /* [fixed_count] nodes that do not move, but with the whole organ */
     int fixed_count;
     const sb_vec3 *landmarks, *landmark_targets; /* [landmark_count] m */
     int landmark_count;
-    double young, poisson;                             /* Pa */
-    int steps;                                         /* most of them */
-    double max_seconds;                                /* of the rigid start, and of what follows it */
+    const sb_vec3 *camera;    /* m, in the target's frame, or NULL */
+    const sb_vec3 *seen_from; /* from the organ to the camera, in the model's frame, within about 30 degrees, or NULL */
+    double young, poisson;    /* Pa */
+    int steps;                /* most of them */
+    double max_seconds;       /* of the rigid start, and of what follows it */
     void (*progress)(double share, const char *words); /* or NULL */
 } task;
 
@@ -49,6 +52,7 @@ typedef struct task {
 typedef struct outcome {
     method how;
     reg_rigid start;      /* model to target */
+    reg_icp_info rigid;   /* of the rigid start, or of a look at what is aligned already */
     sb_mesh placed;       /* the model after the start */
     sb_boundary boundary; /* of the placed model */
     sb_mesh seen;         /* the surface that is matched, after the start */
@@ -228,12 +232,13 @@ static inline sb_result task_use_fixed(const task *given, const task_shape *targ
     return result;
 }
 
+/* Of an aligned task nothing moves: it is looked at only. */
 static inline sb_result task_align(const task *given, const task_shape *model, const task_shape *target, outcome *out,
                                    sb_error *error)
 {
     reg_icp_options options = reg_default_icp_options();
     reg_icp_landmark *pairs = (reg_icp_landmark *)malloc((size_t)(given->landmark_count + 1) * sizeof *pairs);
-    reg_icp_info info;
+    reg_rigid found;
     sb_result result;
     if (!pairs)
         return task_fail(error, SB_ERROR_MEMORY, "not enough memory");
@@ -248,13 +253,54 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
     options.overlap = given->partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
     options.clock = seconds_now;
     options.max_seconds = fmin(options.max_seconds, given->max_seconds);
-    result = reg_icp(&model->shape, &target->shape, &options, &out->start, &info, error);
+    if (given->seen_from) {
+        options.seen_from = *given->seen_from;
+        options.seen_from_sd = (sb_real)0.5;
+    }
+    if (given->aligned) {
+        options.search = 0;
+        options.max_iterations = 1;
+    }
+    result = reg_icp(&model->shape, &target->shape, &options, &found, &out->rigid, error);
     free(pairs);
-    if (result == SB_OK && info.stop == REG_ICP_TIME)
+    if (result != SB_OK || given->aligned)
+        return result;
+    out->start = found;
+    if (out->rigid.stop == REG_ICP_TIME)
         out->stop = "time_cap";
-    if (result == SB_OK && given->fixed_count > 0)
+    if (given->fixed_count > 0)
         result = task_use_fixed(given, target, &out->boundary, &out->start, &out->is_placed, error);
     return result;
+}
+
+/* What no deformation mends: a target elsewhere, and two poses that explain it about as well. */
+static inline sb_result task_check_start(const task *given, const task_shape *model, const outcome *out,
+                                         sb_error *error)
+{
+    const reg_icp_info *rigid = &out->rigid;
+    char message[256];
+    sb_vec3 low, high, middle;
+    double off;
+    sb_surface_bounds(model->tree, &low, &high);
+    middle = sb_v3_scale((sb_real)0.5, sb_v3_add(low, high));
+    off = (double)rigid->mean + (double)sb_v3_norm(sb_v3_sub(reg_rigid_apply(rigid->poses, middle), middle));
+    if (given->aligned && off > 0.3 * (double)sb_v3_norm(sb_v3_sub(high, low))) {
+        snprintf(message, sizeof message,
+                 "the target is some %.3g m from the model: it is not in the model's frame (--aligned)", off);
+        return task_fail(error, SB_ERROR_NOT_CONVERGED, message);
+    }
+    if (!given->aligned && !given->any && !out->is_placed && rigid->stop != REG_ICP_TIME &&
+        rigid->warnings & REG_WARN_AMBIGUOUS) {
+        reg_rigid back = reg_rigid_inverse(rigid->poses), between = reg_rigid_compose(rigid->poses + 1, &back);
+        snprintf(message, sizeof message,
+                 "ambiguous: two poses, %.0f degrees and %.1f mm apart, explain the target about as well. Say from "
+                 "where it was seen (--camera, --seen-from), give landmarks, or take the likelier one (--any)",
+                 57.3 * (double)reg_rigid_angle(&between),
+                 1e3 * (double)sb_v3_norm(sb_v3_sub(reg_rigid_apply(rigid->poses, middle),
+                                                    reg_rigid_apply(rigid->poses + 1, middle))));
+        return task_fail(error, SB_ERROR_NOT_CONVERGED, message);
+    }
+    return SB_OK;
 }
 
 /* ---- which way the target faces ----------------------------------------------------------------------------------
@@ -278,70 +324,44 @@ static inline void task_turn(outcome *out)
     out->is_turned = !out->is_turned;
 }
 
-enum { TASK_FACING_POINTS = 4000 }; /* are asked at most */
-
-/* Mean distance (m) of the target's points from the placed model, none more than a thirtieth of its size; a point that
- * faces away from the closest place of the model counts as that far. */
-static inline double task_facing_gap(const task_shape *model, const task_shape *target, const reg_rigid *motion)
+/* A cloud without normals gets them: across planes through neighbours, to the side to which the model looks there. */
+static inline sb_result task_face_model(const task_shape *model, outcome *out, sb_error *error)
 {
-    reg_rigid back = reg_rigid_inverse(motion);
-    int stride = 1 + target->shape.count / TASK_FACING_POINTS, count = 0;
-    double most, sum = 0;
-    sb_vec3 low, high;
-    sb_surface_bounds(model->tree, &low, &high);
-    most = (double)sb_v3_norm(sb_v3_sub(high, low)) / 30;
-    for (int i = 0; i < target->shape.count; i += stride, count++) {
-        sb_vec3 normal = sb_m3_apply(back.rotation, target->shape.normals[i]);
+    reg_rigid back = reg_rigid_inverse(&out->start);
+    sb_result result = reg_cloud_estimate_normals(&out->cloud, 12, NULL, NULL, error);
+    for (int i = 0; result == SB_OK && i < out->cloud.count; i++) {
+        sb_vec3 *normal = out->cloud.normals + i;
         sb_surface_hit hit;
-        int near_enough =
-            sb_surface_closest(model->tree, reg_rigid_apply(&back, target->shape.points[i]), (sb_real)most, &hit);
-        sum +=
-            near_enough && sb_v3_dot(sb_surface_normal(model->tree, &hit), normal) >= 0 ? (double)hit.distance : most;
+        sb_surface_closest(model->tree, reg_rigid_apply(&back, out->cloud.points[i]), SB_REAL_MAX, &hit);
+        if (sb_v3_dot(sb_surface_normal(model->tree, &hit), sb_m3_apply(back.rotation, *normal)) < 0)
+            *normal = sb_v3_scale(-1, *normal);
     }
-    return sum / count;
+    return result;
 }
 
-/* The rigid start, unless the task is aligned. *gap (where the target has normals) says how well the model fits
- * then. */
-static inline sb_result task_align_once(const task *given, const task_shape *model, outcome *out, double *gap,
-                                        sb_error *error)
+/* The rigid start, and which way the target faces. */
+static inline sb_result task_align_facing(const task *given, const task_shape *model, outcome *out, sb_error *error)
 {
     task_shape target;
     sb_result result;
     memset(&target, 0, sizeof target);
     result = task_shape_of_target(given, &target, error);
-    if (result == SB_OK && !given->aligned) {
+    if (given->camera) {
+        target.shape.has_camera = 1;
+        target.shape.camera = *given->camera;
+    }
+    if (result == SB_OK) {
         task_show(given, 0, "rigid start");
         result = task_align(given, model, &target, out, error);
     }
-    *gap = result == SB_OK && target.shape.normals ? task_facing_gap(model, &target, &out->start) : 0;
     task_shape_free(&target);
+    if (result == SB_OK)
+        result = task_check_start(given, model, out, error);
+    if (result == SB_OK && given->facing && out->rigid.warnings & REG_WARN_INVERTED)
+        task_turn(out);
+    if (result == SB_OK && given->cloud && !given->cloud->normals && given->cloud->count > 3)
+        result = task_face_model(model, out, error);
     return result;
-}
-
-/* The same with the target as it is and turned; the one that fits stays, where there is no doubt. */
-static inline sb_result task_align_facing(const task *given, const task_shape *model, outcome *out, sb_error *error)
-{
-    const double clearly = 1.5;
-    outcome as_it_is;
-    double gap, turned;
-    sb_result result = task_align_once(given, model, out, &gap, error);
-    if (result != SB_OK || !given->facing)
-        return result;
-    as_it_is = *out;
-    task_turn(out);
-    out->start = reg_rigid_identity();
-    out->is_placed = 0;
-    result = task_align_once(given, model, out, &turned, error);
-    if (result != SB_OK || clearly * turned < gap)
-        return result;
-    task_turn(out);
-    *out = as_it_is;
-    if (clearly * gap < turned)
-        return SB_OK;
-    return task_fail(error, SB_ERROR_NOT_CONVERGED,
-                     "the target fits the model as well with its normals turned: say from where "
-                     "it was seen (--camera)");
 }
 
 /* ---- a smooth skin for a coarse model ---------------------------------------------------------------------------
@@ -502,7 +522,7 @@ static inline sb_result task_start(const task *given, outcome *out, sb_error *er
     if (result == SB_OK)
         result = sb_mesh_boundary(given->model, 1, NULL, &out->boundary, error);
     surface = given->surface ? given->surface : &out->boundary.surface;
-    if (result == SB_OK && (!given->aligned || given->facing)) {
+    if (result == SB_OK) {
         result = task_shape_of_mesh(surface, &model, error);
         if (result == SB_OK)
             result = task_align_facing(given, &model, out, error);
@@ -895,8 +915,6 @@ static inline sb_result task_clean(const task *given, outcome *out, task *clean,
                                    error);
     if (result == SB_OK)
         result = reg_cloud_smooth(&out->cloud, NULL, &out->smooth, error);
-    if (result == SB_OK && !out->cloud.normals && out->cloud.count > 3 && !given->partial)
-        result = reg_cloud_estimate_normals(&out->cloud, 12, NULL, NULL, error);
     clean->cloud = &out->cloud;
     return result;
 }

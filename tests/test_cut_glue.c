@@ -352,7 +352,7 @@ static double opened_error(int lattice, double depth, double slant, double tilt)
     for (int frame = 0; frame <= FRAMES; frame++) { /* one end of the edge goes deeper, in one plane */
         sb_vec3 edge[2];
         for (int k = 0; k < 2; k++) {
-            double down = 0.005 + depth + tilt * (y[k] - 0.015), z = 0.065 - down * frame / FRAMES;
+            double down = 0.005 + depth + tilt * (y[k] - 0.015), z = 0.065 - down * frame / (int)FRAMES;
             edge[k] = sb_v3(REAL(0.1001371 + slant * (z - 0.05) + 0.19 * y[k]), REAL(y[k]), REAL(z));
         }
         if (frame == 0)

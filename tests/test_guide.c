@@ -44,7 +44,7 @@ static void setting_begin(setting *s)
     memset(s, 0, sizeof *s);
     s->soft.shear = 1500, s->soft.poisson = 0.45, s->soft.refuses = -1, s->soft.wrong = 1;
     for (int k = 0; k < PLACES; k++) {
-        double angle = 2 * pi * k / PLACES;
+        double angle = 2 * pi * k / (int)PLACES;
         s->soft.at[k] = sb_v3(REAL(0.05 * cos(angle)), REAL(0.05 * sin(angle)), REAL(k % 2 ? -0.04 : -0.07));
         s->places[k].direction = sb_v3(REAL(-cos(angle)), REAL(-sin(angle)), 0);
         s->places[k].cone = REAL(0.6);
@@ -202,7 +202,7 @@ static void test_vessel(void)
     CHECK_OK(ndl_guide_make(&s.def, &again, NULL));
     CHECK(memcmp(&g, &again, sizeof g) == 0);
     CHECK_INT(g.reaches, 1);
-    CHECK(g.cost > 0.1);
+    CHECK((double)g.cost > 0.1);
     CHECK_INT(g.phase_count, 2);
     CHECK_INT(g.phases[0].obstacle, 0);
     CHECK(g.phases[0].place >= 0);
@@ -215,7 +215,7 @@ static void test_vessel(void)
 
 static void make_random(setting *s, unsigned long long *seed)
 {
-    int count = 1 + (int)(check_random(seed) * MOST_OBSTACLES);
+    int count = 1 + (int)(check_random(seed) * (int)MOST_OBSTACLES);
     setting_begin(s);
     s->def.entry_radius = REAL(check_random_in(seed, 0.001, 0.006));
     s->def.shift = REAL(check_random_in(seed, 0, 0.004));
@@ -311,11 +311,18 @@ static int not_a_number(void *user, sb_vec3 point, int place, sb_mat3 *complianc
     return result;
 }
 
+static sb_real no_distance(void *user, sb_vec3 point)
+{
+    (void)user;
+    return point.z > REAL(-0.03) ? (sb_real)1 : (sb_real)NAN;
+}
+
 static void test_refusals(void)
 {
     setting s;
     ndl_guide g, kept;
     sb_error error;
+    check_bad_numbers();
     memset(&g, 7, sizeof g);
     kept = g;
     setting_begin(&s);
@@ -329,6 +336,8 @@ static void test_refusals(void)
     s.places[3].max_force = 0;
     CHECK_RESULT(ndl_guide_make(&s.def, &g, &error), SB_ERROR_ARGUMENT);
     CHECK(strstr(error.message, "place 3") != NULL);
+    s.places[3].max_force = SB_REAL_MAX;
+    CHECK_RESULT(ndl_guide_make(&s.def, &g, &error), SB_ERROR_ARGUMENT);
     s.places[3].max_force = 8;
     s.obstacles[0].radius = -1;
     CHECK_RESULT(ndl_guide_make(&s.def, &g, &error), SB_ERROR_ARGUMENT);
@@ -348,6 +357,25 @@ static void test_refusals(void)
     CHECK(memcmp(&g, &kept, sizeof g) == 0);
 }
 
+/* Where an obstacle's distance is no number it is in the way. */
+static void test_no_distance(void)
+{
+    setting s;
+    ndl_guide g;
+    sb_shape shape;
+    check_bad_numbers();
+    memset(&shape, 0, sizeof shape);
+    shape.distance = no_distance;
+    shape.max_slope = 1;
+    setting_begin(&s);
+    s.def.entry_radius = REAL(0.002), s.def.shift = 0;
+    add_vessel(&s, 0, -0.05, 0.002);
+    s.obstacles[0].kind = NDL_OBSTACLE_SHAPE;
+    s.obstacles[0].shape = &shape;
+    CHECK_OK(ndl_guide_make(&s.def, &g, NULL));
+    CHECK(!g.reaches && g.clearance < 0);
+}
+
 /* A place that the model cannot tell of is not used. */
 static void test_unknown(void)
 {
@@ -364,4 +392,5 @@ static void test_unknown(void)
 }
 
 CHECK_SUITE(guide, {"a free path", test_free}, {"a vessel in the way", test_vessel}, {"random scenes", test_random},
-            {"plans carried out", test_carried_out}, {"refusals", test_refusals}, {"unknown places", test_unknown});
+            {"plans carried out", test_carried_out}, {"refusals", test_refusals}, {"no distance", test_no_distance},
+            {"unknown places", test_unknown});

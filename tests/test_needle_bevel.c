@@ -212,6 +212,25 @@ static void test_turn_in_place(void)
     }
 }
 
+/* A caller is told where the bend is the mesh's doing: in soft gel, of needles that the mesh follows. */
+static void test_coarse(void)
+{
+    for (int k = 0; k < 4; k++) {
+        needle_scene s = needle_scene_default();
+        s.needle_def.follow = k % 2 ? NDL_EMBED : NDL_REMESH;
+        s.needle_def.bevel.curvature = 8;
+        ndl_rod_section_preset(NDL_NITINOL_083, &s.needle_def.section);
+        for (int r = 0; r < 2; r++)
+            s.materials[r].young = REAL(k < 2 ? 1e4 : 1e9);
+        if (needle_scene_make(&s) && needle_scene_run(&s, 0.02, 4, needle_command(0.01, 0))) {
+            CHECK_INT(s.info.coarse, 0); /* it has come to nothing yet */
+            needle_scene_run(&s, 0.02, 60, needle_command(0.01, 0));
+            CHECK_INT(s.info.coarse, k == 0);
+        }
+        needle_scene_free(&s);
+    }
+}
+
 static void test_bad_bevels(void)
 {
     const sb_real bad[] = {0, -1, REAL(NAN), REAL(INFINITY)};
@@ -241,4 +260,4 @@ static void test_bad_bevels(void)
 
 CHECK_SUITE(needle_bevel, {"both laws in rigid tissue", test_rigid}, {"a bevel that spins", test_spin},
             {"both laws in soft tissue", test_soft}, {"meshes", test_meshes}, {"turned in place", test_turn_in_place},
-            {"bad bevels", test_bad_bevels});
+            {"bad bevels", test_bad_bevels}, {"told where it is coarse", test_coarse});

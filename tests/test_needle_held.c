@@ -145,6 +145,50 @@ static void test_neighbours(void)
     needle_scene_free(&s);
 }
 
+/* A template's: 4 and 16 needles 5 mm apart, at once or one after another, in edges of 10 and 5 mm. */
+static void test_template(void)
+{
+    for (int k = 0; k < 4; k++) {
+        needle_scene s = held_scene(SB_TET4);
+        int wide = k % 2 ? 4 : 2, together = k < 3;
+        double off = 0;
+        s.cells[0] = s.cells[1] = s.cells[2] = k < 2 ? 4 : 8;
+        if (check_quick() && k > 1)
+            return;
+        s.needle_def.base.x = REAL(0.0113), s.needle_def.base.y = REAL(0.0121);
+        if (!needle_scene_make_body(&s))
+            return;
+        for (int n = 0; n < wide * wide; n++) {
+            needle_scene_add(&s, sb_v3(REAL(0.005 * (n % wide)), REAL(0.005 * (n / wide)), 0));
+            for (int i = 0; i < 20 && !together; i++) {
+                ndl_command commands[NDL_MAX_NEEDLES];
+                memset(commands, 0, sizeof commands);
+                commands[n].insertion = REAL(4 * speed);
+                CHECK_OK(ndl_step(s.body, s.needles, s.count, REAL(dt), commands, &s.info, &s.error));
+            }
+        }
+        if (together)
+            needle_scene_run(&s, dt, 50, needle_command(2 * speed, 0));
+        needle_scene_run(&s, dt, 10, needle_command(0, 0));
+        CHECK_INT(s.count, wide * wide);
+        for (int n = 0; n < s.count; n++) {
+            sb_vec3 force;
+            ndl_needle_base_wrench(s.needles[n], &force, NULL);
+            CHECK(ndl_needle_depth(s.needles[n]) > REAL(0.012));
+            /* a later one draws the tissue down, which relieves those that stick there */
+            off = fmax(off, together || n + 1 == s.count ? fabs(-(double)force.z / law(&s, n) - 1)
+                                                         : fabs((double)force.z) / law(&s, n) - 1);
+        }
+        printf("%d needles 5 mm apart, %s, edges of %d mm: friction and cutting to %.1f %%\n", s.count,
+               together ? "at once" : "one after another", 40 / s.cells[0], 100 * off);
+        CHECK(off < 0.06);
+        needle_scene_run(&s, dt, 40, needle_command(-5 * speed, 0));
+        for (int n = 0; n < s.count; n++)
+            CHECK(ndl_needle_depth(s.needles[n]) == 0);
+        needle_scene_free(&s);
+    }
+}
+
 /* Tissue, needle and supports balance, and the hand has what the tissue gives. */
 static void test_balance(void)
 {
@@ -652,7 +696,7 @@ static void test_random_use(void)
 }
 
 CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"neighbours", test_neighbours},
-            {"balance", test_balance}, {"membranes", test_membranes}, {"way", test_way},
+            {"template", test_template}, {"balance", test_balance}, {"membranes", test_membranes}, {"way", test_way},
             {"tiny steps", test_tiny_steps}, {"fast withdrawal", test_fast_withdrawal},
             {"cut across a needle", test_cut_across_needle}, {"into a cut body", test_into_cut_body},
             {"states of cut bodies", test_cut_states}, {"states before a change", test_states_before_a_change},

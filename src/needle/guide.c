@@ -137,9 +137,11 @@ static int ndli_guide_path_of(const ndl_guide_def *def, const double z[4], ndli_
     return path->length > 0 && ndli_dot(path->t, middle) >= cosine - 1e-9;
 }
 
+/* One that is no number is as far within the obstacle as the target is away. */
 static double ndli_guide_distance(const ndl_guide_def *def, int obstacle, ndli_v3 p)
 {
-    return (double)ndl_obstacle_distance(def->obstacles + obstacle, ndli_to(p));
+    double distance = (double)ndl_obstacle_distance(def->obstacles + obstacle, ndli_to(p));
+    return distance == distance ? distance : -ndli_norm(ndli_sub(ndli_from(def->target), ndli_from(def->entry)));
 }
 
 /* The way out of an obstacle at a point, across the path; any where it has none. */
@@ -338,7 +340,8 @@ static void ndli_guide_list(const ndl_guide_def *def, const ndli_guide_path *pat
     }
 }
 
-/* What all forces leave, and what they cost; returns both as one cost (N). */
+/* What all forces leave, and what they cost; returns both as one cost (N): a path that does not reach costs more than
+ * all forces together. */
 static double ndli_guide_judge(ndli_guide_work *w, ndli_guide_path *path, ndl_guide *guide,
                                double least[NDL_GUIDE_PHASES])
 {
@@ -359,8 +362,8 @@ static double ndli_guide_judge(ndli_guide_work *w, ndli_guide_path *path, ndl_gu
     guide->length = (sb_real)path->length;
     guide->clearance = (sb_real)ndli_guide_clearance(w, guide, path, least);
     close = fmax(0, (double)def->clearance - tolerance - (double)guide->clearance);
-    guide->reaches = late == 0 && close == 0;
-    return (double)guide->cost + w->penalty * (late + close);
+    guide->reaches = late == 0 && close == 0 && path->length > 0;
+    return (double)guide->cost + w->penalty * (late + close + (guide->reaches ? 0 : 0.5 * tolerance));
 }
 
 /* The plan of a path: forces are taken one after another, each as the others ask for, until they agree; obstacles are
@@ -458,6 +461,11 @@ NDL_API sb_result ndl_guide_make(const ndl_guide_def *def, ndl_guide *guide, sb_
     for (int i = 0; i < def->place_count; i++)
         most += (double)def->places[i].weight * (double)def->places[i].max_force;
     w.penalty = (most > 0 ? 2 * most : 1) / (double)def->tolerance;
+    if (!(w.penalty <= (double)SB_REAL_MAX))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "weights and max_force of the places come to %g N over a tolerance "
+                        "of %g m: too much",
+                        most, (double)def->tolerance);
     ndli_guide_search(&w, &found);
     if (w.result != SB_OK)
         return w.result;

@@ -51,18 +51,26 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* How a needle is in the tissue.
  *
+ * Which to take: NDL_EMBED wherever forces, bends or places matter, in soft tissue above all, in other elements than
+ * tet4, in cut bodies, for needles close together. NDL_REMESH (the default, and what Chentanez 2010 has) where nodes
+ * are wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x
+ * 3 cells. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED
+ * (RMS; needle_phantom); lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a
+ * bend is 0.82 to 1.56 of its law with NDL_REMESH (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED.
+ * Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm, feel friction and cutting to 1 %.
+ *
  * With NDL_EMBED the shaft is held by springs at material points. They are what the mesh does not show of the tissue
  * close to the needle (couple_rows.h), so that what a hand feels hardly depends on the mesh: an 18-gauge or nitinol
- * needle 45 mm deep in 12 to 60 kPa has the same lateral stiffness to 3 % with edges from 17 to 7 mm (NDL_REMESH: 1.9
- * times), 2 to 4 % below that of the needle as a solid in a mesh graded to it (steel in 12 kPa 4 to 7 %), 5 % above it
- * in a mesh that is uneven and distorted, 4 to 8 % below it in other elements than tet4. Shafts stay on what their tips
- * cut, to 0.05 mm in stiff gel. Needles enter where they meet the skin: of 200 into random ellipsoids none felt 0.02 N
- * more than friction and cutting in any step. Under load the rod is ahead of its material points, by 1 mm of 20 N/m and
- * 3 mm at a tip of 0.5 N in 50 kPa, which is how far tissue about a needle is drawn along. A tip bends as its bevel
- * says: after 8 cm in 10 to 50 kPa it is aside by the same to 3 % with edges from 20 to 7 mm. Limits: needles do not go
- * in through the lips of a cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that
- * cut the body has to stay as long as they do: without it they are out of the tissue, as where others change the mesh;
- * entry_slip is not read.
+ * needle 45 mm deep in 12 to 240 kPa is within 6 % of the lateral stiffness of the needle as a solid in a mesh graded
+ * to it, with edges from 20 to 5 mm (needle_study --all), 5 % above it in a mesh that is uneven and distorted, 4 to 8 %
+ * below it in other elements than tet4. Shafts stay on what their tips cut, to 0.05 mm in stiff gel. Needles enter
+ * where they meet the skin: of 200 into random ellipsoids none felt 0.02 N more than friction and cutting in any step.
+ * Under load the rod is ahead of its material points, by 1 mm of 20 N/m and 3 mm at a tip of 0.5 N in 50 kPa, which is
+ * how far tissue about a needle is drawn along. A tip bends as its bevel says: after 8 cm in 10 to 50 kPa it is aside
+ * by the same to 3 % with edges from 20 to 7 mm (5 mm in 10 kPa: 7 % less). Limits: needles do not go in through the
+ * lips of a cut, and are stopped as by a wall where a piece stands apart from the next; the sb_cut that cut the body
+ * has to stay as long as they do: without it they are out of the tissue, as where others change the mesh; entry_slip is
+ * not read.
  */
 typedef enum ndl_follow {
     NDL_REMESH = 0, /* the mesh follows: nodes are moved and made on the needle's line. tet4, def.slack > 0, no cuts; no
@@ -154,8 +162,12 @@ typedef struct ndl_step_info {
     int blocked;         /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
                           * follow it (no operation left sound tets, no memory); then it tries again later */
     int torn;            /* needles that were less than half an edge deep and tore out of the skin, because nothing
-                          * else could be computed */
+                          * else could be computed. They come in again when their tips cross the skin anew, from
+                          * outside */
     int limited;         /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
+    int coarse;          /* needles with NDL_REMESH in tissue so soft that it, not the bevel, sets how far they bend
+                          * (curvature times lam beyond the lag, see steer.h): their way then depends on the mesh, 0.82
+                          * to 1.56 times the bend of NDL_EMBED. Do not trust it; take NDL_EMBED */
     sb_step_info body;   /* of the last substep */
     double seconds_body; /* with the body's clock, else 0: forces, matrix and preconditioner of the body, */
     double seconds_couple; /* needles' matrices and all trials, */

@@ -22,6 +22,12 @@ static ndli_v3 ndli_bevel_side(const ndl_needle *needle)
     return ndli_from(ndl_rod_frame(needle->rod, needle->rod->node_count - 2).m2);
 }
 
+NDLI_API int ndli_bevel_is_coarse(const ndl_needle *needle)
+{
+    return !needle->site->embeds && needle->line.count > 0 &&
+           fabs(ndli_bevel_curvature(&needle->bevel)) * needle->wave > ndli_bevel_lag(&needle->bevel);
+}
+
 NDLI_API void ndli_bevel_begin(ndl_needle *needle) { needle->side = ndli_bevel_side(needle); }
 
 /* The end of a shaft has no moment: its last edge, turned on by an eighth of the curvature behind it. An edge longer

@@ -21,9 +21,9 @@
  * side of the tissue is stopped there.
  *
  * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
- * ndl_needle_def.entry_slip for figures. Needles go into bodies of SB_TET4 only (SB_ERROR_UNSUPPORTED otherwise), with
- * implicit steps. What is embedded in a body follows the changes that needles make where it is asked to
- * (sb_embedding_follow).
+ * ndl_needle_def.entry_slip for figures. With NDL_REMESH needles go into bodies of SB_TET4 only
+ * (SB_ERROR_UNSUPPORTED otherwise); all bodies with needles take implicit steps. What is embedded in a body follows the
+ * changes that needles make where it is asked to (sb_embedding_follow).
  *
  * A FIRST PROGRAM
  *

@@ -145,6 +145,12 @@ static void ndli_held_measure_entering(ndl_needle *needle)
         needle->line.count > 0 ? fmin(fmax(reach, 0), ndli_held_edge(needle->rod, needle->line.first - 1)) : 0;
 }
 
+/* How far on the track a node may be that the next one is not to be passed by (m). */
+static double ndli_held_most_arc(const ndl_needle *needle, int i)
+{
+    return needle->arc[i + 1] - 0.05 * needle->rod->rest_length[i];
+}
+
 /* Length of shaft in the tissue that counts with hold i: half of what is to either side. */
 static double ndli_held_length(const ndl_needle *needle, int i)
 {
@@ -184,6 +190,23 @@ static void ndli_held_tie(struct ndli_site *site, const ndli_bed_row *row, struc
     }
 }
 
+/* Slip that a hold cannot make: where the shaft goes in it stays at the skin, and where soft tissue is so much pressed
+ * before the tip that more of the shaft would be past it than there is on the track, it stays behind the next. What it
+ * is ahead of the tissue beyond what friction can wind up is then of steps before: taken for a slip of this one, and
+ * again in each, viscosity made a force of it (0.2 N beyond friction and cutting were seen). */
+static double ndli_held_overrun(const ndl_needle *needle, int i, const ndli_held_spot *spot, ndli_v3 tangent,
+                                ndli_v3 offset)
+{
+    double wound = ndli_dot(tangent, offset), slack, room;
+    if (i == ndli_line_foremost(&needle->line))
+        return 0;
+    slack = ndli_held_slack(needle, spot);
+    if (i < needle->line.first)
+        return wound - fmin(fmax(wound, -slack), slack);
+    room = spot->stretch * fmax(0, ndli_held_most_arc(needle, i) - needle->arc[i]);
+    return fmax(0, wound - slack - room);
+}
+
 /* Hold i where it is now, `length` of shaft; *spot: where its material is. */
 static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_spot *spot)
 {
@@ -201,6 +224,8 @@ static void ndli_held_make(ndl_needle *needle, int i, double length, ndli_held_s
     ndli_held_tie(needle->site, &spot->row, hold);
     hold->offset = ndli_sub(ndli_held_place(needle, i), ndli_bed_at(&needle->site->bed, &spot->row));
     tissue = ndli_held_get_tissue(needle, spot->place.element, &spot->row);
+    hold->offset =
+        ndli_madd(hold->offset, -ndli_held_overrun(needle, i, spot, hold->tangent, hold->offset), hold->tangent);
     hold->across = length * ndli_held_across(&tissue);
     hold->along = length * ndli_held_along(&tissue) + (is_tip ? ndli_held_tip(needle, &tissue) : 0);
 }
@@ -392,7 +417,7 @@ static void ndli_held_count(ndl_needle *needle)
     }
     while (line->first > 2 && (more = ndli_held_reach(needle, &stretch) - ndli_held_edge(rod, line->first - 1)) > 0) {
         int next = line->first - 1;
-        double arc = fmin(more / stretch, needle->arc[next + 1] - 0.05 * rod->rest_length[next]);
+        double arc = fmin(more / stretch, ndli_held_most_arc(needle, next));
         if (!(arc > 0)) /* the rod is ahead of its material by more than it is in */
             break;
         line->first = next;
@@ -411,7 +436,7 @@ static void ndli_held_slip(ndl_needle *needle)
     int last = ndli_line_foremost(line);
     double tip = ndli_track_length(&needle->track);
     for (int i = last; i >= line->first; i--) {
-        double most = i == last ? tip : needle->arc[i + 1] - 0.05 * needle->rod->rest_length[i];
+        double most = i == last ? tip : ndli_held_most_arc(needle, i);
         double arc = i == last ? tip : needle->arc[i] + line->slip[i] / needle->stretch[i];
         needle->arc[i] = fmin(arc, most);
     }

@@ -138,6 +138,8 @@ NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
 NDLI_API double ndli_bevel_curvature(const ndl_bevel *bevel); /* 1/m, of a way in rigid tissue */
 /* Before a substep: from where its bevel turns. */
 NDLI_API void ndli_bevel_begin(ndl_needle *needle);
+/* 1: a needle that its mesh follows is bent by more than soft tissue holds; how far depends on the mesh. */
+NDLI_API int ndli_bevel_is_coarse(const ndl_needle *needle);
 NDLI_API double ndli_bevel_lag(const ndl_bevel *bevel); /* rad: how far a way may be from the shaft's direction */
 /* Direction of the shaft at its tip (unit). heading: of the way; chord: of what is cut along the shaft's last edge. */
 NDLI_API ndli_v3 ndli_bevel_shaft(const ndl_needle *needle, ndli_v3 heading, ndli_v3 chord);

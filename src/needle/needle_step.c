@@ -285,6 +285,17 @@ static sb_result ndli_step_keep_substep(const ndli_stepping *s, double t, ndli_k
     return SB_OK;
 }
 
+/* What is told of a try that is taken back: as before, but for what it took. */
+static void ndli_step_forget(ndl_step_info *info, const ndl_step_info *before)
+{
+    ndl_step_info taken = *info;
+    *info = *before;
+    info->iterations = taken.iterations;
+    info->seconds_body = taken.seconds_body;
+    info->seconds_couple = taken.seconds_couple;
+    info->seconds_needle = taken.seconds_needle;
+}
+
 /* A substep from t on, to the first edge of a membrane that a tip runs through in it: what it has to cut is one force
  * in a substep. No mesh has followed a tip where one is taken back. *end: where it ends. */
 static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_step_ends *ends, double t, double *end)
@@ -302,7 +313,7 @@ static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_s
         if (result != SB_OK || !(share < 1))
             break;
         ends->edges[ends->edge_count++] = t + share * (*end - t);
-        *s->info = before;
+        ndli_step_forget(s->info, &before);
         result = ndli_needle_undo(s->site, kept, s->error);
     }
     return result == SB_OK ? ndli_step_end_substep(s) : result;
@@ -385,6 +396,7 @@ static void ndli_step_count_states(const ndli_stepping *s)
         }
         s->info->blocked += needle->blocked;
         s->info->limited += needle->limited;
+        s->info->coarse += ndli_bevel_is_coarse(needle);
     }
 }
 

@@ -185,6 +185,9 @@ static sb_result regi_icp_begin(regi_icp *icp, const reg_rigid *start, const reg
     return SB_OK;
 }
 
+/* Whether so many nats tell two poses apart. */
+static int regi_icp_is_clear(sb_real nats) { return nats >= 3; }
+
 /* The poses and how clearly they are told apart; motions of the model from here on. */
 static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_info *info)
 {
@@ -193,10 +196,24 @@ static void regi_icp_tell_poses(regi_icp *icp, const regi_pose *poses, reg_icp_i
         info->likelihood[i] = poses[i].likelihood - poses[0].likelihood;
     }
     info->margin = info->pose_count > 1 ? -info->likelihood[1] : SB_REAL_MAX;
-    if (info->margin < 3)
+    if (!regi_icp_is_clear(info->margin))
         icp->warnings |= REG_WARN_AMBIGUOUS;
     if (poses[0].flip < 0 && !icp->a.fitted && !icp->b.fitted)
         icp->warnings |= REG_WARN_INVERTED;
+}
+
+/* The last stage for the poses that may be the right one as well as the first. */
+static void regi_icp_refine_others(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count)
+{
+    regi_icp_stage stage = *last;
+    sb_real score;
+    int converged;
+    for (int i = 1; i < count; i++) {
+        stage.flip = poses[i].flip;
+        if (!regi_icp_is_clear(poses[0].likelihood - poses[i].likelihood))
+            regi_icp_iterate(icp, &stage, icp->options->max_iterations, icp->options->tolerance, &poses[i].motion,
+                             &score, &converged);
+    }
 }
 
 static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_info *info)
@@ -217,6 +234,7 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
     result = regi_icp_begin(icp, start, &stage, poses, info);
     if (result != SB_OK)
         return result;
+    regi_icp_refine_others(icp, &stage, poses, info->pose_count);
     stage.flip = poses[0].flip;
     info->iterations = regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, &poses[0].motion,
                                         &score, &converged);
@@ -225,6 +243,7 @@ static sb_result regi_icp_run(regi_icp *icp, const reg_rigid *start, reg_icp_inf
     if (info->pairs == 0)
         return sbi_fail(icp->error, SB_ERROR_NOT_CONVERGED, "no points of the shapes are within %g m of each other",
                         (double)options->max_distance);
+    info->pose_count = regi_pose_distinct(icp, poses, info->pose_count, REG_ICP_POSES); /* the last stage moved one */
     regi_icp_tell_poses(icp, poses, info);
     result = regi_icp_report(icp, &stage, &poses[0], info);
     info->warnings = icp->warnings;

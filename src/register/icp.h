@@ -90,7 +90,7 @@ typedef enum reg_warning {
     REG_WARN_VIEW_SMALL = 16,    /* the target shows less than 15 % of the model */
     REG_WARN_MANY_OUTLIERS = 32, /* over 30 % of the points that looked found nothing of the other shape */
     REG_WARN_LOW_CONTRAST = 64,  /* the shapes leave a motion open, as a sphere's turns: info.covariance */
-    REG_WARN_FREE_SPACE = 128    /* over 5 % of the model is where the camera saw nothing */
+    REG_WARN_FREE_SPACE = 128    /* over 10 % of what the camera faced would hide what it saw */
 } reg_warning;
 
 enum { REG_ICP_POSES = 8 };
@@ -105,7 +105,8 @@ typedef struct reg_icp_info {
     sb_real landmark_rms; /* m, weighted; 0 without landmarks */
     double seconds;       /* 0 without a clock */
     unsigned warnings;    /* REG_WARN_..., or-ed */
-    /* distinct poses, model to target, the likeliest first; the first is the result, the others are less refined */
+    /* distinct poses, model to target, the likeliest first; the first is the result, those 3 nats behind are less
+     * refined */
     int pose_count;
     reg_rigid poses[REG_ICP_POSES];
     sb_real likelihood[REG_ICP_POSES]; /* nats against the first (0): for so many independent patches as the target is

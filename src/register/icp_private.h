@@ -137,6 +137,9 @@ REGI_API sb_real regi_pose_in_front(const regi_icp *icp, const reg_rigid *motion
 REGI_API sb_real regi_pose_points(const regi_icp *icp, sb_real correlation);
 /* Fills the poses' likelihoods and what they come from, and sorts them by it. Overwrites the pairs. */
 REGI_API sb_result regi_pose_rank(regi_icp *icp, const regi_icp_stage *last, regi_pose *poses, int count);
+/* Of poses, the best first, those that differ from all before them, by 8 degrees or, in the mean over the model, by 5 %
+ * of its size; up to `kept`. Returns how many. */
+REGI_API int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept);
 /* Finds poses[REG_ICP_POSES], the likeliest first: *count >= 1; *tried: how many were begun with. */
 REGI_API sb_result regi_pose_search(regi_icp *icp, const reg_rigid *start, const regi_icp_stage *last, regi_pose *poses,
                                     int *count, int *tried);

@@ -143,7 +143,7 @@ REGI_API sb_result regi_icp_report(regi_icp *icp, const regi_icp_stage *stage, c
         icp->warnings |= REG_WARN_VIEW_SMALL;
     if (pose.lost > (sb_real)0.3)
         icp->warnings |= REG_WARN_MANY_OUTLIERS;
-    if (pose.in_front > (sb_real)0.05)
+    if (pose.in_front > (sb_real)0.1)
         icp->warnings |= REG_WARN_FREE_SPACE;
     regi_report_scale(icp, info);
     return SB_OK;

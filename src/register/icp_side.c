@@ -339,6 +339,31 @@ static int regi_icp_outward(const sb_surface *surface)
     return votes < 0 ? -1 : 1;
 }
 
+/* Normals that a cloud brings, as means over neighbours where they are noisy: half of them over 15 degrees off these
+ * means. Of very many points they are taken as they are. */
+static sb_result regi_icp_smooth_normals(const regi_icp *icp, regi_icp_side *side)
+{
+    const sb_real even = (sb_real)0.034;
+    sb_real *reach;
+    sb_result result;
+    if (side->surface || side->count > REGI_ICP_FITTED)
+        return SB_OK;
+    result = regi_cloud_allocate(&side->own, side->count, 1, icp->allocator, icp->error);
+    if (result != SB_OK)
+        return result;
+    reach = (sb_real *)sbi_alloc(icp->allocator, (size_t)side->count, 2 * sizeof(sb_real));
+    result = reach ? regi_icp_neighbours(icp, side->points, side->normals, side->count, reach, side->own.normals)
+                   : regi_icp_no_memory(icp);
+    if (result == SB_OK) {
+        for (int i = 0; i < side->count; i++)
+            reach[i] = 1 - sb_v3_dot(side->normals[i], side->own.normals[i]);
+        if (reg_outlier_limit(reach, side->count, REG_OUTLIERS_TRIM, (sb_real)0.5, reach + side->count) > even)
+            side->normals = side->own.normals;
+    }
+    sbi_free(icp->allocator, reach);
+    return result;
+}
+
 /* Share of the normals that look away from the camera. */
 static sb_real regi_icp_away(const regi_icp_side *side, sb_vec3 camera)
 {
@@ -381,7 +406,7 @@ static sb_result regi_icp_normals(regi_icp *icp, const reg_icp_shape *shape, reg
     }
     if (side->sign < 0)
         icp->warnings |= REG_WARN_INVERTED;
-    return SB_OK;
+    return regi_icp_smooth_normals(icp, side);
 }
 
 /* Centre, size and principal axes of the evenly spread points. An axis has no direction of its own: it gets the one in

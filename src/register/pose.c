@@ -120,8 +120,7 @@ static int regi_pose_differ(const regi_icp *icp, const regi_pose *p, const regi_
     return sum > (sb_real)0.05 * model->extent * (sb_real)probes;
 }
 
-/* Of poses sorted by score those that differ from all before them, up to `kept`; returns how many. */
-static int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
+REGI_API int regi_pose_distinct(const regi_icp *icp, regi_pose *poses, int count, int kept)
 {
     int found = 0;
     for (int i = 0; i < count && found < kept; i++) {
@@ -211,7 +210,7 @@ static void regi_pose_look(regi_icp *icp, const regi_icp_stage *last, regi_pose 
 static sb_real regi_pose_student(sb_real gap, sb_real noise)
 {
     sb_real x = gap / noise;
-    return -2 * (sb_real)log(1 + (double)(x * x / 3));
+    return -2 * sb_log(1 + x * x / 3);
 }
 
 /* Mean log-likelihood of a point for a common noise; what finds no partner counts as a tenth of the size. */
@@ -260,6 +259,8 @@ static void regi_pose_weigh(regi_icp *icp, const regi_icp_stage *last, regi_pose
         noise = sb_min(noise, poses[i].noise);
     }
     noise = sb_max(noise, 64 * SB_EPSILON * (icp->a.extent + icp->b.extent));
+    if (!(noise > 0))
+        noise = 1; /* the shapes are points: any unit does */
     for (int i = 0; i < count; i++)
         poses[i].score = -regi_pose_mean(icp, poses + i, gaps, i, noise);
     regi_pose_sort(poses, count, count);

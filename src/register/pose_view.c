@@ -34,7 +34,7 @@ REGI_API sb_real regi_pose_prior(const regi_icp *icp, const regi_pose *pose, sb_
     if (o->seen_from_sd > 0 && !icp->both) {
         sb_vec3 seen = sb_m3_tapply(motion.rotation, regi_pose_view(icp, pose->flip));
         sb_vec3 wanted = regi_cloud_unit(o->seen_from);
-        sb_real angle = (sb_real)atan2((double)sb_v3_norm(sb_v3_cross(seen, wanted)), (double)sb_v3_dot(seen, wanted));
+        sb_real angle = sb_atan2(sb_v3_norm(sb_v3_cross(seen, wanted)), sb_v3_dot(seen, wanted));
         sum += regi_pose_square(angle, slack, o->seen_from_sd);
     }
     return -sum / 2;

@@ -98,7 +98,8 @@
  *              noise is taken off clouds and surfaces by reg_cloud_smooth and reg_cloud_smooth_mesh.
  * reg_kdtree   nearest points and those within a radius.
  * reg_rigid    a rotation and a translation; reg_rigid_fit gives the best one for pairs.
- * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks.
+ * reg_icp      rigid registration of clouds and surfaces from any pose, also where only a part is seen; landmarks. Says
+ *              which other poses fit, how clearly they are told apart, warnings by name, and a covariance.
  * reg_cpd_fit  coherent point drift, rigid to non-rigid, for clouds without a model (and markers of different number).
  * reg_field    the potential about a target: distance, or Laplace's.
  * reg_match    physics-based shape matching: an sb_body drawn to a target by charges on its surface.

@@ -50,7 +50,7 @@ REG_API sb_real reg_rigid_angle(const reg_rigid *motion)
     if (!r)
         return 0;
     axis = sb_v3(r->m[2][1] - r->m[1][2], r->m[0][2] - r->m[2][0], r->m[1][0] - r->m[0][1]);
-    return (sb_real)atan2((double)sb_v3_norm(axis), (double)(r->m[0][0] + r->m[1][1] + r->m[2][2] - 1));
+    return sb_atan2(sb_v3_norm(axis), r->m[0][0] + r->m[1][1] + r->m[2][2] - 1);
 }
 
 static sb_result regi_rigid_check(const sb_vec3 *from, const sb_vec3 *to, const sb_real *weights, int count,

@@ -6,9 +6,9 @@
  *
  * A hand that strokes, and every tenth call a new frame. One line per workload:
  *     name calls median_us p99_us p99.9_us p99.99_us checksum
- * of single calls, less what reading the clock takes; the checksum is the sum of the forces' sizes. After each the same
- * of plain loops, as long as the median call with and without a new frame, which take turns with the calls: what of the
- * tail is the machine's own. They read and write nothing and always do the same. Asserts nothing. */
+ * of single calls, less what reading the clock takes; the checksum is the sum of the forces' sizes. All calls are made
+ * ROUNDS times over, the same each time to the last bit: the second line has the least of each call, which is what the
+ * call takes itself; what the first has beyond that is the machine's. Asserts nothing. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -18,7 +18,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { CALLS = 1000000, FRAMES = 10 /* calls from one to the next */ };
+enum { CALLS = 1000000, FRAMES = 10 /* calls from one to the next */, ROUNDS = 5 };
 
 /* Wall time (s) since the first call: now() has too few digits for what takes less than a microsecond. */
 static double instant(void)
@@ -53,30 +53,6 @@ static sbi_haptic_frame dent(int count, double time)
     return frame;
 }
 
-/* `rounds` multiplications in a row. */
-static double plain_loop(int rounds)
-{
-    volatile double factor = 1.0000001;
-    double product = factor, step = factor;
-    for (int i = 0; i < rounds; i++)
-        product *= step;
-    return product;
-}
-
-/* Rounds that take so long (s). */
-static int rounds_for(double seconds)
-{
-    enum { MANY = 1000000, TURNS = 9 };
-    double least = 1, sum = 0;
-    for (int i = 0; i < TURNS; i++) {
-        double begun = instant(), spent;
-        sum += plain_loop(MANY);
-        spent = instant() - begun;
-        least = spent < least ? spent : least;
-    }
-    return sum > 0 ? (int)(seconds * (double)MANY / least) : 1;
-}
-
 static void tell(const char *name, double *values, double sum)
 {
     qsort(values, CALLS, sizeof values[0], ascending);
@@ -84,54 +60,60 @@ static void tell(const char *name, double *values, double sum)
            1e6 * values[CALLS / 100 * 99], 1e6 * values[CALLS / 1000 * 999], 1e6 * values[CALLS / 10000 * 9999], sum);
 }
 
-static void run(const char *name, int clusters, double max_torque, double coupling)
+static double clock_takes(void)
 {
-    static double times[CALLS], loops[CALLS];
-    sb_haptic_def def = sb_default_haptic_def();
-    sb_wrench_d out;
-    sbi_servo servo;
-    double sum = 0, product = 0, clock_takes;
-    int rounds[2] = {0, 0}; /* of calls without a frame, and with one */
-    def.max_force = 8;
-    def.max_torque = max_torque;
-    def.max_stiffness = 2000;
-    def.max_damping = 3;
-    def.coupling = coupling;
-    def.resolution = 5.5e-5;
-    if (sbi_servo_begin(&servo, &def, NULL) != SB_OK)
-        return;
+    static double times[CALLS];
     for (int i = 0; i < CALLS; i++) {
         double t = instant();
         times[i] = instant() - t;
     }
-    clock_takes = median(times, CALLS);
+    return median(times, CALLS);
+}
+
+/* All calls once: times [CALLS] (s). Returns the checksum. */
+static double call_all(sbi_servo *servo, int clusters, double *times)
+{
+    const double clock = clock_takes();
+    double sum = 0;
     for (int i = 0; i < CALLS; i++) {
         double time = 1e-3 * i, begun;
         sbi_haptic_frame frame = dent(clusters, time);
         sb_tool_state state;
+        sb_wrench_d out;
         memset(&state, 0, sizeof state);
         state.position[0] = 0.002 * sin(4 * time);
         state.position[2] = -0.0005 + 0.0007 * sin(2.3 * time);
         state.rotation[0] = state.rotation[4] = state.rotation[8] = 1;
         state.time = time;
         begun = instant();
-        sbi_servo_call(&servo, &state, i % FRAMES ? NULL : &frame, &out);
-        times[i] = instant() - begun - clock_takes;
-        for (int with = 0; i == CALLS / 100 && with < 2; with++) {
-            int count = 0;
-            for (int k = 0; k < i; k++)
-                if ((k % FRAMES == 0) == with)
-                    loops[count++] = times[k];
-            rounds[with] = rounds_for(median(loops, count));
-            memset(loops, 0, (size_t)i * sizeof *loops);
-        }
-        begun = instant();
-        product += plain_loop(rounds[i % FRAMES == 0]);
-        loops[i] = instant() - begun - clock_takes;
+        sbi_servo_call(servo, &state, i % FRAMES ? NULL : &frame, &out);
+        times[i] = instant() - begun - clock;
         sum += sqrt(out.force[0] * out.force[0] + out.force[1] * out.force[1] + out.force[2] * out.force[2]);
     }
+    return sum;
+}
+
+static void run(const char *name, int clusters, double max_torque, double coupling)
+{
+    static double times[CALLS], least[CALLS];
+    sb_haptic_def def = sb_default_haptic_def();
+    double sum = 0;
+    def.max_force = 8;
+    def.max_torque = max_torque;
+    def.max_stiffness = 2000;
+    def.max_damping = 3;
+    def.coupling = coupling;
+    def.resolution = 5.5e-5;
+    for (int round = 0; round < ROUNDS; round++) {
+        sbi_servo servo;
+        if (sbi_servo_begin(&servo, &def, NULL) != SB_OK)
+            return;
+        sum = call_all(&servo, clusters, times);
+        for (int i = 0; i < CALLS; i++)
+            least[i] = round > 0 && least[i] < times[i] ? least[i] : times[i];
+    }
     tell(name, times, sum);
-    tell("  a plain loop", loops, product);
+    tell("  the least", least, sum);
 }
 
 int main(void)

@@ -258,17 +258,15 @@ SB_API sb_vec3 sb_body_momentum(const sb_body *body)
 }
 
 /* Adds to the stress of an ordinary point what mean points have there of their share, which belongs to every point. */
-static void sbi_body_add_mean_stress(const sb_body *body, int point, sb_mat3 *stress, int *admissible)
+static void sbi_body_add_mean_stress(const sb_body *body, const sb_real xi[3], const sb_mat3 *means,
+                                     const int *means_admissible, sb_mat3 *stress, int *admissible)
 {
-    const sb_domain *domain = &body->domain;
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], shares[SB_MAX_MEAN_POINTS];
-    int ordinary = sbi_body_points(body);
-    if (domain->mean_points > 1)
-        sbi_element_quadrature(sbi_domain_element(domain), SB_QUADRATURE_STIFFNESS, points, weights);
-    sbi_domain_mean_shares(domain->mean_points, domain->mean_points > 1 ? points[point] : NULL, shares);
-    for (int k = 0; k < domain->mean_points; k++) {
-        admissible[point] &= admissible[ordinary + k];
-        stress[point] = sb_m3_add(stress[point], sb_m3_scale(shares[k], stress[ordinary + k]));
+    int count = body->domain.mean_points;
+    sb_real shares[SB_MAX_MEAN_POINTS];
+    sbi_domain_mean_shares(count, xi, shares);
+    for (int k = 0; k < count; k++) {
+        *admissible &= means_admissible[k];
+        *stress = sb_m3_add(*stress, sb_m3_scale(shares[k], means[k]));
     }
 }
 
@@ -277,7 +275,12 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
 {
     const sb_material *material = body->materials + body->cell_material[element];
     sb_mat3 f[SBI_CELL_POINTS], p[SBI_CELL_POINTS];
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     int ordinary = sbi_body_points(body);
+    if (body->domain.mean_points > 1) /* one has the same share everywhere */
+        sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights);
+    else
+        memset(points, 0, sizeof points);
     sbi_assembly_points(&body->assembly, body->displacement, element, f, p, admissible);
     for (int i = body->domain.points_per_cell - 1; i >= 0; i--) {
         if (material->model != SB_LINEAR && sb_m3_det(f[i]) == 0)
@@ -285,7 +288,8 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
         if (admissible[i])
             stress[i] = sb_material_cauchy_stress(material, f[i], p[i]);
         if (body->domain.mean_points && i < ordinary)
-            sbi_body_add_mean_stress(body, i, stress, admissible);
+            sbi_body_add_mean_stress(body, points[i], stress + ordinary, admissible + ordinary, stress + i,
+                                     admissible + i);
         if (!admissible[i] || !sb_is_finite(sb_von_mises(stress[i]))) { /* beyond what sb_real holds, too */
             stress[i] = sb_m3_zero();
             admissible[i] = 0;

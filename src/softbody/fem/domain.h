@@ -20,8 +20,8 @@ typedef struct sb_domain {
     int single_rotation;           /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
     int mean_points;               /* the last points of a cell that are means of the others (B-bar): they have their
                                     * gradients projected and together their volume, and stand for the share of the
-                                    * material that resists changes of volume, which the others then leave out. 0; 1 of
-                                    * hex8 and tet10: the mean; 4 of hex20 and hex27: linear in the cell's coordinates */
+                                    * material that resists changes of volume, which the others then leave out. 0; 1:
+                                    * the mean, of hex8 and tet10; 4: linear in the cell, of hex20 and hex27 */
     int node_count;
     int cell_count;
     int nodes_per_cell;
@@ -116,7 +116,7 @@ SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], 
 SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, int is_piece,
                                        sb_error *error);
 /* Most points of a cell, means included. */
-enum { SBI_CELL_POINTS = SB_MAX_QUADRATURE_POINTS + SB_MAX_MEAN_POINTS };
+enum { SBI_CELL_POINTS = (int)SB_MAX_QUADRATURE_POINTS + (int)SB_MAX_MEAN_POINTS };
 /* Shares of a cell's mean points in what is there at local coordinates xi: values at mean points that are linear in xi
  * are met everywhere. */
 SBI_API void sbi_domain_mean_shares(int mean_points, const sb_real xi[3], sb_real shares[SB_MAX_MEAN_POINTS]);
