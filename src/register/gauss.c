@@ -21,8 +21,8 @@ static void regi_gauss_layout(regi_gauss *g, sbi_arena *arena)
     g->multiplier = (double *)sbi_arena_take(arena, m, real);
     g->low = (double *)sbi_arena_take(arena, m, rank * real);
     g->small = (double *)sbi_arena_take(arena, rank, rank * real);
-    g->basis = (double *)sbi_arena_take(arena, rank, rank * real);
-    g->values = (double *)sbi_arena_take(arena, rank, real);
+    g->diagonal = (double *)sbi_arena_take(arena, rank, real);
+    g->beside = (double *)sbi_arena_take(arena, rank, real);
     g->along = (double *)sbi_arena_take(arena, rank, real);
     g->scratch = (double *)sbi_arena_take(arena, m + 2 * rank, real);
 }
@@ -323,7 +323,7 @@ static void regi_gauss_pose_part(const regi_gauss *g, const regi_gauss_pose *pos
 REGI_API int regi_gauss_spectrum(regi_gauss *g)
 {
     size_t m = (size_t)g->most;
-    double floor = regi_gauss_floor(g), gap_part[REGI_GAUSS_POSES], sums[REGI_GAUSS_RANK];
+    double floor = regi_gauss_floor(g), gap_part[REGI_GAUSS_POSES];
     double parts[REGI_GAUSS_RANK][REGI_GAUSS_POSES];
     regi_gauss_pose pose;
     if (!regi_gauss_weigh_pose(g, floor, &pose))
@@ -337,28 +337,30 @@ REGI_API int regi_gauss_spectrum(regi_gauss *g)
     for (int a = 0; a < g->rank; a++) {
         regi_gauss_weigh(g, floor, g->low + (size_t)a * m, g->scratch);
         regi_gauss_pose_part(g, &pose, g->scratch, parts[a]);
-        sums[a] = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(parts[a], gap_part, g->poses);
+        g->along[a] = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(parts[a], gap_part, g->poses);
         for (int b = 0; b <= a; b++)
             g->small[(size_t)a * (size_t)g->rank + (size_t)b] =
                 regi_gauss_dot(g->scratch, g->low + (size_t)b * m, g->count) -
                 regi_gauss_dot(parts[a], parts[b], g->poses);
     }
-    if (g->rank > 0 && !sbi_symmetric_eigen(g->small, g->rank, g->values, g->basis, g->scratch))
-        return 0;
-    for (int k = 0; k < g->rank; k++) {
-        g->along[k] = regi_gauss_dot(g->basis + (size_t)k * (size_t)g->rank, sums, g->rank);
-        g->values[k] = g->values[k] > 0 ? g->values[k] : 0;
+    if (g->rank > 0) {
+        sbi_symmetric_tridiagonalise(g->small, g->rank, g->diagonal, g->beside, g->scratch, g->scratch + g->rank);
+        sbi_symmetric_turn(g->small, g->rank, g->scratch, g->along);
     }
-    return 1;
+    return fabs(g->rigid_misfit) < 1e300 && (g->rank == 0 || fabs(g->diagonal[g->rank - 1]) < 1e300); /* not NaN */
 }
 
+/* |I + scale^2 T| and b^T (I + scale^2 T)^-1 b of the tridiagonal T, by elimination. */
 REGI_API double regi_gauss_evidence(const regi_gauss *g, double scale)
 {
-    double square = scale * scale, misfit = g->rigid_misfit, volume = g->rigid_volume;
+    double square = scale * scale, misfit = g->rigid_misfit, volume = g->rigid_volume, pivot = 1, part = 0;
     for (int k = 0; k < g->rank; k++) {
-        double grown = 1 + square * g->values[k];
-        misfit -= square * g->along[k] * g->along[k] / grown;
-        volume += sbi_dense_log(grown);
+        double beside = k > 0 ? square * g->beside[k - 1] : 0, ratio = beside / pivot;
+        pivot = 1 + square * g->diagonal[k] - ratio * beside;
+        pivot = pivot > 1 ? pivot : 1; /* T has no negative eigenvalues but for rounding */
+        part = g->along[k] - ratio * part;
+        misfit -= square * part * part / pivot;
+        volume += sbi_dense_log(pivot);
     }
     return -0.5 * (misfit + volume);
 }

@@ -32,8 +32,9 @@ typedef struct regi_gauss {
     /* of the evidence */
     int rank;               /* directions found */
     double *low;            /* [RANK][most] V V^T = low^T low */
-    double *small, *basis;  /* [RANK][RANK] */
-    double *values, *along; /* [RANK] eigenvalues, and the gaps along their vectors */
+    double *small;          /* [RANK][RANK] */
+    double *diagonal;       /* [RANK] and neighbours, [RANK - 1], of low Sigma^-1 low^T made tridiagonal, */
+    double *beside, *along; /* and low Sigma^-1 gap [RANK] turned along with it */
     double *scratch;        /* [most + 2 RANK] */
     double rigid_misfit;    /* gap^T Sigma^-1 gap, Sigma = R R^T + diag(variance) */
     double rigid_volume;    /* log |Sigma| */
@@ -71,7 +72,7 @@ REGI_API void regi_gauss_condition(const regi_gauss *gauss, double *c, double *p
 /* ---- evidence; gram is there ---- */
 /* low: the pivoted Cholesky factor of gram. */
 REGI_API void regi_gauss_reduce(regi_gauss *gauss);
-/* The spectrum of low against the noise and pose of now. 0: it has none (something is not finite). */
+/* Makes low tridiagonal against the noise and pose of now. 0: it has none (something is not finite). */
 REGI_API int regi_gauss_spectrum(regi_gauss *gauss);
 /* log p(gap | scale), less a constant of the count; scale 0: no loads at all. */
 REGI_API double regi_gauss_evidence(const regi_gauss *gauss, double scale);

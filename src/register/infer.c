@@ -22,8 +22,6 @@ REG_API reg_infer_def reg_default_infer_def(void)
     return def;
 }
 
-REGI_API double regi_infer_now(const reg_infer *infer) { return infer->def->clock ? infer->def->clock() : 0.0; }
-
 /* ---- checks ---- */
 
 static sb_result regi_infer_check_points(const reg_points *t, sb_error *error)

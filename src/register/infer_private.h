@@ -91,9 +91,9 @@ struct reg_infer {
     double temper;                   /* share of the evidence that counts, (0, 1] */
 };
 
-REGI_API double regi_infer_now(const reg_infer *infer);
-
 /* ---- infer_rows ---- */
+/* Seconds on the caller's clock, 0 without one. */
+REGI_API double regi_infer_now(const reg_infer *infer);
 /* Groups the points into patches: fills points, patch_start. SB_ERROR_MEMORY. */
 REGI_API sb_result regi_infer_group(reg_infer *infer, int patches, sb_error *error);
 /* Looks for the points' places on the model where it is now, trusts them, and lists the data: gauss.count, patch_of,

@@ -5,6 +5,8 @@
 
 #include "cloud.h"
 
+REGI_API double regi_infer_now(const reg_infer *infer) { return infer->def->clock ? infer->def->clock() : 0.0; }
+
 /* ---- patches ---- */
 
 /* Centres spread evenly over the points, each point to the closest; points are sorted by patch, else as they were. */

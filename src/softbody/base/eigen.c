@@ -4,12 +4,42 @@
 #include <math.h>
 #include <string.h>
 
-/* Reduces a[n][n] to the diagonal d and the neighbours e[0 .. n-2], reflections on the way left below the diagonal;
- * scale[k] is 2/v.v of reflection k. */
-static void sbi_eigen_tridiagonalise(double *a, int n, double *d, double *e, double *scale)
+/* w[from .. n) = a v for the symmetric a[n][n], rows and columns from `from` on: each entry of the lower triangle once. */
+static void sbi_eigen_multiply(const double *a, int n, int from, const double *v, double *w)
+{
+    for (int i = from; i < n; i++) {
+        const double *row = a + (size_t)i * (size_t)n;
+        double sum = 0, own = v[i];
+        for (int j = from; j < i; j++) {
+            sum += row[j] * v[j];
+            w[j] += row[j] * own;
+        }
+        w[i] = sum + row[i] * own;
+    }
+}
+
+/* One reflection: of column k below the diagonal. v[n], w[n] are scratch. */
+static void sbi_eigen_reflect(double *a, int n, int k, double scale, double *v, double *w)
+{
+    double along = 0;
+    for (int i = k + 1; i < n; i++)
+        v[i] = a[i * n + k];
+    sbi_eigen_multiply(a, n, k + 1, v, w);
+    for (int i = k + 1; i < n; i++) {
+        w[i] *= scale;
+        along += w[i] * v[i];
+    }
+    for (int i = k + 1; i < n; i++)
+        w[i] -= 0.5 * scale * along * v[i];
+    for (int i = k + 1; i < n; i++)
+        for (int j = k + 1; j <= i; j++)
+            a[i * n + j] -= v[i] * w[j] + w[i] * v[j];
+}
+
+SBI_API void sbi_symmetric_tridiagonalise(double *a, int n, double *d, double *e, double *scale, double *scratch)
 {
     for (int k = 0; k < n - 1; k++) {
-        double norm = 0, along = 0, *w = d; /* d is free below */
+        double norm = 0;
         for (int i = k + 1; i < n; i++)
             norm += a[i * n + k] * a[i * n + k];
         norm = sqrt(norm);
@@ -20,21 +50,21 @@ static void sbi_eigen_tridiagonalise(double *a, int n, double *d, double *e, dou
         e[k] = e[k] > 0 ? -norm : norm;
         a[(k + 1) * n + k] -= e[k];
         scale[k] = 1 / (-e[k] * a[(k + 1) * n + k]);
-        for (int i = k + 1; i < n; i++) {
-            double sum = 0;
-            for (int j = k + 1; j < n; j++)
-                sum += (j <= i ? a[i * n + j] : a[j * n + i]) * a[j * n + k];
-            w[i] = scale[k] * sum;
-            along += w[i] * a[i * n + k];
-        }
-        for (int i = k + 1; i < n; i++)
-            w[i] -= 0.5 * scale[k] * along * a[i * n + k];
-        for (int i = k + 1; i < n; i++)
-            for (int j = k + 1; j <= i; j++)
-                a[i * n + j] -= a[i * n + k] * w[j] + w[i] * a[j * n + k];
+        sbi_eigen_reflect(a, n, k, scale[k], scratch, d); /* d is free so far */
     }
     for (int i = 0; i < n; i++)
         d[i] = a[i * n + i];
+}
+
+SBI_API void sbi_symmetric_turn(const double *a, int n, const double *scale, double *x)
+{
+    for (int k = 0; k < n - 2; k++) {
+        double sum = 0;
+        for (int i = k + 1; i < n; i++)
+            sum += a[i * n + k] * x[i];
+        for (int i = k + 1; i < n; i++)
+            x[i] -= scale[k] * sum * a[i * n + k];
+    }
 }
 
 /* Row j of z: the reflections applied to unit vector j. */
@@ -89,7 +119,7 @@ static void sbi_eigen_ql_sweep(double *d, double *e, int l, int m, double *z, in
 SBI_API int sbi_symmetric_eigen(double *a, int n, double *d, double *z, double *scratch)
 {
     double *e = scratch, *scale = scratch + n;
-    sbi_eigen_tridiagonalise(a, n, d, e, scale);
+    sbi_symmetric_tridiagonalise(a, n, d, e, scale, z);
     sbi_eigen_accumulate(a, n, scale, z);
     e[n - 1] = 0;
     for (int l = 0, sweeps = 0; l < n;) {

@@ -9,4 +9,10 @@
  * 0 when an entry is not finite. */
 SBI_API int sbi_symmetric_eigen(double *a, int n, double *d, double *z, double *scratch);
 
+/* The first third of that: a = Q T Q^T of the diagonal d[n] and its neighbours e[n - 1]; Q stays in a and scale[n - 1],
+ * for sbi_symmetric_turn. scratch: [n]. */
+SBI_API void sbi_symmetric_tridiagonalise(double *a, int n, double *d, double *e, double *scale, double *scratch);
+/* x[n] <- Q^T x */
+SBI_API void sbi_symmetric_turn(const double *a, int n, const double *scale, double *x);
+
 #endif /* SB_EIGEN_H */
