@@ -1320,12 +1320,12 @@ REG_API int reg_model_node_count(const reg_model *model); /* 0 for NULL */
  *     reg_infer_get_quality(infer, &quality);                  (quality.expected: the error to expect, m)
  *
  * Nobody knows what acts on an organ: gravity that turned, gas, an instrument, a neighbour that drags it, the hands
- * that hold it. So all of its surface may bear tractions, drawn from a Gaussian process whose scale, length and places
- * are chosen by what they explain (evidence, MacKay 1992), and its mass a weight in any direction; the organ's pose is
- * open within what the start is sure of. What is seen are gaps between the organ's surface and the points of the scan,
- * each with a deviation. Each round makes the organ's response linear about its present shape (neo-Hookean, exact for
- * large turns), finds the posterior of loads and pose (see gauss.h), and moves there. Where nothing holds the organ its
- * loads balance exactly.
+ * that hold it. So all of its surface may bear tractions, drawn from a Gaussian process whose scale and places are
+ * chosen by what they explain (evidence, MacKay 1992), and its mass a weight in any direction; the organ's pose is open
+ * within what the start is sure of. What is seen are gaps between the organ's surface and the points of the scan, each
+ * with a deviation. Each round makes the organ's response linear about its present shape (neo-Hookean, exact for large
+ * turns), finds the posterior of loads and pose (see gauss.h), and moves there. Where nothing holds the organ its loads
+ * balance exactly.
  *
  * Every seen point asks for a place of the surface. What of the surface is not seen is not asked, so that views of any
  * part work, and the answer says how sure it is there: `expected`, from the posterior of loads and pose and from not
@@ -1369,7 +1369,7 @@ typedef struct reg_infer_def {
     sb_real start_turn; /* and of its turn (rad), in (0, 10]; default 0.2 */
     int gravity;        /* 1 (default): the weight may have changed, as where a patient is turned; 0: it did not */
     int samples;        /* patches that the target is grouped into, [30, 1000]; default 300. Time grows with it */
-    int rounds;         /* at most, [1, 100]; default 8 */
+    int rounds;         /* at most, [1, 100]; default 4: more gain little */
     double max_seconds; /* > 0, with a clock: no round begins that would end later; default 1e9 */
     sb_clock clock;     /* default NULL: times read 0 */
     unsigned cookie;    /* set by reg_default_infer_def */
@@ -1425,7 +1425,6 @@ typedef struct reg_quality {
     unsigned warnings; /* REG_WARN_..., or-ed. VIEW_SMALL: also where the error to expect is above 0.6 of the elastic
                         * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
-    sb_real length;                   /* of the tractions' correlation, in shares of the size */
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
     sb_real seen;                     /* share of the model's surface with points of the target near */
     sb_real used;                     /* share of the target's weight that was believed */
@@ -10415,8 +10414,9 @@ typedef struct regi_gauss {
     /* of the evidence */
     int rank;               /* directions found */
     double *low;            /* [RANK][most] V V^T = low^T low */
-    double *small, *basis;  /* [RANK][RANK] */
-    double *values, *along; /* [RANK] eigenvalues, and the gaps along their vectors */
+    double *small;          /* [RANK][RANK] */
+    double *diagonal;       /* [RANK] and neighbours, [RANK - 1], of low Sigma^-1 low^T made tridiagonal, */
+    double *beside, *along; /* and low Sigma^-1 gap [RANK] turned along with it */
     double *scratch;        /* [most + 2 RANK] */
     double rigid_misfit;    /* gap^T Sigma^-1 gap, Sigma = R R^T + diag(variance) */
     double rigid_volume;    /* log |Sigma| */
@@ -10454,7 +10454,7 @@ REGI_API void regi_gauss_condition(const regi_gauss *gauss, double *c, double *p
 /* ---- evidence; gram is there ---- */
 /* low: the pivoted Cholesky factor of gram. */
 REGI_API void regi_gauss_reduce(regi_gauss *gauss);
-/* The spectrum of low against the noise and pose of now. 0: it has none (something is not finite). */
+/* Makes low tridiagonal against the noise and pose of now. 0: it has none (something is not finite). */
 REGI_API int regi_gauss_spectrum(regi_gauss *gauss);
 /* log p(gap | scale), less a constant of the count; scale 0: no loads at all. */
 REGI_API double regi_gauss_evidence(const regi_gauss *gauss, double scale);
@@ -10465,6 +10465,8 @@ REGI_API double regi_gauss_best_scale(const regi_gauss *gauss, double *evidence)
 /* ---- dense helpers ---- */
 /* Upper a[n][stride] = U^T U in place, rows below the diagonal untouched. Returns 0 at a pivot that is not positive. */
 REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride);
+/* r[n] <- U^-1 U^-T r */
+REGI_API void regi_gauss_substitute(const double *u, int n, size_t stride, double *r);
 
 #endif /* REGI_GAUSS_H */
 
@@ -10490,8 +10492,8 @@ static void regi_gauss_layout(regi_gauss *g, sbi_arena *arena)
     g->multiplier = (double *)sbi_arena_take(arena, m, real);
     g->low = (double *)sbi_arena_take(arena, m, rank * real);
     g->small = (double *)sbi_arena_take(arena, rank, rank * real);
-    g->basis = (double *)sbi_arena_take(arena, rank, rank * real);
-    g->values = (double *)sbi_arena_take(arena, rank, real);
+    g->diagonal = (double *)sbi_arena_take(arena, rank, real);
+    g->beside = (double *)sbi_arena_take(arena, rank, real);
     g->along = (double *)sbi_arena_take(arena, rank, real);
     g->scratch = (double *)sbi_arena_take(arena, m + 2 * rank, real);
 }
@@ -10599,6 +10601,12 @@ static void regi_gauss_backward(const double *u, int n, size_t stride, double *r
     }
 }
 
+REGI_API void regi_gauss_substitute(const double *u, int n, size_t stride, double *r)
+{
+    regi_gauss_forward(u, n, stride, r);
+    regi_gauss_backward(u, n, stride, r);
+}
+
 /* ---- resultants ---- */
 
 /* Makes the rows of B orthonormal; those that are sums of the ones before become 0. */
@@ -10674,8 +10682,7 @@ REGI_API void regi_gauss_whiten(const regi_gauss *g, double *r)
 
 REGI_API void regi_gauss_apply_inverse(const regi_gauss *g, double *r)
 {
-    regi_gauss_whiten(g, r);
-    regi_gauss_backward(g->system, g->count, (size_t)g->most, r);
+    regi_gauss_substitute(g->system, g->count, (size_t)g->most, r);
 }
 
 REGI_API void regi_gauss_explain(const regi_gauss *g, const double *y, double *c, double *p)
@@ -10792,7 +10799,7 @@ static void regi_gauss_pose_part(const regi_gauss *g, const regi_gauss_pose *pos
 REGI_API int regi_gauss_spectrum(regi_gauss *g)
 {
     size_t m = (size_t)g->most;
-    double floor = regi_gauss_floor(g), gap_part[REGI_GAUSS_POSES], sums[REGI_GAUSS_RANK];
+    double floor = regi_gauss_floor(g), gap_part[REGI_GAUSS_POSES];
     double parts[REGI_GAUSS_RANK][REGI_GAUSS_POSES];
     regi_gauss_pose pose;
     if (!regi_gauss_weigh_pose(g, floor, &pose))
@@ -10806,28 +10813,30 @@ REGI_API int regi_gauss_spectrum(regi_gauss *g)
     for (int a = 0; a < g->rank; a++) {
         regi_gauss_weigh(g, floor, g->low + (size_t)a * m, g->scratch);
         regi_gauss_pose_part(g, &pose, g->scratch, parts[a]);
-        sums[a] = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(parts[a], gap_part, g->poses);
+        g->along[a] = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(parts[a], gap_part, g->poses);
         for (int b = 0; b <= a; b++)
             g->small[(size_t)a * (size_t)g->rank + (size_t)b] =
                 regi_gauss_dot(g->scratch, g->low + (size_t)b * m, g->count) -
                 regi_gauss_dot(parts[a], parts[b], g->poses);
     }
-    if (g->rank > 0 && !sbi_symmetric_eigen(g->small, g->rank, g->values, g->basis, g->scratch))
-        return 0;
-    for (int k = 0; k < g->rank; k++) {
-        g->along[k] = regi_gauss_dot(g->basis + (size_t)k * (size_t)g->rank, sums, g->rank);
-        g->values[k] = g->values[k] > 0 ? g->values[k] : 0;
+    if (g->rank > 0) {
+        sbi_symmetric_tridiagonalise(g->small, g->rank, g->diagonal, g->beside, g->scratch, g->scratch + g->rank);
+        sbi_symmetric_turn(g->small, g->rank, g->scratch, g->along);
     }
-    return 1;
+    return fabs(g->rigid_misfit) < 1e300 && (g->rank == 0 || fabs(g->diagonal[g->rank - 1]) < 1e300); /* not NaN */
 }
 
+/* |I + scale^2 T| and b^T (I + scale^2 T)^-1 b of the tridiagonal T, by elimination. */
 REGI_API double regi_gauss_evidence(const regi_gauss *g, double scale)
 {
-    double square = scale * scale, misfit = g->rigid_misfit, volume = g->rigid_volume;
+    double square = scale * scale, misfit = g->rigid_misfit, volume = g->rigid_volume, pivot = 1, part = 0;
     for (int k = 0; k < g->rank; k++) {
-        double grown = 1 + square * g->values[k];
-        misfit -= square * g->along[k] * g->along[k] / grown;
-        volume += sbi_dense_log(grown);
+        double beside = k > 0 ? square * g->beside[k - 1] : 0, ratio = beside / pivot;
+        pivot = 1 + square * g->diagonal[k] - ratio * beside;
+        pivot = pivot > 1 ? pivot : 1; /* T has no negative eigenvalues but for rounding */
+        part = g->along[k] - ratio * part;
+        misfit -= square * part * part / pivot;
+        volume += sbi_dense_log(pivot);
     }
     return -0.5 * (misfit + volume);
 }
@@ -11386,14 +11395,13 @@ enum {
     REGI_INFER_POSE = 6,    /* moves along the axes and turns about them; a seventh column of the pose is an offset of
                              * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
                              * less than what they stand for. Without it they would be the work of a pressure */
+    REGI_INFER_MODES = 6,   /* rigid motions */
     REGI_INFER_WEIGHT = 3,  /* columns of the weight */
-    REGI_INFER_CHOICES = 3, /* rounds that choose the prior */
     REGI_INFER_REGIONS = 40 /* of unknown stiffness */
 };
 
 /* What the prior of the loads is like. */
 typedef struct regi_infer_choice {
-    double length;   /* shares of the size */
     double gravity;  /* sd of the weight, in shares of scale times area */
     double misfit;   /* m */
     double scale;    /* Pa */
@@ -11411,6 +11419,7 @@ typedef struct regi_infer_point {
     int triangle;         /* of the skin, or -1 */
     sb_real corner[3];    /* weights of its corners */
     sb_vec3 place, plane; /* m; unit normal of the model there */
+    sb_real off;          /* gap less the median of its patch (m) */
     sb_real gap;          /* plane . (at - place) (m) */
     sb_real trust;        /* weight, less for outliers; 0: not allowed */
     sb_real share;        /* of its patch's row */
@@ -11440,33 +11449,37 @@ struct reg_infer {
     double *raw;              /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
     double *root;             /* [c][c] of the present prior */
     double *extended;         /* [most][most] gram of responses to tractions with their resultants */
-    double *local, *trial_local;     /* [c] */
-    double *energy;                  /* [c + 6] */
-    double *c;                       /* [loads] found, in the gauss' units */
-    double *draw;                    /* [loads] */
-    double *datum;                   /* [most] scratch */
-    sb_vec3 *tractions;              /* [c] scratch */
-    sb_vec3 *row;                    /* [SBI_FRONT_GROUP][nodes] */
-    sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
-    sb_vec3 *residual;               /* [nodes] internal forces of the shape before the last round (N) */
-    sb_vec3 *forces;                 /* [nodes] found (N) */
-    sb_vec3 *increment, *trial;      /* [nodes] */
-    sb_vec3 *shape;                  /* [nodes] displacements found (m) */
-    sb_vec3 *errors;                 /* [DRAWS][nodes] of draws (m), calibrated */
-    sb_real *expected;               /* [nodes] m */
-    sb_vec3 *cell_force;             /* [cells][nodes per cell] internal forces (N) */
-    sb_vec3 *poisson_force;          /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
-    sb_real *region;                 /* [cells][REGIONS] shares */
-    sb_vec3 centre;                  /* m: turns of the pose are about it */
-    double pose_sd[REGI_INFER_POSE]; /* m, rad */
-    double pose[REGI_INFER_POSE];    /* reached: m, rad */
-    double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
-    double temper;                   /* share of the evidence that counts, (0, 1] */
+    double *local, *trial_local; /* [c] */
+    double *energy;              /* [c + 6] */
+    double *c;                   /* [loads] found, in the gauss' units */
+    double *draw;                /* [loads] */
+    double *datum;               /* [most] scratch */
+    sb_vec3 *tractions;          /* [c] scratch */
+    sb_vec3 *row;                /* [SBI_FRONT_GROUP][nodes] */
+    sb_vec3 *skin;               /* [skin nodes] where they are (m) */
+    sb_vec3 *residual;           /* [nodes] internal forces of the shape before the last round (N) */
+    sb_vec3 *forces;             /* [nodes] found (N) */
+    sb_vec3 *increment, *trial;  /* [nodes] */
+    sb_vec3 *shape;              /* [nodes] displacements found (m) */
+    sb_vec3 *errors;             /* [DRAWS][nodes] of draws (m), calibrated */
+    sb_real *expected;           /* [nodes] m */
+    sb_vec3 *cell_force;         /* [cells][nodes per cell] internal forces (N) */
+    sb_vec3 *poisson_force;      /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
+    sb_real *region;             /* [cells][REGIONS] shares */
+    sb_vec3 centre;              /* m: turns of the pose are about it */
+    sb_vec3 *weighted_modes;     /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
+    sb_vec3 *drift;              /* [MODES][nodes] and what these as forces do */
+    double drift_system[REGI_INFER_MODES * REGI_INFER_MODES]; /* their products, factored */
+    double pose_sd[REGI_INFER_POSE];                          /* m, rad */
+    double pose[REGI_INFER_POSE];                             /* reached: m, rad */
+    double next[REGI_GAUSS_POSES];                            /* found in this round; the offset last (m) */
+    int is_averaged;                                          /* 1: the shape is the mean of two explanations */
+    double temper;                                            /* share of the evidence that counts, (0, 1] */
 };
 
-REGI_API double regi_infer_now(const reg_infer *infer);
-
 /* ---- infer_rows ---- */
+/* Seconds on the caller's clock, 0 without one. */
+REGI_API double regi_infer_now(const reg_infer *infer);
 /* Groups the points into patches: fills points, patch_start. SB_ERROR_MEMORY. */
 REGI_API sb_result regi_infer_group(reg_infer *infer, int patches, sb_error *error);
 /* Looks for the points' places on the model where it is now, trusts them, and lists the data: gauss.count, patch_of,
@@ -11488,6 +11501,15 @@ REGI_API int regi_infer_choose(reg_infer *infer);
 /* Tractions [c] (Pa) and weight (N) of loads in the gauss' units. */
 REGI_API void regi_infer_unfold(const reg_infer *infer, const double *c, sb_vec3 *tractions, sb_vec3 *weight);
 
+/* ---- infer_respond ---- */
+/* Factor and residual of the shape of now. The factor's errors. */
+REGI_API sb_result regi_infer_factor(reg_infer *infer, sb_error *error);
+/* Motions of `count` rows of forces, row[count][nodes], in place, at most SBI_FRONT_GROUP: none of what is held, and
+ * none of the whole, which is the pose's. */
+REGI_API void regi_infer_solve_rows(reg_infer *infer, sb_vec3 *row, int count);
+/* Responses, gaps and resultants of the data at hand. */
+REGI_API void regi_infer_respond(reg_infer *infer);
+
 /* ---- infer_round ---- */
 REGI_API sb_result regi_infer_round(reg_infer *infer, int round, sb_error *error);
 
@@ -11501,6 +11523,8 @@ REGI_API sb_result regi_infer_tell(reg_infer *infer, sb_error *error);
 
 #include <string.h>
 
+
+REGI_API double regi_infer_now(const reg_infer *infer) { return infer->def->clock ? infer->def->clock() : 0.0; }
 
 /* ---- patches ---- */
 
@@ -11605,24 +11629,25 @@ static sb_real regi_infer_patch_median(reg_infer *f, int patch)
 }
 
 /* Noise of the points: 1.48 times the median of their deviations from the medians of their patches, which are left in
- * `share`. A single point has none, so that patches of two or three are counted for what they are worth. */
+ * `off`. A single point has none, so that patches of two or three are counted for what they are worth. */
 static void regi_infer_estimate_noise(reg_infer *f)
 {
     int count = 0;
     for (int s = 0; s < f->patch_count; s++) {
         sb_real median = regi_infer_patch_median(f, s);
         for (int i = f->patch_start[s]; i < f->patch_start[s + 1]; i++)
-            f->points[i].share = f->points[i].gap - median;
+            f->points[i].off = f->points[i].gap - median;
     }
     for (int s = 0; s < f->patch_count; s++)
         for (int i = f->patch_start[s]; i < f->patch_start[s + 1]; i++)
             if (f->points[i].trust > 0 && f->patch_start[s + 1] - f->patch_start[s] > 1)
-                f->sort[count++] = sb_abs(f->points[i].share);
+                f->sort[count++] = sb_abs(f->points[i].off);
     f->noise = (sb_real)1.4826 * regi_infer_median(f, count);
 }
 
 /* Less trust in what is far off: in all the target, and in its patch. The limit begins with what loads may well do, and
- * halves each round, down to what the others scatter: a dent is followed before what is left is taken for no organ. */
+ * halves each round, down to what the others scatter, but no farther than to what a coarse model may be off by: a dent
+ * is followed before what is left is taken for no organ. */
 static void regi_infer_weigh_points(reg_infer *f, int round)
 {
     int count = 0;
@@ -11632,21 +11657,23 @@ static void regi_infer_weigh_points(reg_infer *f, int round)
     for (int i = 0; i < f->point_count; i++)
         if (f->points[i].trust > 0)
             f->sort[count++] = sb_abs(f->points[i].gap);
-    limit = sb_max(early, (sb_real)(round < 2 ? 4 : 6) * regi_infer_median(f, count) + 3 * f->noise);
+    limit = sb_max(sb_max(early, (sb_real)0.01 * f->model->size),
+                   (sb_real)(round < 2 ? 4 : 6) * regi_infer_median(f, count) + 3 * f->noise);
     for (int i = 0; i < f->point_count && limit > 0; i++) {
         regi_infer_point *p = f->points + i;
-        sb_real far = p->gap / limit, off = f->noise > 0 ? p->share / (3 * f->noise) : 0;
+        sb_real far = p->gap / limit, off = p->off / sb_max(3 * f->noise, (sb_real)0.3 * limit);
         p->trust /= (1 + far * far) * (1 + far * far) * (1 + off * off);
     }
 }
 
 /* ---- data ---- */
 
-/* Shares of a patch's points in its row, and the variance of their mean that averages out: three neighbours count as
- * one. */
+/* Shares of a patch's points in its row, and the variance of their mean: of noise, of which three neighbours count as
+ * one, and of a share of what the patch is steeper than noise, as at the rim of a dent: that does not average out. */
 static double regi_infer_share_patch(reg_infer *f, int patch)
 {
-    double sum = 0, squares = 0, most = 0;
+    const double steep = 0.09;
+    double sum = 0, squares = 0, most = 0, spread = 0;
     for (int i = f->patch_start[patch]; i < f->patch_start[patch + 1]; i++) {
         regi_infer_point *p = f->points + i;
         p->share = p->sd > 0 ? p->trust / (p->sd * p->sd) : p->trust;
@@ -11658,8 +11685,9 @@ static double regi_infer_share_patch(reg_infer *f, int patch)
         p->share = (sb_real)((double)p->share / sum);
         squares += (double)p->share * (double)p->share * sd * sd;
         most += (double)p->share * sd * sd;
+        spread += (double)p->share * ((double)p->off * (double)p->off - sd * sd);
     }
-    return 3 * squares < most ? 3 * squares : most;
+    return (3 * squares < most ? 3 * squares : most) + (spread > 0 ? steep * spread : 0);
 }
 
 /* Share of its given weight that a patch keeps. */
@@ -11789,14 +11817,18 @@ REGI_API double regi_infer_measure(const reg_infer *f, int datum, const sb_vec3 
 }
 
 /* ==== src/register/infer_prior.c ==== */
-/* infer_prior: which loads explain what is seen: length, weight, misfit, scale and places, by their evidence. */
+/* infer_prior: which loads explain what is seen: weight, misfit, scale and places, by their evidence. */
 
 #include <math.h>
 #include <string.h>
 
-enum { REGI_INFER_LENGTHS = 3, REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
+enum { REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
 
-/* A shorter length, or places of their own, must explain more than a longer one by so many nats, tempered. */
+/* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
+ * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
+#define REGI_INFER_LENGTH 0.06
+
+/* Places of their own must explain more than loads everywhere by so many nats, tempered. */
 static const double regi_infer_earned = 3;
 
 REGI_API void regi_infer_set_misfit(reg_infer *f, double misfit)
@@ -11839,7 +11871,7 @@ static void regi_infer_fill_weight(reg_infer *f, double gravity)
 REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
 {
     regi_gauss *g = &f->gauss;
-    if (!regi_prior_root(&f->model->prior, choice->length, choice->is_local ? f->local : NULL, f->root))
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, choice->is_local ? f->local : NULL, f->root))
         return 0;
     g->loads = f->loads;
     regi_infer_fill_tractions(f);
@@ -11872,12 +11904,12 @@ REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3
 
 /* ---- evidence on the grid ---- */
 
-/* extended: the gram of tractions of a length, resultants included. */
-static int regi_infer_extend(reg_infer *f, double length)
+/* extended: the gram of tractions, resultants included. */
+static int regi_infer_extend(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     int count = g->count, rows = count + g->exact;
-    if (!regi_prior_root(&f->model->prior, length, NULL, f->root))
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, NULL, f->root))
         return 0;
     regi_infer_fill_tractions(f);
     g->count = rows;
@@ -11926,8 +11958,8 @@ static int regi_infer_weigh_misfit(reg_infer *f, regi_infer_choice *choice)
 /* The best misfit for the gram at hand, which has been reduced. */
 static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
 {
-    /* of organs of 280 mm: 0.05 to 0.8 mm */
-    static const double shares[REGI_INFER_MISFITS] = {1.8e-4, 3.6e-4, 7.1e-4, 1.43e-3, 2.86e-3};
+    /* of organs of 280 mm: 0.3 to 0.85 mm; a coarse model is off by that, and with less its errors look like loads */
+    static const double shares[REGI_INFER_MISFITS] = {1.02e-3, 1.06e-3, 1.23e-3, 1.74e-3, 3.03e-3};
     regi_infer_choice trial = *best;
     for (int k = 0; k < REGI_INFER_MISFITS; k++) {
         trial.misfit = shares[k] * (double)f->model->size;
@@ -11939,44 +11971,22 @@ static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
     return 1;
 }
 
-/* The best weight for a length at a given misfit. */
-static int regi_infer_search_gravity(reg_infer *f, regi_infer_choice *best)
+/* Weight and misfit: the misfit without a weight, then the weight. */
+static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
 {
     static const double gravities[REGI_INFER_GRAVITIES] = {0, 1, 10, 100};
-    regi_infer_choice trial = *best;
-    if (!regi_infer_extend(f, best->length))
+    regi_infer_choice trial;
+    memset(best, 0, sizeof *best);
+    if (!regi_infer_extend(f))
         return 0;
     for (int k = 0; k < (f->def->gravity ? REGI_INFER_GRAVITIES : 1); k++) {
+        trial = *best;
         trial.gravity = gravities[k];
         regi_infer_weigh_gram(f, trial.gravity);
         regi_gauss_reduce(&f->gauss);
-        if (!regi_infer_weigh_misfit(f, &trial))
+        if (!(k == 0 ? regi_infer_search_misfit(f, &trial) : regi_infer_weigh_misfit(f, &trial)))
             return 0;
         if (k == 0 || trial.evidence > best->evidence)
-            *best = trial;
-    }
-    return 1;
-}
-
-/* Length, weight and misfit, one after the other: the misfit for a middling prior, then the prior, then the misfit. */
-static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
-{
-    static const double lengths[REGI_INFER_LENGTHS] = {0.25, 0.12, 0.06};
-    regi_infer_choice trial;
-    memset(best, 0, sizeof *best);
-    best->length = lengths[1];
-    if (!regi_infer_extend(f, best->length))
-        return 0;
-    regi_infer_weigh_gram(f, 0);
-    regi_gauss_reduce(&f->gauss);
-    if (!regi_infer_search_misfit(f, best))
-        return 0;
-    trial = *best;
-    for (int k = 0; k < REGI_INFER_LENGTHS; k++) {
-        trial.length = lengths[k];
-        if (!regi_infer_search_gravity(f, &trial))
-            return 0;
-        if (k == 0 || f->temper * (trial.evidence - best->evidence) > regi_infer_earned)
             *best = trial;
     }
     return 1;
@@ -12029,7 +12039,7 @@ static int regi_infer_localise(reg_infer *f)
             return 0;
         regi_infer_expect_energy(f);
         memcpy(f->trial_local, f->local, bytes);
-        regi_prior_localise(&f->model->prior, before.length, f->energy, f->local);
+        regi_prior_localise(&f->model->prior, REGI_INFER_LENGTH, f->energy, f->local);
         trial.is_local = 1;
         if (!regi_infer_set_prior(f, &trial))
             return 0;
@@ -12094,16 +12104,13 @@ REGI_API int regi_infer_choose(reg_infer *f)
     return 1;
 }
 
-/* ==== src/register/infer_round.c ==== */
-/* infer_round: the organ's response where it is now, the loads and the pose that explain the gaps, and the move there.
- */
+/* ==== src/register/infer_respond.c ==== */
+/* infer_respond: what loads and pose do to the data where the organ is now. */
 
 #include <string.h>
 
 /* Deviation of the offset of all points, as share of the organ's size. */
 #define REGI_INFER_OFFSET 1e-3
-/* Farthest that a round moves a node, as share of the size: the response is linear no farther. */
-#define REGI_INFER_STEP ((sb_real)0.1)
 
 /* ---- responses ---- */
 
@@ -12131,9 +12138,69 @@ static void regi_infer_hold(const reg_infer *f, sb_vec3 *row)
         row[i] = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), row[i]);
 }
 
+/* Takes the motion as a whole, by shares of the mass, out of u[nodes], by forces on the modes. */
+static void regi_infer_stop_drift(const reg_infer *f, sb_vec3 *u)
+{
+    size_t n = (size_t)f->node_count;
+    double c[REGI_INFER_MODES];
+    for (int k = 0; k < REGI_INFER_MODES; k++) {
+        c[k] = 0;
+        for (size_t i = 0; i < n; i++)
+            c[k] += (double)sb_v3_dot(f->weighted_modes[(size_t)k * n + i], u[i]);
+    }
+    regi_gauss_substitute(f->drift_system, REGI_INFER_MODES, REGI_INFER_MODES, c);
+    for (int k = 0; k < REGI_INFER_MODES; k++)
+        for (size_t i = 0; i < n; i++)
+            u[i] = sb_v3_madd(u[i], (sb_real)-c[k], f->drift[(size_t)k * n + i]);
+}
+
+REGI_API void regi_infer_solve_rows(reg_infer *f, sb_vec3 *row, int count)
+{
+    for (int s = 0; s < count; s++)
+        regi_infer_hold(f, row + (size_t)s * (size_t)f->node_count);
+    (void)sb_direct_solve(f->direct, &row[0].x, &row[0].x, count);
+    for (int s = 0; s < count && !f->model->held; s++)
+        regi_infer_stop_drift(f, row + (size_t)s * (size_t)f->node_count);
+}
+
+/* The modes about where the organ is, and their system. 0: it is not positive. */
+static int regi_infer_find_drift(reg_infer *f)
+{
+    const sb_vec3 *x = sb_body_positions(f->model->body);
+    size_t n = (size_t)f->node_count;
+    for (int k = 0; k < REGI_INFER_MODES; k++) {
+        sb_vec3 axis = sb_v3(k % 3 == 0, k % 3 == 1, k % 3 == 2);
+        for (size_t i = 0; i < n; i++) {
+            sb_vec3 turned = sb_v3_scale(1 / f->model->size, sb_v3_cross(axis, sb_v3_sub(x[i], f->centre)));
+            f->weighted_modes[(size_t)k * n + i] = sb_v3_scale(f->model->prior.weight[i], k < 3 ? axis : turned);
+        }
+    }
+    memcpy(f->drift, f->weighted_modes, REGI_INFER_MODES * n * sizeof *f->drift);
+    for (int k = 0; k < REGI_INFER_MODES; k++)
+        (void)sb_direct_solve(f->direct, &f->drift[(size_t)k * n].x, &f->drift[(size_t)k * n].x, 1);
+    for (int k = 0; k < REGI_INFER_MODES; k++)
+        for (int l = 0; l < REGI_INFER_MODES; l++) {
+            double sum = 0;
+            for (size_t i = 0; i < n; i++)
+                sum += (double)sb_v3_dot(f->weighted_modes[(size_t)k * n + i], f->drift[(size_t)l * n + i]);
+            f->drift_system[k * REGI_INFER_MODES + l] = sum;
+        }
+    return regi_gauss_cholesky(f->drift_system, REGI_INFER_MODES, REGI_INFER_MODES);
+}
+
+REGI_API sb_result regi_infer_factor(reg_infer *f, sb_error *error)
+{
+    /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
+    sb_real hold = (sb_real)(f->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * f->model->size;
+    sb_result result = sbi_body_factor(f->model->body, hold, f->residual, f->direct, error);
+    if (result == SB_OK && !f->model->held && !regi_infer_find_drift(f))
+        result = sbi_fail(error, SB_ERROR_INDEFINITE, "the organ's stiffness is not positive");
+    return result;
+}
+
 /* Responses of all data, a group at a time, and the gaps that loads and pose have to close in all: those seen, and
  * those that would open if the present loads and pose went. */
-static void regi_infer_respond(reg_infer *f)
+static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     size_t n = (size_t)f->node_count;
@@ -12143,7 +12210,6 @@ static void regi_infer_respond(reg_infer *f)
         for (int s = 0; s < count; s++) {
             double pose[REGI_INFER_POSE];
             regi_infer_row(f, first + s, f->row + (size_t)s * n, g->gap + first + s, pose);
-            regi_infer_hold(f, f->row + (size_t)s * n);
             for (int k = 0; k < REGI_INFER_POSE; k++) {
                 g->pose[(size_t)k * (size_t)g->most + (size_t)(first + s)] = pose[k] * f->pose_sd[k];
                 g->gap[first + s] += pose[k] * f->pose[k];
@@ -12151,7 +12217,7 @@ static void regi_infer_respond(reg_infer *f)
             g->pose[(size_t)REGI_INFER_POSE * (size_t)g->most + (size_t)(first + s)] =
                 f->patch_of[first + s] < 0 ? 0 : REGI_INFER_OFFSET * (double)f->model->size;
         }
-        (void)sb_direct_solve(f->direct, &f->row[0].x, &f->row[0].x, count);
+        regi_infer_solve_rows(f, f->row, count);
         for (int s = 0; s < count; s++) {
             const sb_vec3 *row = f->row + (size_t)s * n;
             for (size_t i = 0; i < n; i++)
@@ -12172,6 +12238,20 @@ static void regi_infer_sum_up(reg_infer *f)
         regi_infer_store(f, f->gauss.count + e, f->row);
     }
 }
+
+REGI_API void regi_infer_respond(reg_infer *f)
+{
+    regi_infer_measure_data(f);
+    regi_infer_sum_up(f);
+}
+
+/* ==== src/register/infer_round.c ==== */
+/* infer_round: the loads and the pose that explain the gaps, and the move there. */
+
+#include <string.h>
+
+/* Farthest that a round moves a node, as share of the size: the response is linear no farther. */
+#define REGI_INFER_STEP ((sb_real)0.1)
 
 /* ---- move ---- */
 
@@ -12211,8 +12291,9 @@ static void regi_infer_try(reg_infer *f, double share)
 }
 
 /* Moves there, or as far as no element comes near to turning inside out. */
-static sb_result regi_infer_move(reg_infer *f, double share, sb_error *error)
+static sb_result regi_infer_move(reg_infer *f, sb_error *error)
 {
+    double share = 1;
     const sb_vec3 *u = sb_body_displacements(f->model->body);
     sb_real least = regi_infer_least_volume(f, u), volume = 0;
     int tries = 0;
@@ -12243,8 +12324,7 @@ static sb_result regi_infer_move(reg_infer *f, double share, sb_error *error)
 static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
 {
     sb_vec3 weight;
-    int good = round < REGI_INFER_CHOICES ? regi_infer_choose(f)
-                                          : regi_infer_set_prior(f, &f->choice) && regi_gauss_solve(&f->gauss);
+    int good = round == 0 ? regi_infer_choose(f) : regi_infer_set_prior(f, &f->choice) && regi_gauss_solve(&f->gauss);
     if (!good)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "loads and pose cannot be told from what is seen");
     regi_gauss_explain(&f->gauss, f->gauss.multiplier, f->c, f->next);
@@ -12254,29 +12334,26 @@ static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
     regi_prior_forces(&f->model->prior, f->tractions, weight, f->forces);
     for (int i = 0; i < f->node_count; i++)
         f->increment[i] = sb_v3_sub(f->forces[i], f->residual[i]);
-    regi_infer_hold(f, f->increment);
-    return sb_direct_solve(f->direct, &f->increment[0].x, &f->increment[0].x, 1);
+    regi_infer_solve_rows(f, f->increment, 1);
+    return SB_OK;
 }
 
 REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
 {
     double begun = regi_infer_now(f), responded;
-    /* what holds nothing-held organs acts on increments only, and balanced loads do not notice */
-    sb_real hold = (sb_real)(f->model->held ? 1e-4 : 1e-2) * REGI_MODEL_YOUNG * f->model->size;
     sb_result result;
     if (regi_infer_look(f, round) == 0)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "no point of the target is near a place of the organ");
-    result = sbi_body_factor(f->model->body, hold, f->residual, f->direct, error);
+    result = regi_infer_factor(f, error);
     if (result != SB_OK)
         return result;
     regi_infer_respond(f);
-    regi_infer_sum_up(f);
     responded = regi_infer_now(f);
     f->quality.seconds_response += responded - begun;
     result = regi_infer_solve(f, round, error);
     f->quality.seconds_choice += regi_infer_now(f) - responded;
     if (result == SB_OK)
-        result = regi_infer_move(f, round < REGI_INFER_CHOICES ? 1 : 0.7, error);
+        result = regi_infer_move(f, error);
     f->quality.rounds += result == SB_OK;
     return result;
 }
@@ -12292,6 +12369,11 @@ REGI_API sb_result regi_infer_round(reg_infer *f, int round, sb_error *error)
  * yet fitted to errors of this code. */
 #define REGI_INFER_ALPHA_FULL 1.3
 #define REGI_INFER_ALPHA_VIEW 1.7
+
+/* Views of less of the surface than this are small. */
+#define REGI_INFER_SMALL 0.15
+/* See regi_infer_widen. */
+#define REGI_INFER_LEAST_MOTION 0.005
 
 /* What is not known of the material: log of the stiffness of a region (sd), and Poisson's ratio. */
 #define REGI_INFER_STIFFNESS_SD 0.5
@@ -12452,18 +12534,6 @@ static void regi_infer_draw_material(const reg_infer *f, int regions, regi_infer
 
 /* ---- draws ---- */
 
-/* Solves for the first `count` of row[][nodes], whose held axes are 0. */
-static void regi_infer_solve_rows(reg_infer *f, int count)
-{
-    const unsigned char *held = sb_body_supports(f->model->body);
-    for (int s = 0; s < count; s++)
-        for (int i = 0; i < f->node_count; i++) {
-            sb_vec3 *at = f->row + (size_t)s * (size_t)f->node_count + i;
-            *at = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), *at);
-        }
-    (void)sb_direct_solve(f->direct, &f->row[0].x, &f->row[0].x, count);
-}
-
 /* One draw of the error: its forces into `forces`, its pose into pose[7] (m, rad). errors holds what the material does.
  */
 static void regi_infer_condition_draw(reg_infer *f, regi_infer_chance *chance, const sb_vec3 *errors, sb_vec3 *forces,
@@ -12503,11 +12573,11 @@ static void regi_infer_draw_group(reg_infer *f, int regions, int first, int coun
     double pose[SBI_FRONT_GROUP][REGI_GAUSS_POSES];
     for (int s = 0; s < count; s++)
         regi_infer_draw_material(f, regions, chance, f->row + (size_t)s * n);
-    regi_infer_solve_rows(f, count);
+    regi_infer_solve_rows(f, f->row, count);
     memcpy(f->errors + (size_t)first * n, f->row, (size_t)count * n * sizeof *f->row);
     for (int s = 0; s < count; s++)
         regi_infer_condition_draw(f, chance, f->errors + (size_t)(first + s) * n, f->row + (size_t)s * n, pose[s]);
-    regi_infer_solve_rows(f, count);
+    regi_infer_solve_rows(f, f->row, count);
     for (int s = 0; s < count; s++) {
         regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)(first + s) * n);
         for (int k = 0; k < REGI_INFER_POSE; k++)
@@ -12523,6 +12593,43 @@ static double regi_infer_alpha(sb_real seen)
     return REGI_INFER_ALPHA_VIEW + part * (REGI_INFER_ALPHA_FULL - REGI_INFER_ALPHA_VIEW);
 }
 
+/* Where loads explain hardly more than a pose does, others are as likely that the view does not show: for what is to be
+ * expected they are at least such as move a datum by half a hundredth of the size. */
+static int regi_infer_widen(reg_infer *f)
+{
+    regi_gauss *g = &f->gauss;
+    double trace = 0, least;
+    if ((double)f->quality.prior_margin >= 10)
+        return 1;
+    for (int i = 0; i < g->count; i++)
+        trace += g->gram[(size_t)i * (size_t)g->most + (size_t)i] / g->count;
+    least = REGI_INFER_LEAST_MOTION * (double)f->model->size / sqrt(trace > 0 ? trace : 1);
+    if (!(trace > 0) || g->scale >= least)
+        return 1;
+    g->scale = least;
+    return regi_gauss_solve(g);
+}
+
+/* What a tenth of the surface tells of the rest are guesses: the answer is the mean of the elastic shape and of the
+ * start, and half their difference is in doubt. Landmarks speak for the elastic one. */
+static void regi_infer_average(reg_infer *f)
+{
+    f->is_averaged = f->quality.seen < (sb_real)REGI_INFER_SMALL && f->landmark_count == 0;
+    for (int i = 0; i < f->node_count && f->is_averaged; i++) {
+        sb_vec3 x = f->model->mesh.nodes[i], start = sb_v3_sub(reg_rigid_apply(&f->def->start, x), x);
+        f->increment[i] = sb_v3_scale((sb_real)0.5, sb_v3_sub(f->shape[i], start));
+        f->shape[i] = sb_v3_sub(f->shape[i], f->increment[i]);
+    }
+}
+
+/* The doubt of regi_infer_average, either way in turn. */
+static void regi_infer_add_doubt(reg_infer *f)
+{
+    size_t n = (size_t)f->node_count;
+    for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * n && f->is_averaged; k++)
+        f->errors[k] = sb_v3_madd(f->errors[k], k / n % 2 ? 1 : -1, f->increment[k % n]);
+}
+
 static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
 {
     regi_infer_chance chance = {0x9e3779b97f4a7c15u, 0, 0};
@@ -12531,12 +12638,15 @@ static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
     sb_result result = regi_infer_find_regions(f, &regions, error);
     if (result != SB_OK)
         return result;
+    if (!regi_infer_widen(f))
+        return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "what is to be expected of the errors cannot be told");
     regi_infer_split_forces(f);
     memset(f->energy, 0, REGI_INFER_POSE * sizeof *f->energy);
     for (int first = 0; first < REG_INFER_DRAWS; first += SBI_FRONT_GROUP)
         regi_infer_draw_group(f, regions, first, sbi_min_int(SBI_FRONT_GROUP, REG_INFER_DRAWS - first), &chance);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
         f->errors[k] = sb_v3_scale(alpha, f->errors[k]);
+    regi_infer_add_doubt(f);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         f->quality.pose_sd[k / 3] = sb_max(f->quality.pose_sd[k / 3], alpha * sb_sqrt((sb_real)f->energy[k]));
     return SB_OK;
@@ -12656,7 +12766,6 @@ static void regi_infer_summarise(reg_infer *f)
         q->expected_worst = sb_max(q->expected_worst, f->expected[i]);
     }
     q->expected = (sb_real)sum;
-    q->length = (sb_real)f->choice.length;
     q->prior = f->quality.prior_margin < 3 ? REG_PRIOR_RIGID
                : f->choice.gravity > 0     ? REG_PRIOR_GRAVITY
                : f->choice.is_local        ? REG_PRIOR_LOCAL
@@ -12667,7 +12776,7 @@ static void regi_infer_warn(reg_infer *f)
 {
     reg_quality *q = &f->quality;
     sb_real size = f->model->size;
-    if (q->seen < (sb_real)0.15 || q->expected > (sb_real)0.6 * regi_infer_elastic_motion(f))
+    if (q->seen < (sb_real)REGI_INFER_SMALL || q->expected > (sb_real)0.6 * regi_infer_elastic_motion(f))
         q->warnings |= REG_WARN_VIEW_SMALL;
     if (q->used < (sb_real)0.7)
         q->warnings |= REG_WARN_MANY_OUTLIERS;
@@ -12687,10 +12796,14 @@ REGI_API sb_result regi_infer_tell(reg_infer *f, sb_error *error)
     sb_result result;
     memcpy(f->shape, sb_body_displacements(f->model->body), (size_t)f->node_count * sizeof *f->shape);
     result = regi_infer_find_seen(f, error); /* by the last look, which the gauss is about */
-    if (result == SB_OK)
+    if (result == SB_OK) {
+        regi_infer_average(f);
         result = regi_infer_draw_errors(f, error);
+    }
     if (result != SB_OK)
         return result;
+    if (f->is_averaged)
+        result = sb_body_set_displacements(f->model->body, f->shape);
     (void)regi_infer_look(f, f->quality.rounds);
     regi_infer_measure_fit(f);
     regi_infer_measure_shape(f);
@@ -12716,13 +12829,11 @@ REG_API reg_infer_def reg_default_infer_def(void)
     def.start_turn = (sb_real)0.2;
     def.gravity = 1;
     def.samples = 300;
-    def.rounds = 8;
+    def.rounds = 4;
     def.max_seconds = 1e9;
     def.cookie = REGI_INFER_COOKIE;
     return def;
 }
-
-REGI_API double regi_infer_now(const reg_infer *infer) { return infer->def->clock ? infer->def->clock() : 0.0; }
 
 /* ---- checks ---- */
 
@@ -12889,6 +13000,8 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->shape = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->errors = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->expected = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    f->weighted_modes = (sb_vec3 *)sbi_arena_take(arena, n, REGI_INFER_MODES * vec);
+    f->drift = (sb_vec3 *)sbi_arena_take(arena, n, REGI_INFER_MODES * vec);
     f->cell_force = (sb_vec3 *)sbi_arena_take(arena, cells, width * vec);
     f->poisson_force = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->region = (sb_real *)sbi_arena_take(arena, cells, REGI_INFER_REGIONS * sizeof(sb_real));
@@ -12951,7 +13064,7 @@ static sb_result regi_infer_iterate(reg_infer *f, sb_error *error)
             break;
         }
         result = regi_infer_round(f, round, error);
-        if (round + 1 >= REGI_INFER_CHOICES && f->quality.change <= rest) {
+        if (f->quality.change <= rest) {
             f->quality.stop = REG_INFER_CONVERGED;
             break;
         }

@@ -283,7 +283,7 @@ static void test_organs(void)
                     CHECK_OK(reg_infer_get_quality(infer, &quality));
                     CHECK(error < 0.95 * motion);
                     CHECK(expected > 0.3 * error && expected < 5 * error + 0.003 * o.size);
-                    CHECK(quality.rounds >= 3 && quality.rounds <= 8 && quality.used > REAL(0.7));
+                    CHECK(quality.rounds >= 2 && quality.rounds <= 4 && quality.used > REAL(0.7));
                     CHECK(view ? quality.seen < REAL(0.7) : quality.seen > REAL(0.9));
                     CHECK(quality.volume_ratio > REAL(0.9) && quality.volume_ratio < REAL(1.1));
                     CHECK(quality.expected > 0 && quality.expected_worst >= quality.expected);

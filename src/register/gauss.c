@@ -130,6 +130,12 @@ static void regi_gauss_backward(const double *u, int n, size_t stride, double *r
     }
 }
 
+REGI_API void regi_gauss_substitute(const double *u, int n, size_t stride, double *r)
+{
+    regi_gauss_forward(u, n, stride, r);
+    regi_gauss_backward(u, n, stride, r);
+}
+
 /* ---- resultants ---- */
 
 /* Makes the rows of B orthonormal; those that are sums of the ones before become 0. */
@@ -205,8 +211,7 @@ REGI_API void regi_gauss_whiten(const regi_gauss *g, double *r)
 
 REGI_API void regi_gauss_apply_inverse(const regi_gauss *g, double *r)
 {
-    regi_gauss_whiten(g, r);
-    regi_gauss_backward(g->system, g->count, (size_t)g->most, r);
+    regi_gauss_substitute(g->system, g->count, (size_t)g->most, r);
 }
 
 REGI_API void regi_gauss_explain(const regi_gauss *g, const double *y, double *c, double *p)

@@ -83,5 +83,7 @@ REGI_API double regi_gauss_best_scale(const regi_gauss *gauss, double *evidence)
 /* ---- dense helpers ---- */
 /* Upper a[n][stride] = U^T U in place, rows below the diagonal untouched. Returns 0 at a pivot that is not positive. */
 REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride);
+/* r[n] <- U^-1 U^-T r */
+REGI_API void regi_gauss_substitute(const double *u, int n, size_t stride, double *r);
 
 #endif /* REGI_GAUSS_H */

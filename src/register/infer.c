@@ -16,7 +16,7 @@ REG_API reg_infer_def reg_default_infer_def(void)
     def.start_turn = (sb_real)0.2;
     def.gravity = 1;
     def.samples = 300;
-    def.rounds = 8;
+    def.rounds = 4;
     def.max_seconds = 1e9;
     def.cookie = REGI_INFER_COOKIE;
     return def;
@@ -187,6 +187,8 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->shape = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->errors = (sb_vec3 *)sbi_arena_take(arena, n, REG_INFER_DRAWS * vec);
     f->expected = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    f->weighted_modes = (sb_vec3 *)sbi_arena_take(arena, n, REGI_INFER_MODES * vec);
+    f->drift = (sb_vec3 *)sbi_arena_take(arena, n, REGI_INFER_MODES * vec);
     f->cell_force = (sb_vec3 *)sbi_arena_take(arena, cells, width * vec);
     f->poisson_force = (sb_vec3 *)sbi_arena_take(arena, n, vec);
     f->region = (sb_real *)sbi_arena_take(arena, cells, REGI_INFER_REGIONS * sizeof(sb_real));
@@ -249,7 +251,7 @@ static sb_result regi_infer_iterate(reg_infer *f, sb_error *error)
             break;
         }
         result = regi_infer_round(f, round, error);
-        if (round + 1 >= REGI_INFER_CHOICES && f->quality.change <= rest) {
+        if (f->quality.change <= rest) {
             f->quality.stop = REG_INFER_CONVERGED;
             break;
         }

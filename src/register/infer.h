@@ -12,12 +12,12 @@
  *     reg_infer_get_quality(infer, &quality);                  (quality.expected: the error to expect, m)
  *
  * Nobody knows what acts on an organ: gravity that turned, gas, an instrument, a neighbour that drags it, the hands
- * that hold it. So all of its surface may bear tractions, drawn from a Gaussian process whose scale, length and places
- * are chosen by what they explain (evidence, MacKay 1992), and its mass a weight in any direction; the organ's pose is
- * open within what the start is sure of. What is seen are gaps between the organ's surface and the points of the scan,
- * each with a deviation. Each round makes the organ's response linear about its present shape (neo-Hookean, exact for
- * large turns), finds the posterior of loads and pose (see gauss.h), and moves there. Where nothing holds the organ its
- * loads balance exactly.
+ * that hold it. So all of its surface may bear tractions, drawn from a Gaussian process whose scale and places are
+ * chosen by what they explain (evidence, MacKay 1992), and its mass a weight in any direction; the organ's pose is open
+ * within what the start is sure of. What is seen are gaps between the organ's surface and the points of the scan, each
+ * with a deviation. Each round makes the organ's response linear about its present shape (neo-Hookean, exact for large
+ * turns), finds the posterior of loads and pose (see gauss.h), and moves there. Where nothing holds the organ its loads
+ * balance exactly.
  *
  * Every seen point asks for a place of the surface. What of the surface is not seen is not asked, so that views of any
  * part work, and the answer says how sure it is there: `expected`, from the posterior of loads and pose and from not
@@ -63,7 +63,7 @@ typedef struct reg_infer_def {
     sb_real start_turn; /* and of its turn (rad), in (0, 10]; default 0.2 */
     int gravity;        /* 1 (default): the weight may have changed, as where a patient is turned; 0: it did not */
     int samples;        /* patches that the target is grouped into, [30, 1000]; default 300. Time grows with it */
-    int rounds;         /* at most, [1, 100]; default 8 */
+    int rounds;         /* at most, [1, 100]; default 4: more gain little */
     double max_seconds; /* > 0, with a clock: no round begins that would end later; default 1e9 */
     sb_clock clock;     /* default NULL: times read 0 */
     unsigned cookie;    /* set by reg_default_infer_def */
@@ -119,7 +119,6 @@ typedef struct reg_quality {
     unsigned warnings; /* REG_WARN_..., or-ed. VIEW_SMALL: also where the error to expect is above 0.6 of the elastic
                         * motion; LOW_CONTRAST: the pose is open by 2 % of the size or 5 degrees */
     reg_prior_kind prior;
-    sb_real length;                   /* of the tractions' correlation, in shares of the size */
     sb_real prior_margin;             /* log evidence over that of no loads, tempered */
     sb_real seen;                     /* share of the model's surface with points of the target near */
     sb_real used;                     /* share of the target's weight that was believed */

@@ -11,6 +11,11 @@
 #define REGI_INFER_ALPHA_FULL 1.3
 #define REGI_INFER_ALPHA_VIEW 1.7
 
+/* Views of less of the surface than this are small. */
+#define REGI_INFER_SMALL 0.15
+/* See regi_infer_widen. */
+#define REGI_INFER_LEAST_MOTION 0.005
+
 /* What is not known of the material: log of the stiffness of a region (sd), and Poisson's ratio. */
 #define REGI_INFER_STIFFNESS_SD 0.5
 #define REGI_INFER_POISSON_SD 0.02
@@ -170,18 +175,6 @@ static void regi_infer_draw_material(const reg_infer *f, int regions, regi_infer
 
 /* ---- draws ---- */
 
-/* Solves for the first `count` of row[][nodes], whose held axes are 0. */
-static void regi_infer_solve_rows(reg_infer *f, int count)
-{
-    const unsigned char *held = sb_body_supports(f->model->body);
-    for (int s = 0; s < count; s++)
-        for (int i = 0; i < f->node_count; i++) {
-            sb_vec3 *at = f->row + (size_t)s * (size_t)f->node_count + i;
-            *at = sbi_body_pick_axes(held[i], sb_v3(0, 0, 0), *at);
-        }
-    (void)sb_direct_solve(f->direct, &f->row[0].x, &f->row[0].x, count);
-}
-
 /* One draw of the error: its forces into `forces`, its pose into pose[7] (m, rad). errors holds what the material does.
  */
 static void regi_infer_condition_draw(reg_infer *f, regi_infer_chance *chance, const sb_vec3 *errors, sb_vec3 *forces,
@@ -221,11 +214,11 @@ static void regi_infer_draw_group(reg_infer *f, int regions, int first, int coun
     double pose[SBI_FRONT_GROUP][REGI_GAUSS_POSES];
     for (int s = 0; s < count; s++)
         regi_infer_draw_material(f, regions, chance, f->row + (size_t)s * n);
-    regi_infer_solve_rows(f, count);
+    regi_infer_solve_rows(f, f->row, count);
     memcpy(f->errors + (size_t)first * n, f->row, (size_t)count * n * sizeof *f->row);
     for (int s = 0; s < count; s++)
         regi_infer_condition_draw(f, chance, f->errors + (size_t)(first + s) * n, f->row + (size_t)s * n, pose[s]);
-    regi_infer_solve_rows(f, count);
+    regi_infer_solve_rows(f, f->row, count);
     for (int s = 0; s < count; s++) {
         regi_infer_add_draw(f, f->row + (size_t)s * n, pose[s], f->errors + (size_t)(first + s) * n);
         for (int k = 0; k < REGI_INFER_POSE; k++)
@@ -241,6 +234,43 @@ static double regi_infer_alpha(sb_real seen)
     return REGI_INFER_ALPHA_VIEW + part * (REGI_INFER_ALPHA_FULL - REGI_INFER_ALPHA_VIEW);
 }
 
+/* Where loads explain hardly more than a pose does, others are as likely that the view does not show: for what is to be
+ * expected they are at least such as move a datum by half a hundredth of the size. */
+static int regi_infer_widen(reg_infer *f)
+{
+    regi_gauss *g = &f->gauss;
+    double trace = 0, least;
+    if ((double)f->quality.prior_margin >= 10)
+        return 1;
+    for (int i = 0; i < g->count; i++)
+        trace += g->gram[(size_t)i * (size_t)g->most + (size_t)i] / g->count;
+    least = REGI_INFER_LEAST_MOTION * (double)f->model->size / sqrt(trace > 0 ? trace : 1);
+    if (!(trace > 0) || g->scale >= least)
+        return 1;
+    g->scale = least;
+    return regi_gauss_solve(g);
+}
+
+/* What a tenth of the surface tells of the rest are guesses: the answer is the mean of the elastic shape and of the
+ * start, and half their difference is in doubt. Landmarks speak for the elastic one. */
+static void regi_infer_average(reg_infer *f)
+{
+    f->is_averaged = f->quality.seen < (sb_real)REGI_INFER_SMALL && f->landmark_count == 0;
+    for (int i = 0; i < f->node_count && f->is_averaged; i++) {
+        sb_vec3 x = f->model->mesh.nodes[i], start = sb_v3_sub(reg_rigid_apply(&f->def->start, x), x);
+        f->increment[i] = sb_v3_scale((sb_real)0.5, sb_v3_sub(f->shape[i], start));
+        f->shape[i] = sb_v3_sub(f->shape[i], f->increment[i]);
+    }
+}
+
+/* The doubt of regi_infer_average, either way in turn. */
+static void regi_infer_add_doubt(reg_infer *f)
+{
+    size_t n = (size_t)f->node_count;
+    for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * n && f->is_averaged; k++)
+        f->errors[k] = sb_v3_madd(f->errors[k], k / n % 2 ? 1 : -1, f->increment[k % n]);
+}
+
 static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
 {
     regi_infer_chance chance = {0x9e3779b97f4a7c15u, 0, 0};
@@ -249,12 +279,15 @@ static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
     sb_result result = regi_infer_find_regions(f, &regions, error);
     if (result != SB_OK)
         return result;
+    if (!regi_infer_widen(f))
+        return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "what is to be expected of the errors cannot be told");
     regi_infer_split_forces(f);
     memset(f->energy, 0, REGI_INFER_POSE * sizeof *f->energy);
     for (int first = 0; first < REG_INFER_DRAWS; first += SBI_FRONT_GROUP)
         regi_infer_draw_group(f, regions, first, sbi_min_int(SBI_FRONT_GROUP, REG_INFER_DRAWS - first), &chance);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
         f->errors[k] = sb_v3_scale(alpha, f->errors[k]);
+    regi_infer_add_doubt(f);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         f->quality.pose_sd[k / 3] = sb_max(f->quality.pose_sd[k / 3], alpha * sb_sqrt((sb_real)f->energy[k]));
     return SB_OK;
@@ -374,7 +407,6 @@ static void regi_infer_summarise(reg_infer *f)
         q->expected_worst = sb_max(q->expected_worst, f->expected[i]);
     }
     q->expected = (sb_real)sum;
-    q->length = (sb_real)f->choice.length;
     q->prior = f->quality.prior_margin < 3 ? REG_PRIOR_RIGID
                : f->choice.gravity > 0     ? REG_PRIOR_GRAVITY
                : f->choice.is_local        ? REG_PRIOR_LOCAL
@@ -385,7 +417,7 @@ static void regi_infer_warn(reg_infer *f)
 {
     reg_quality *q = &f->quality;
     sb_real size = f->model->size;
-    if (q->seen < (sb_real)0.15 || q->expected > (sb_real)0.6 * regi_infer_elastic_motion(f))
+    if (q->seen < (sb_real)REGI_INFER_SMALL || q->expected > (sb_real)0.6 * regi_infer_elastic_motion(f))
         q->warnings |= REG_WARN_VIEW_SMALL;
     if (q->used < (sb_real)0.7)
         q->warnings |= REG_WARN_MANY_OUTLIERS;
@@ -405,10 +437,14 @@ REGI_API sb_result regi_infer_tell(reg_infer *f, sb_error *error)
     sb_result result;
     memcpy(f->shape, sb_body_displacements(f->model->body), (size_t)f->node_count * sizeof *f->shape);
     result = regi_infer_find_seen(f, error); /* by the last look, which the gauss is about */
-    if (result == SB_OK)
+    if (result == SB_OK) {
+        regi_infer_average(f);
         result = regi_infer_draw_errors(f, error);
+    }
     if (result != SB_OK)
         return result;
+    if (f->is_averaged)
+        result = sb_body_set_displacements(f->model->body, f->shape);
     (void)regi_infer_look(f, f->quality.rounds);
     regi_infer_measure_fit(f);
     regi_infer_measure_shape(f);

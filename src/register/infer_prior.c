@@ -1,12 +1,16 @@
-/* infer_prior: which loads explain what is seen: length, weight, misfit, scale and places, by their evidence. */
+/* infer_prior: which loads explain what is seen: weight, misfit, scale and places, by their evidence. */
 #include "infer_private.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { REGI_INFER_LENGTHS = 3, REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
+enum { REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
 
-/* A shorter length, or places of their own, must explain more than a longer one by so many nats, tempered. */
+/* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
+ * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
+#define REGI_INFER_LENGTH 0.06
+
+/* Places of their own must explain more than loads everywhere by so many nats, tempered. */
 static const double regi_infer_earned = 3;
 
 REGI_API void regi_infer_set_misfit(reg_infer *f, double misfit)
@@ -49,7 +53,7 @@ static void regi_infer_fill_weight(reg_infer *f, double gravity)
 REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
 {
     regi_gauss *g = &f->gauss;
-    if (!regi_prior_root(&f->model->prior, choice->length, choice->is_local ? f->local : NULL, f->root))
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, choice->is_local ? f->local : NULL, f->root))
         return 0;
     g->loads = f->loads;
     regi_infer_fill_tractions(f);
@@ -82,12 +86,12 @@ REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3
 
 /* ---- evidence on the grid ---- */
 
-/* extended: the gram of tractions of a length, resultants included. */
-static int regi_infer_extend(reg_infer *f, double length)
+/* extended: the gram of tractions, resultants included. */
+static int regi_infer_extend(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     int count = g->count, rows = count + g->exact;
-    if (!regi_prior_root(&f->model->prior, length, NULL, f->root))
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, NULL, f->root))
         return 0;
     regi_infer_fill_tractions(f);
     g->count = rows;
@@ -136,8 +140,8 @@ static int regi_infer_weigh_misfit(reg_infer *f, regi_infer_choice *choice)
 /* The best misfit for the gram at hand, which has been reduced. */
 static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
 {
-    /* of organs of 280 mm: 0.05 to 0.8 mm */
-    static const double shares[REGI_INFER_MISFITS] = {1.8e-4, 3.6e-4, 7.1e-4, 1.43e-3, 2.86e-3};
+    /* of organs of 280 mm: 0.3 to 0.85 mm; a coarse model is off by that, and with less its errors look like loads */
+    static const double shares[REGI_INFER_MISFITS] = {1.02e-3, 1.06e-3, 1.23e-3, 1.74e-3, 3.03e-3};
     regi_infer_choice trial = *best;
     for (int k = 0; k < REGI_INFER_MISFITS; k++) {
         trial.misfit = shares[k] * (double)f->model->size;
@@ -149,44 +153,22 @@ static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
     return 1;
 }
 
-/* The best weight for a length at a given misfit. */
-static int regi_infer_search_gravity(reg_infer *f, regi_infer_choice *best)
+/* Weight and misfit: the misfit without a weight, then the weight. */
+static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
 {
     static const double gravities[REGI_INFER_GRAVITIES] = {0, 1, 10, 100};
-    regi_infer_choice trial = *best;
-    if (!regi_infer_extend(f, best->length))
+    regi_infer_choice trial;
+    memset(best, 0, sizeof *best);
+    if (!regi_infer_extend(f))
         return 0;
     for (int k = 0; k < (f->def->gravity ? REGI_INFER_GRAVITIES : 1); k++) {
+        trial = *best;
         trial.gravity = gravities[k];
         regi_infer_weigh_gram(f, trial.gravity);
         regi_gauss_reduce(&f->gauss);
-        if (!regi_infer_weigh_misfit(f, &trial))
+        if (!(k == 0 ? regi_infer_search_misfit(f, &trial) : regi_infer_weigh_misfit(f, &trial)))
             return 0;
         if (k == 0 || trial.evidence > best->evidence)
-            *best = trial;
-    }
-    return 1;
-}
-
-/* Length, weight and misfit, one after the other: the misfit for a middling prior, then the prior, then the misfit. */
-static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
-{
-    static const double lengths[REGI_INFER_LENGTHS] = {0.25, 0.12, 0.06};
-    regi_infer_choice trial;
-    memset(best, 0, sizeof *best);
-    best->length = lengths[1];
-    if (!regi_infer_extend(f, best->length))
-        return 0;
-    regi_infer_weigh_gram(f, 0);
-    regi_gauss_reduce(&f->gauss);
-    if (!regi_infer_search_misfit(f, best))
-        return 0;
-    trial = *best;
-    for (int k = 0; k < REGI_INFER_LENGTHS; k++) {
-        trial.length = lengths[k];
-        if (!regi_infer_search_gravity(f, &trial))
-            return 0;
-        if (k == 0 || f->temper * (trial.evidence - best->evidence) > regi_infer_earned)
             *best = trial;
     }
     return 1;
@@ -239,7 +221,7 @@ static int regi_infer_localise(reg_infer *f)
             return 0;
         regi_infer_expect_energy(f);
         memcpy(f->trial_local, f->local, bytes);
-        regi_prior_localise(&f->model->prior, before.length, f->energy, f->local);
+        regi_prior_localise(&f->model->prior, REGI_INFER_LENGTH, f->energy, f->local);
         trial.is_local = 1;
         if (!regi_infer_set_prior(f, &trial))
             return 0;

@@ -13,14 +13,13 @@ enum {
     REGI_INFER_POSE = 6,    /* moves along the axes and turns about them; a seventh column of the pose is an offset of
                              * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
                              * less than what they stand for. Without it they would be the work of a pressure */
+    REGI_INFER_MODES = 6,   /* rigid motions */
     REGI_INFER_WEIGHT = 3,  /* columns of the weight */
-    REGI_INFER_CHOICES = 3, /* rounds that choose the prior */
     REGI_INFER_REGIONS = 40 /* of unknown stiffness */
 };
 
 /* What the prior of the loads is like. */
 typedef struct regi_infer_choice {
-    double length;   /* shares of the size */
     double gravity;  /* sd of the weight, in shares of scale times area */
     double misfit;   /* m */
     double scale;    /* Pa */
@@ -38,6 +37,7 @@ typedef struct regi_infer_point {
     int triangle;         /* of the skin, or -1 */
     sb_real corner[3];    /* weights of its corners */
     sb_vec3 place, plane; /* m; unit normal of the model there */
+    sb_real off;          /* gap less the median of its patch (m) */
     sb_real gap;          /* plane . (at - place) (m) */
     sb_real trust;        /* weight, less for outliers; 0: not allowed */
     sb_real share;        /* of its patch's row */
@@ -67,28 +67,32 @@ struct reg_infer {
     double *raw;              /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
     double *root;             /* [c][c] of the present prior */
     double *extended;         /* [most][most] gram of responses to tractions with their resultants */
-    double *local, *trial_local;     /* [c] */
-    double *energy;                  /* [c + 6] */
-    double *c;                       /* [loads] found, in the gauss' units */
-    double *draw;                    /* [loads] */
-    double *datum;                   /* [most] scratch */
-    sb_vec3 *tractions;              /* [c] scratch */
-    sb_vec3 *row;                    /* [SBI_FRONT_GROUP][nodes] */
-    sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
-    sb_vec3 *residual;               /* [nodes] internal forces of the shape before the last round (N) */
-    sb_vec3 *forces;                 /* [nodes] found (N) */
-    sb_vec3 *increment, *trial;      /* [nodes] */
-    sb_vec3 *shape;                  /* [nodes] displacements found (m) */
-    sb_vec3 *errors;                 /* [DRAWS][nodes] of draws (m), calibrated */
-    sb_real *expected;               /* [nodes] m */
-    sb_vec3 *cell_force;             /* [cells][nodes per cell] internal forces (N) */
-    sb_vec3 *poisson_force;          /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
-    sb_real *region;                 /* [cells][REGIONS] shares */
-    sb_vec3 centre;                  /* m: turns of the pose are about it */
-    double pose_sd[REGI_INFER_POSE]; /* m, rad */
-    double pose[REGI_INFER_POSE];    /* reached: m, rad */
-    double next[REGI_GAUSS_POSES];   /* found in this round; the offset last (m) */
-    double temper;                   /* share of the evidence that counts, (0, 1] */
+    double *local, *trial_local; /* [c] */
+    double *energy;              /* [c + 6] */
+    double *c;                   /* [loads] found, in the gauss' units */
+    double *draw;                /* [loads] */
+    double *datum;               /* [most] scratch */
+    sb_vec3 *tractions;          /* [c] scratch */
+    sb_vec3 *row;                /* [SBI_FRONT_GROUP][nodes] */
+    sb_vec3 *skin;               /* [skin nodes] where they are (m) */
+    sb_vec3 *residual;           /* [nodes] internal forces of the shape before the last round (N) */
+    sb_vec3 *forces;             /* [nodes] found (N) */
+    sb_vec3 *increment, *trial;  /* [nodes] */
+    sb_vec3 *shape;              /* [nodes] displacements found (m) */
+    sb_vec3 *errors;             /* [DRAWS][nodes] of draws (m), calibrated */
+    sb_real *expected;           /* [nodes] m */
+    sb_vec3 *cell_force;         /* [cells][nodes per cell] internal forces (N) */
+    sb_vec3 *poisson_force;      /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
+    sb_real *region;             /* [cells][REGIONS] shares */
+    sb_vec3 centre;              /* m: turns of the pose are about it */
+    sb_vec3 *weighted_modes;     /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
+    sb_vec3 *drift;              /* [MODES][nodes] and what these as forces do */
+    double drift_system[REGI_INFER_MODES * REGI_INFER_MODES]; /* their products, factored */
+    double pose_sd[REGI_INFER_POSE];                          /* m, rad */
+    double pose[REGI_INFER_POSE];                             /* reached: m, rad */
+    double next[REGI_GAUSS_POSES];                            /* found in this round; the offset last (m) */
+    int is_averaged;                                          /* 1: the shape is the mean of two explanations */
+    double temper;                                            /* share of the evidence that counts, (0, 1] */
 };
 
 /* ---- infer_rows ---- */
@@ -114,6 +118,15 @@ REGI_API int regi_infer_set_prior(reg_infer *infer, const regi_infer_choice *cho
 REGI_API int regi_infer_choose(reg_infer *infer);
 /* Tractions [c] (Pa) and weight (N) of loads in the gauss' units. */
 REGI_API void regi_infer_unfold(const reg_infer *infer, const double *c, sb_vec3 *tractions, sb_vec3 *weight);
+
+/* ---- infer_respond ---- */
+/* Factor and residual of the shape of now. The factor's errors. */
+REGI_API sb_result regi_infer_factor(reg_infer *infer, sb_error *error);
+/* Motions of `count` rows of forces, row[count][nodes], in place, at most SBI_FRONT_GROUP: none of what is held, and
+ * none of the whole, which is the pose's. */
+REGI_API void regi_infer_solve_rows(reg_infer *infer, sb_vec3 *row, int count);
+/* Responses, gaps and resultants of the data at hand. */
+REGI_API void regi_infer_respond(reg_infer *infer);
 
 /* ---- infer_round ---- */
 REGI_API sb_result regi_infer_round(reg_infer *infer, int round, sb_error *error);

@@ -110,24 +110,25 @@ static sb_real regi_infer_patch_median(reg_infer *f, int patch)
 }
 
 /* Noise of the points: 1.48 times the median of their deviations from the medians of their patches, which are left in
- * `share`. A single point has none, so that patches of two or three are counted for what they are worth. */
+ * `off`. A single point has none, so that patches of two or three are counted for what they are worth. */
 static void regi_infer_estimate_noise(reg_infer *f)
 {
     int count = 0;
     for (int s = 0; s < f->patch_count; s++) {
         sb_real median = regi_infer_patch_median(f, s);
         for (int i = f->patch_start[s]; i < f->patch_start[s + 1]; i++)
-            f->points[i].share = f->points[i].gap - median;
+            f->points[i].off = f->points[i].gap - median;
     }
     for (int s = 0; s < f->patch_count; s++)
         for (int i = f->patch_start[s]; i < f->patch_start[s + 1]; i++)
             if (f->points[i].trust > 0 && f->patch_start[s + 1] - f->patch_start[s] > 1)
-                f->sort[count++] = sb_abs(f->points[i].share);
+                f->sort[count++] = sb_abs(f->points[i].off);
     f->noise = (sb_real)1.4826 * regi_infer_median(f, count);
 }
 
 /* Less trust in what is far off: in all the target, and in its patch. The limit begins with what loads may well do, and
- * halves each round, down to what the others scatter: a dent is followed before what is left is taken for no organ. */
+ * halves each round, down to what the others scatter, but no farther than to what a coarse model may be off by: a dent
+ * is followed before what is left is taken for no organ. */
 static void regi_infer_weigh_points(reg_infer *f, int round)
 {
     int count = 0;
@@ -137,21 +138,23 @@ static void regi_infer_weigh_points(reg_infer *f, int round)
     for (int i = 0; i < f->point_count; i++)
         if (f->points[i].trust > 0)
             f->sort[count++] = sb_abs(f->points[i].gap);
-    limit = sb_max(early, (sb_real)(round < 2 ? 4 : 6) * regi_infer_median(f, count) + 3 * f->noise);
+    limit = sb_max(sb_max(early, (sb_real)0.01 * f->model->size),
+                   (sb_real)(round < 2 ? 4 : 6) * regi_infer_median(f, count) + 3 * f->noise);
     for (int i = 0; i < f->point_count && limit > 0; i++) {
         regi_infer_point *p = f->points + i;
-        sb_real far = p->gap / limit, off = f->noise > 0 ? p->share / (3 * f->noise) : 0;
+        sb_real far = p->gap / limit, off = p->off / sb_max(3 * f->noise, (sb_real)0.3 * limit);
         p->trust /= (1 + far * far) * (1 + far * far) * (1 + off * off);
     }
 }
 
 /* ---- data ---- */
 
-/* Shares of a patch's points in its row, and the variance of their mean that averages out: three neighbours count as
- * one. */
+/* Shares of a patch's points in its row, and the variance of their mean: of noise, of which three neighbours count as
+ * one, and of a share of what the patch is steeper than noise, as at the rim of a dent: that does not average out. */
 static double regi_infer_share_patch(reg_infer *f, int patch)
 {
-    double sum = 0, squares = 0, most = 0;
+    const double steep = 0.09;
+    double sum = 0, squares = 0, most = 0, spread = 0;
     for (int i = f->patch_start[patch]; i < f->patch_start[patch + 1]; i++) {
         regi_infer_point *p = f->points + i;
         p->share = p->sd > 0 ? p->trust / (p->sd * p->sd) : p->trust;
@@ -163,8 +166,9 @@ static double regi_infer_share_patch(reg_infer *f, int patch)
         p->share = (sb_real)((double)p->share / sum);
         squares += (double)p->share * (double)p->share * sd * sd;
         most += (double)p->share * sd * sd;
+        spread += (double)p->share * ((double)p->off * (double)p->off - sd * sd);
     }
-    return 3 * squares < most ? 3 * squares : most;
+    return (3 * squares < most ? 3 * squares : most) + (spread > 0 ? steep * spread : 0);
 }
 
 /* Share of its given weight that a patch keeps. */

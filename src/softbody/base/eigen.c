@@ -4,7 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-/* w[from .. n) = a v for the symmetric a[n][n], rows and columns from `from` on: each entry of the lower triangle once. */
+/* w[from .. n) = a v for the symmetric a[n][n], rows and columns from `from` on: each entry of the lower triangle once.
+ */
 static void sbi_eigen_multiply(const double *a, int n, int from, const double *v, double *w)
 {
     for (int i = from; i < n; i++) {
