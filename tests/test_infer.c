@@ -260,8 +260,41 @@ static double best_rigid(const organ *o)
     return sum / o->fine.node_count;
 }
 
-/* Nobody tells of the loads, which are of the most local kind. From all of the surface, and from a part of it, the
- * answer is better than any rigid motion, and what is to be expected of it is of the size of its error. */
+/* Where a rigid registration puts the model, and the mean error (m) of that. */
+static double start_of(const organ *o, const sb_mesh *target, int partial, reg_rigid *start)
+{
+    reg_icp_options options = reg_default_icp_options();
+    reg_icp_shape shapes[2];
+    reg_cloud clouds[2];
+    sb_surface *tree = NULL;
+    double sum = 0;
+    memset(shapes, 0, sizeof shapes);
+    memset(clouds, 0, sizeof clouds);
+    *start = reg_rigid_identity();
+    CHECK_OK(sb_surface_create(&o->outline, NULL, &tree, NULL));
+    for (int k = 0; k < 2; k++) {
+        CHECK_OK(reg_cloud_from_mesh(clouds + k, k ? target : &o->outline, NULL, NULL));
+        shapes[k].points = clouds[k].points;
+        shapes[k].normals = clouds[k].normals;
+        shapes[k].count = clouds[k].count;
+    }
+    shapes[0].surface = tree;
+    options.search = 0;
+    options.overlap = partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
+    CHECK_OK(reg_icp(shapes, shapes + 1, &options, start, NULL, NULL));
+    for (int i = 0; i < o->fine.node_count; i++)
+        sum += (double)sb_v3_norm(
+            sb_v3_sub(reg_rigid_apply(start, o->fine.nodes[i]), sb_v3_add(o->fine.nodes[i], o->truth[i])));
+    reg_cloud_free(clouds);
+    reg_cloud_free(clouds + 1);
+    sb_surface_destroy(tree);
+    return sum / o->fine.node_count;
+}
+
+/* Nobody tells of the loads, which are of the most local kind. From all of the surface the answer is better than any
+ * rigid motion. From a part of it it is never worse than the rigid start by more than a tenth, which is what the
+ * registration promises, and better on the mean. Errors to expect are of the size of the errors, and their regions hold
+ * the truth as often as regions of 95 % should: this is what the factors on predicted deviations are for. */
 static void test_organs(void)
 {
     const double depths[3] = {0.06, -0.06, 0.08};
@@ -270,20 +303,19 @@ static void test_organs(void)
     for (int k = 0; k < organs; k++) {
         organ o;
         if (make_organ(&o, 21 + 5 * (unsigned long long)k, depths[k], NULL)) {
-            double motion = best_rigid(&o);
             sb_real pose_sd = 0;
             for (int view = 0; view < 2; view++) {
                 sb_mesh part = part_of(&o, sb_v3(0, 0, 1), 0.7);
                 reg_infer_def def = def_of(&o, view ? &part : &o.seen);
                 reg_infer *infer = NULL;
                 reg_quality quality;
-                double error, expected, covered;
+                double error, expected, covered, motion = start_of(&o, def.target.surface, view, &def.start);
                 if (CHECK_OK(reg_infer_run(&def, &infer, NULL))) {
                     error = error_of(&o, infer, &expected, &covered);
                     CHECK_OK(reg_infer_get_quality(infer, &quality));
-                    CHECK(error < 0.95 * motion);
+                    CHECK(error < (view ? 1.1 * motion : 0.95 * best_rigid(&o)));
                     CHECK(expected > 0.3 * error && expected < 5 * error + 0.003 * o.size);
-                    CHECK(quality.rounds >= 2 && quality.rounds <= 4 && quality.used > REAL(0.7));
+                    CHECK(quality.rounds >= 1 && quality.rounds <= 3 && quality.used > REAL(0.7));
                     CHECK(view ? quality.seen < REAL(0.7) : quality.seen > REAL(0.9));
                     CHECK(quality.volume_ratio > REAL(0.9) && quality.volume_ratio < REAL(1.1));
                     CHECK(quality.expected > 0 && quality.expected_worst >= quality.expected);
@@ -299,7 +331,7 @@ static void test_organs(void)
         free_organ(&o);
     }
     CHECK(sums[0][0] < 0.85 * organs && sums[1][0] < 0.85 * organs);
-    CHECK(sums[0][1] > 0.7 * organs && sums[1][1] > 0.7 * organs);
+    CHECK(sums[0][1] > 0.8 * organs && sums[1][1] > 0.8 * organs);
 }
 
 /* ---- landmarks, frames, threads ---- */

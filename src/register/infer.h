@@ -23,6 +23,13 @@
  * part work, and the answer says how sure it is there: `expected`, from the posterior of loads and pose and from not
  * knowing the organ's stiffness (by a factor of 1.6 in regions of it) and Poisson's ratio (0.02).
  *
+ * What to take it for: views of a part. Of organs of 280 mm at random, seven kinds of loads, mesh and law unlike the
+ * model's, kept aside while it was tuned (26 views of 30 %, with and without 1 mm of noise; 13 of 10 %; 13 whole), the
+ * mean errors were 2.8 mm (start 4.9, reg_loads 3.6), 5.2 (6.2, 5.2) and 1.2 (3.4, 1.0): closer than reg_loads in 18 of
+ * 26 and 6 of 13 views, never above 1.1 times the rigid start's error. Of the nodes 94 %, 83 % (views of 10 %) and 92 %
+ * were within their regions of 95 %. From a whole surface reg_loads was closer in 9 of 13: take that. Elsewhere a view
+ * of a tenth was up to 1.3 times as far off as the start: it is warned of.
+ *
  * Sources: Rucker et al. 2013 and Heiselman et al. 2020 for responses to loads nobody knows; Matheron's rule for draws
  * (Wilson et al. 2021). */
 #ifndef REG_INFER_H
@@ -63,7 +70,7 @@ typedef struct reg_infer_def {
     sb_real start_turn; /* and of its turn (rad), in (0, 10]; default 0.2 */
     int gravity;        /* 1 (default): the weight may have changed, as where a patient is turned; 0: it did not */
     int samples;        /* patches that the target is grouped into, [30, 1000]; default 300. Time grows with it */
-    int rounds;         /* at most, [1, 100]; default 4: more gain little */
+    int rounds;         /* at most, [1, 100]; default 3: more gain little */
     double max_seconds; /* > 0, with a clock: no round begins that would end later; default 1e9 */
     sb_clock clock;     /* default NULL: times read 0 */
     unsigned cookie;    /* set by reg_default_infer_def */
@@ -82,11 +89,13 @@ REG_API void reg_infer_destroy(reg_infer *infer); /* NULL is fine; the model sta
 
 /* ---- the answer: SB_ERROR_ARGUMENT for NULL -------------------------------------------------------------------- */
 
-/* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. */
+/* displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
+ * of the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too
+ * little of the rest, and half of their difference is in the errors to expect. */
 REG_API sb_result reg_infer_displacements(const reg_infer *infer, sb_vec3 *displacements);
 /* forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included. */
 REG_API sb_result reg_infer_forces(const reg_infer *infer, sb_vec3 *forces);
-/* expected[nodes]: root mean square error (m) to expect of each node. On views of a tenth it may be far too small. */
+/* expected[nodes]: root mean square error (m) to expect of each node. */
 REG_API sb_result reg_infer_expected(const reg_infer *infer, sb_real *expected);
 /* One of the REG_INFER_DRAWS shapes that agree with what was seen, as displacements[nodes] (m) like the answer's: to
  * see in how many of them a path misses. SB_ERROR_INDEX. */

