@@ -11,13 +11,15 @@
 #   make test-host                                   all tests in double as in a strict host: 128 kB of stack each, and invalid
 #                                                    operations, divisions by 0 and overflows are signals
 #   make test-programs                               examples, README, fuzz corpus
+#   make shared     a library for other languages    make bindings   what calls it from Python and C#
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, SOAK_HOURS=24 per simulated hand, SOAK_SWEEPS=1000000 of tools through
-#                   bodies, SOAK_CUTS=200 sequences of cuts in livers, or SOAK_SECONDS=20 for all of each; SOAK_FIRST
-#                   and SOAK_SEED give other ones, so that processes and nights can share it
+#                   bodies, SOAK_CUTS=200 sequences of cuts in livers and 50 times as many strokes, or SOAK_SECONDS=20
+#                   for all of each; SOAK_FIRST and SOAK_SEED give other ones, so that processes and nights can share it
+#   make soak-cuts  what soak does of cuts alone
 #   make coverage   lines of the header that the suite runs, room by room
 #   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
@@ -26,6 +28,7 @@ CC = cc
 CXX = c++
 CFLAGS = -O2
 PREFIX = /usr/local
+PYTHON = $(shell for p in python3 /usr/bin/python3; do $$p -c 'import pycparser' 2>/dev/null && echo $$p && break; done || echo python3)
 FILTER =
 GCC = gcc
 GXX = g++
@@ -56,8 +59,8 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race \
-	benches lint fuzz test-corpus soak coverage format install clean FORCE
+.PHONY: shared bindings test-bindings tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race \
+	benches lint fuzz test-corpus soak soak-cuts coverage format install clean FORCE
 
 all: examples
 
@@ -82,6 +85,7 @@ build/include/%.h: %.h
 
 headers: build/amalgamate
 	$(foreach product,$(PRODUCTS),$(call AMALGAMATE,$(product)) &&) true
+	@! $(PYTHON) -c 'import pycparser' 2>/dev/null || CC='$(CC)' $(PYTHON) src/bindings.py
 
 # ---- programs --------------------------------------------------------------------------------------------------
 # Each holds a copy of the implementation, which takes most of the time to build it. LIBRARY=build/double/implementation.o
@@ -120,6 +124,14 @@ build/programs/haptic_chai3d: examples/haptic_chai3d.cpp $(STUBS) $(wildcard exa
 
 demo: build/demo
 	build/demo
+
+# The three headers as a library that other languages load: examples/python, examples/csharp.
+SHARED = build/libsoftbody.$(if $(filter Darwin,$(shell uname)),dylib,so)
+shared: $(SHARED)
+$(SHARED): examples/shared/softbody.c $(HEADERS) build/flags
+	$(CC) -std=c99 $(EXAMPLE_CFLAGS) -fPIC -shared -fvisibility=hidden -DSB_SHARED -I. $< -lm -o $@
+bindings: $(HEADERS)
+	CC='$(CC)' $(PYTHON) src/bindings.py
 
 # ---- tests -----------------------------------------------------------------------------------------------------
 # Holds the compilers and flags of the last build: objects follow when they change.
@@ -214,7 +226,7 @@ VIOLENT = -step -integrators -stuffing/surfaces -stuffing/ridges -schemes/300 -s
 LINKED = mesh body load constraint record
 
 SNIPPET_CFLAGS = -O0
-SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
+SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md docs/questions.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
 
 EXAMPLE_TEST = tests/examples.sh build/programs build/examples_test
@@ -235,6 +247,8 @@ else
 test: build/double/tests
 	build/double/tests $(FILTER)
 endif
+test-bindings: $(HEADERS)
+	tests/total.sh "CC='$(CC)' tests/bindings.sh build/bindings"
 test-programs: tested
 	tests/total.sh $(PROGRAM_TESTS)
 test-float: build/float/tests
@@ -433,8 +447,12 @@ soak: build/soak build/soak_haptic build/double/tests $(SWEEPS)
 	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' SOAK_SEED='$(SOAK_SEED)' build/soak_haptic" \
 	    "CHECK_SLOW=$$(($(or $(SOAK_SWEEPS),1000000) / $(SWEEP_KINDS) + 1)) CHECK_FIRST='$(SOAK_FIRST)' \
 	    CHECK_SECONDS='$(SOAK_SECONDS)' $(SWEEPS) contact_sweep" \
-	    "CHECK_SLOW='$(or $(SOAK_CUTS),200)' CHECK_FIRST='$(SOAK_FIRST)' CHECK_SECONDS='$(SOAK_SECONDS)' \
-	    build/double/tests cut_stress"
+	    "$(SOAK_CUT)"
+
+SOAK_CUT = CHECK_SLOW='$(or $(SOAK_CUTS),200)' CHECK_FIRST='$(SOAK_FIRST)' CHECK_SECONDS='$(SOAK_SECONDS)' \
+	build/double/tests cut_stress
+soak-cuts: build/double/tests
+	tests/total.sh "$(SOAK_CUT)"
 
 # gcc's counters; functions that every unit has of its own count as run when one of them was.
 COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)

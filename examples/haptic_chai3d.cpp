@@ -92,8 +92,8 @@ int simulate(double seconds)
         if (rest > 0)
             cSleepMs((unsigned int)(1e3 * rest));
     }
-    printf("%ld calls, %ld frames, up to %.2f N\n", sb_haptic_get_info(scene.haptic).calls,
-           sb_haptic_get_info(scene.haptic).frames, peak);
+    printf("%.0f calls, %.0f frames, up to %.2f N\n", (double)sb_haptic_get_info(scene.haptic).calls,
+           (double)sb_haptic_get_info(scene.haptic).frames, peak);
     return 0;
 }
 

@@ -73,8 +73,8 @@ static int simulate(slab *s, double seconds)
         for (next += dt; seconds_now() < next;) /* a game would draw here */
             ;
     }
-    printf("%ld calls, %ld frames, up to %.2f N\n", sb_haptic_get_info(s->haptic).calls,
-           sb_haptic_get_info(s->haptic).frames, peak);
+    printf("%.0f calls, %.0f frames, up to %.2f N\n", (double)sb_haptic_get_info(s->haptic).calls,
+           (double)sb_haptic_get_info(s->haptic).frames, peak);
     return 0;
 }
 

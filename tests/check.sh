@@ -30,10 +30,10 @@ trap 'rm -rf "$work"' EXIT
 git status --porcelain >"$work/before"
 
 single "the generated files are those that src/ gives" "$make headers
-    if [ -n \"\$(git status --porcelain -- *.h src/*/names.h)\" ]; then
+    if [ -n \"\$(git status --porcelain -- *.h src/*/names.h examples/python examples/csharp)\" ]; then
         echo 'The headers are not what src/ gives. Mend them with these two commands:'
         echo '    make headers'
-        echo '    git add *.h src/*/names.h'
+        echo '    git add *.h src/*/names.h examples/python examples/csharp'
         false
     fi"
 single "the tests and examples build" "$make -j$(nproc) tested build/host/tests"
@@ -45,6 +45,7 @@ counted "warnings, split build, order of calls, linkage" "$make lint $(few "LINT
 counted "tests in double, each with 128 kB of stack and bad operations as signals" "$make test-host"
 counted "examples, README, fuzz corpus" "$make test-programs"
 counted "tests in float" "CHECK_QUICK=1 CHECK_SHORT=1 $make test-float FILTER='\$(SLOW)'"
+counted "the headers from Python and C#" "$make test-bindings"
 counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1"
 # 38 of each kind are among the tests above: 10,008 in all.
 counted "10,000 random sweeps of tools through bodies" "CHECK_FIRST=38 CHECK_SLOW=796 $make test-host FILTER=contact_sweep"

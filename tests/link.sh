@@ -64,18 +64,24 @@ for element in SB_TET10 ${CHECK_ALL:+SB_TET4 SB_HEX27 SB_CUSTOM}; do
 done
 
 # What a trainer may leave out: a body is made and stepped without it, and its public functions are gone.
-for left_out in "" -DSB_NO_FILES -DSB_NO_GEOMETRY "-DSB_NO_FILES -DSB_NO_GEOMETRY"; do
+for left_out in "" "-DSB_NO_FILES -DSB_NO_CUT" -DSB_NO_GEOMETRY -DSB_NO_CONTACT \
+    "-DSB_NO_FILES -DSB_NO_GEOMETRY -DSB_NO_CONTACT -DSB_NO_CUT"; do
     c switches.o tests/link/switches.c $left_out
     links "made and stepped: ${left_out:-all}" switches.o
-    files=1 geometry=1
+    files=1 geometry=1 contact=1 cut=1
     case $left_out in *FILES*) files=0 ;; esac
-    case $left_out in *GEOMETRY*) geometry=0 ;; esac
-    [ "$(nm "$folder/switches.o" | grep -c ' T sb_mesh_load$')$(nm "$folder/switches.o" | grep -c ' T sb_surface_create$')" = \
-        $files$geometry ]
+    case $left_out in *GEOMETRY*) geometry=0 contact=0 ;; esac # tools need surfaces
+    case $left_out in *CONTACT*) contact=0 ;; esac
+    case $left_out in *CUT*) cut=0 ;; esac
+    there=
+    for name in sb_mesh_load sb_surface_create sb_contact_create sb_cut_create; do
+        there=$there$(nm "$folder/switches.o" | grep -c " T $name\$")
+    done
+    [ "$there" = $files$geometry$contact$cut ]
     report $? "left out: ${left_out:-nothing}"
 done
-c needle_alone.o tests/link/needle_alone.c -DSB_NO_FILES
-links "needle.h without files" needle_alone.o
+c needle_alone.o tests/link/needle_alone.c -DSB_NO_FILES -DSB_NO_CONTACT -DSB_NO_CUT
+links "needle.h without files, contact and cuts" needle_alone.o
 refuses() { # refuses HEADER MESSAGE FLAG...: the header stops the compiler and says why
     header=$1 message=$2
     shift 2

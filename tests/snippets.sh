@@ -8,6 +8,7 @@
 # snippet is a whole program; after ```c fragment it is the inside of the program in tests/snippets/fragment.c.
 # A snippet must compile without a warning and return 0, in a folder where tests/snippets/prepare.c has put its
 # files. With CHECK_QUICK in the environment, programs that hold the libraries' code are linked with LIBRARY.o instead.
+# Names of functions and constants in README.md and docs/ must be in the headers.
 # Ends with `N passed, N failed, N skipped`.
 folder=$1 library=$2
 shift 2
@@ -78,5 +79,17 @@ else
     echo "FAILED: the program in README.md is not examples/hello.c"
     failed=$((failed + 1))
 fi
+# What Markdown calls by name is there.
+for file in README.md docs/*.md; do
+    missing=$(grep -oE '\b(sb|ndl|reg|SB|NDL|REG)_[A-Za-z0-9_]*[A-Za-z0-9]' "$file" | sort -u | while read -r name; do
+        grep -qw "$name" softbody.h needle.h register.h || echo "$name"
+    done)
+    if [ -z "$missing" ]; then
+        passed=$((passed + 1))
+    else
+        echo "FAILED: $file has names that no header has:" $missing
+        failed=$((failed + 1))
+    fi
+done
 echo "$passed passed, $failed failed, 0 skipped"
 [ "$failed" = 0 ]

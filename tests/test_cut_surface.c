@@ -294,6 +294,88 @@ static void test_ranges(void)
     block_free(&b);
 }
 
+/* The same bits in all arrays, and the same said of what has changed. */
+static int drawings_agree(const sb_cut_drawing *a, const sb_cut_drawing *b)
+{
+    size_t vertices = (size_t)a->vertex_count, triangles = (size_t)a->triangle_count;
+    int same = a->vertex_count == b->vertex_count && a->triangle_count == b->triangle_count &&
+               a->first_triangle == b->first_triangle && a->triangle_end == b->triangle_end &&
+               a->first_vertex == b->first_vertex;
+    for (size_t i = 0; i < vertices && same; i++)
+        same = a->origins[i].element == b->origins[i].element && a->points[i] == b->points[i] &&
+               (a->origins[i].element < 0 ||
+                (memcmp(a->origins[i].weights, b->origins[i].weights, sizeof a->origins[i].weights) == 0 &&
+                 memcmp(a->positions + i, b->positions + i, sizeof(sb_vec3)) == 0 &&
+                 memcmp(a->normals + i, b->normals + i, sizeof(sb_vec3)) == 0)) &&
+               memcmp(a->rest + i, b->rest + i, sizeof(sb_vec3)) == 0 &&
+               memcmp(a->texture + i, b->texture + i, sizeof a->texture[i]) == 0;
+    return same && memcmp(a->triangles, b->triangles, triangles * sizeof *a->triangles) == 0 &&
+           memcmp(a->tags, b->tags, triangles) == 0 && memcmp(a->cells, b->cells, triangles * sizeof *a->cells) == 0;
+}
+
+/* A surface that keeps triangles, and one that draws all anew each time. */
+typedef struct two_surfaces {
+    sb_cut_surface *keeps, *redraws;
+} two_surfaces;
+
+static void two_update(const two_surfaces *two)
+{
+    sb_cut_drawing a, b;
+    sbi_cut_surface_forget(two->redraws);
+    CHECK_OK(sb_cut_surface_update(two->keeps, NULL));
+    CHECK_OK(sb_cut_surface_update(two->redraws, NULL));
+    a = sb_cut_surface_get(two->keeps);
+    b = sb_cut_surface_get(two->redraws);
+    CHECK(drawings_agree(&a, &b));
+}
+
+/* Strokes, burns, a state from before, and strokes again. */
+static void keep_and_redraw(const block_options *options, unsigned long long *seed)
+{
+    enum { STROKES = 6, SAVED = 2, LOADED = 4 };
+    block b = block_make(options);
+    two_surfaces two = {surface_make(&b), surface_make(&b)};
+    void *state = NULL;
+    size_t size = 0;
+    block_shake(&b);
+    for (int stroke = 0; stroke < STROKES; stroke++) {
+        sb_vec3 triangles[18];
+        int count = strip_random(triangles, seed);
+        if (stroke == SAVED) {
+            size = sb_body_state_size(b.body);
+            state = malloc(size);
+            CHECK_OK(sb_body_state_save(b.body, state, size));
+        }
+        block_cut(&b, triangles, count);
+        if (stroke % 2)
+            CHECK_OK(sb_cut_ablate(b.cut, triangles[0], REAL(0.004), NULL, NULL));
+        two_update(&two);
+        if (stroke == LOADED) {
+            CHECK_OK(sb_body_state_load(b.body, state, size, NULL));
+            two_update(&two);
+        }
+        block_step(&b, 1);
+    }
+    two_update(&two);
+    free(state);
+    sb_cut_surface_destroy(two.keeps);
+    sb_cut_surface_destroy(two.redraws);
+    block_free(&b);
+}
+
+/* What is kept of a drawing is what drawing all anew gives, to the bit. */
+static void test_kept(void)
+{
+    unsigned long long seed = 211;
+    for (int i = 0; i < 3; i++)
+        for (int round = 0; round < (check_quick() ? 2 : 6); round++) {
+            block_options options = block_default(intervals_of[i]);
+            options.front = round % 2 ? SB_CUT_LAG : SB_CUT_GLUE;
+            options.element = (i + round) % 3 == 2 ? SB_TET10 : SB_TET4;
+            keep_and_redraw(&options, &seed);
+        }
+}
+
 /* Textures of a flat lip are a map of it without stretch. */
 static void test_texture(void)
 {
@@ -368,5 +450,6 @@ static void test_mistakes(void)
 
 CHECK_SUITE(cut_surface, {"planes: closed, volumes, areas", test_planes}, {"strokes: closed, volumes", test_strokes},
             {"glued: volumes", test_glued}, {"organs: closed, volumes", test_organs},
-            {"what an update changes", test_ranges}, {"texture of lips", test_texture},
-            {"every allocation fails in turn", test_no_memory}, {"mistakes are named", test_mistakes});
+            {"what an update changes", test_ranges}, {"what is kept of a drawing", test_kept},
+            {"texture of lips", test_texture}, {"every allocation fails in turn", test_no_memory},
+            {"mistakes are named", test_mistakes});

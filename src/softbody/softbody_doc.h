@@ -31,13 +31,14 @@
  *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save
  *                        and theirs. Saved states and recordings stay, in memory and in files. register.h needs these
  *                        readers.
- *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids and embeddings. needle.h and register.h need them.
- *                        The two save @ of @ s of compile time.
+ *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids, embeddings and what touches surfaces: tools, organs
+ * and hands (SB_NO_CONTACT). needle.h and register.h need them. SB_NO_CONTACT      leaves out sb_contact and sb_haptic.
+ *     SB_NO_CUT          leaves out sb_cut. The README tells what each of the four saves.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
  *
- * No rendering; cuts (sb_cut) of tet4 only.
+ * No rendering. Cuts (sb_cut) are of tet4 and of tet10 with straight sides. What else is not there: README, Limits.
  * A linearised step (the real-time default) trades accuracy within a step for a bounded frame time.
  *
  * A FIRST PROGRAM

@@ -9,11 +9,12 @@
  *     contact_hold_13k   the same when all has come to rest
  *     contact_narrow     the same slab under 64 spheres of 2.5 mm, twelve of which press on it
  *     contact_grip       the liver of the shared data (else a generated organ), about 3,000 tet10, an end of which two
- *                        jaws hold and draw outward at 1 cm/s
+ *                        jaws hold and draw outward at 1 cm/s; they are as thick as its faces ask for
  *     contact_pairs      two blocks of some 5,000 tet4 each, one of which stands and carries the other, whose round
  *                        underside is pressed 3 mm into it and goes to and fro at 2.5 cm/s; mu 0.2; some 500 samples
- * touch contact_pairs_hold the same when all has come to rest haptic_publish     a frame for the hand after each step
- * of contact_slide_13k
+ *                        touch
+ *     contact_pairs_hold the same when all has come to rest
+ *     haptic_publish     a frame for the hand after each step of contact_slide_13k
  *
  * Steps are compared with those of a twin that the same forces deform without contact: the same motion, and the same
  * systems but for contact. Both take turns, each warm, and times are least and median. Then what contact does in a
@@ -554,17 +555,25 @@ static sb_mesh organ_mesh(void)
     return mesh;
 }
 
-static const double jaw_half = 0.008, jaw_thickness = 0.004; /* m */
+static const double jaw_half = 0.008, jaw_thickness = 0.004, jaw_rounding = 0.003; /* m */
 
-/* Heights between which the organ is around (x, y), as far as a jaw reaches. */
-static void organ_heights(const sb_mesh *mesh, double x, double y, double *low, double *high)
+/* Heights between which the organ's faces are around (x, y), as far as a jaw reaches: a large face may have no node
+ * there. */
+static void organ_heights(const pair *p, double x, double y, double *low, double *high)
 {
+    const sbi_contact_faces *faces = p->contact->faces;
     *low = HUGE_VAL, *high = -HUGE_VAL;
-    for (int i = 0; i < mesh->node_count; i++)
-        if (fabs((double)mesh->nodes[i].x - x) < jaw_half && fabs((double)mesh->nodes[i].y - y) < jaw_half) {
-            *low = fmin(*low, (double)mesh->nodes[i].z);
-            *high = fmax(*high, (double)mesh->nodes[i].z);
+    for (int face = 0; face < faces->face_end; face++) {
+        int parts = faces->kinds[faces->sizes[face]].most;
+        for (int s = 0; s < sbi_contact_face_rule(faces, face, parts)->count; s++) {
+            sb_vec3 at = sbi_contact_mean(sbi_contact_sample_weights(faces, face, parts, s),
+                                          sbi_contact_face_nodes(faces, face), faces->sizes[face], p->mesh.nodes);
+            if (fabs((double)at.x - x) < jaw_half && fabs((double)at.y - y) < jaw_half) {
+                *low = fmin(*low, (double)at.z);
+                *high = fmax(*high, (double)at.z);
+            }
         }
+    }
 }
 
 /* A place where jaws can close: an end of the organ along x or y. */
@@ -575,8 +584,9 @@ typedef struct grip_place {
 static grip_place grip;
 
 /* The thinnest of the organ's four ends, a jaw's half length inside. Ends that are held do not count. */
-static grip_place find_grip(const sb_mesh *mesh, const sb_body *body)
+static grip_place find_grip(const pair *p)
 {
+    const sb_mesh *mesh = &p->mesh;
     grip_place best;
     memset(&best, 0, sizeof best);
     best.high = HUGE_VAL;
@@ -590,8 +600,8 @@ static grip_place find_grip(const sb_mesh *mesh, const sb_body *body)
         place.x = (double)mesh->nodes[node].x - jaw_half * (double)out.x;
         place.y = (double)mesh->nodes[node].y - jaw_half * (double)out.y;
         place.out = out;
-        organ_heights(mesh, place.x, place.y, &place.low, &place.high);
-        if (!sb_body_supports(body)[node] && place.high - place.low < best.high - best.low)
+        organ_heights(p, place.x, place.y, &place.low, &place.high);
+        if (!sb_body_supports(p->body)[node] && place.high - place.low < best.high - best.low)
             best = place;
     }
     return best;
@@ -610,12 +620,13 @@ static sb_pose grip_and_drag(const pair *p, int tool, int step)
 static void time_grip(void)
 {
     pair p = make_pair(organ_mesh(), make_organ, 0.01);
-    grip = find_grip(&p.mesh, p.body);
+    double rounding = fmax(jaw_rounding, 1.01 * (double)sbi_contact_faces_thinnest(p.contact->faces, NULL));
+    double thickness = fmax(jaw_thickness, rounding);
+    grip = find_grip(&p);
     for (int t = 0; t < 2; t++) {
-        sb_tool_def jaw =
-            sphere_at(0.003, grip.x, grip.y, t == 0 ? grip.high + jaw_thickness : grip.low - jaw_thickness);
+        sb_tool_def jaw = sphere_at(rounding, grip.x, grip.y, t == 0 ? grip.high + thickness : grip.low - thickness);
         jaw.shape = SB_TOOL_BOX;
-        jaw.half = sb_v3(REAL(jaw_half), REAL(jaw_half), REAL(jaw_thickness));
+        jaw.half = sb_v3(REAL(jaw_half), REAL(jaw_half), REAL(thickness));
         add_tool(&p, &jaw);
     }
     warm_pair(&p, grip_and_drag, 1, PRESSED + 20);

@@ -45,7 +45,8 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step) && (step->given.count == 0 || step->guests_begun);
+        step->done = (step->dynamic ? sbi_step_is_converged(step) : sbi_static_is_done(step)) &&
+                     (step->given.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -103,7 +104,9 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 
 /* ---- begin and end ---- */
 
-enum { SBI_STEP_TRIES = 7 }; /* of tools: a half ... a sixteenth of the way, none; giving way a little, and more */
+/* Of tools: a half ... a sixteenth of the way, none; giving way a little, and more; none, and the body stops for them
+ * if the step is not divided. */
+enum { SBI_STEP_TRIES = 7, SBI_STEP_STOP = SBI_STEP_TRIES + 1 };
 
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
@@ -379,6 +382,13 @@ static sb_result sbi_step_hold_touch(sbi_step *step)
     return sbi_step_take_motion(step);
 }
 
+static sb_result sbi_step_stop_touch(sbi_step *step)
+{
+    step->touch->stop(step->touch->user, step->body->displacement);
+    step->moved = step->touch->mended = 1;
+    return sbi_step_take_motion(step);
+}
+
 static sb_result sbi_step_accept_touch(sbi_step *step)
 {
     sbi_touch *touch = step->touch;
@@ -390,6 +400,12 @@ static sb_result sbi_step_accept_touch(sbi_step *step)
         sb_result result = sbi_step_mend_touch(step, 0);
         if (result != SB_OK)
             result = sbi_step_mend_touch(step, 1);
+        if (result != SB_OK)
+            return result;
+        is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
+    }
+    if (!is_safe && step->tries == SBI_STEP_STOP) {
+        sb_result result = sbi_step_stop_touch(step);
         if (result != SB_OK)
             return result;
         is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
@@ -424,7 +440,8 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
  * they give way. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
-    return result != SB_OK && step->touch_begun && !step->touch->apart && step->tries < SBI_STEP_TRIES;
+    int most = step->touch_begun && step->touch->is_last ? SBI_STEP_STOP : SBI_STEP_TRIES;
+    return result != SB_OK && step->touch_begun && !step->touch->apart && step->tries < most;
 }
 
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
@@ -467,8 +484,8 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
 {
     sbi_step_guard guard = body->guard;
     sbi_touch *touch = body->touch;
-    if (touch)
-        touch->keep(touch->user);
+    if (touch && !touch->keep(touch->user, NULL))
+        return sbi_fail(&info->error, SB_ERROR_MEMORY, "no memory for contact on a mesh that has changed");
     for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_dead_loads(body);
@@ -483,7 +500,7 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
         if (touch) {
             sbi_body_update_positions(body);
             touch->undo(touch->user);
-            touch->rewind(touch->user);
+            (void)touch->rewind(touch->user, NULL); /* the mesh is the same */
         }
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
             return result;

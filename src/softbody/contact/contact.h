@@ -188,14 +188,14 @@ SB_API int sb_contact_points(const sb_contact *contact, sb_contact_point *points
 SB_API sb_result sb_contact_pressures(const sb_contact *contact, sb_real *pressures);
 
 typedef struct sb_contact_info {
-    int candidates;   /* samples looked at */
-    int touching;     /* with pressure */
-    int sticking;     /* of these held by friction */
-    int iterations;   /* systems solved */
-    int retries;      /* times that the step was taken back and done again */
-    int capped;       /* 1: max_iterations ended the iteration; `residual` says how good it is */
-    int thinned;      /* 1: faces had fewer samples than their size asks for */
-    int mended;       /* 1: organs would have passed through each other in the shortest part of a divided step */
+    int candidates; /* samples looked at */
+    int touching;   /* with pressure */
+    int sticking;   /* of these held by friction */
+    int iterations; /* systems solved */
+    int retries;    /* times that the step was taken back and done again */
+    int capped;     /* 1: max_iterations ended the iteration; `residual` says how good it is */
+    int thinned;    /* 1: faces had fewer samples than their size asks for */
+    int mended; /* 1: organs would have passed through each other, or a tool, in the shortest part of a divided step */
     sb_real deepest;  /* m, overlap */
     sb_real residual; /* of contact's forces, of the largest force */
     sb_real lag;      /* m, largest of all tools' */

@@ -481,14 +481,24 @@ SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_ve
 
 /* ---- samples and blocks ---- */
 
-SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius)
+static int sbi_contact_parts(const sbi_contact_kind *kind, sb_real length, sb_real radius)
 {
-    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
-    sb_real parts = faces->lengths[face] / (kind->part * radius);
+    sb_real parts = length / (kind->part * radius);
     int n = kind->least;
     while (n < kind->most && (sb_real)n < parts)
         n++;
     return n;
+}
+
+SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius)
+{
+    return sbi_contact_parts(&faces->kinds[faces->sizes[face]], faces->lengths[face], radius);
+}
+
+SBI_API int sbi_contact_stretched_parts(const sbi_contact_faces *faces, int face, const sb_vec3 *x, sb_real radius)
+{
+    const sbi_contact_kind *kind = &faces->kinds[faces->sizes[face]];
+    return sbi_contact_parts(kind, sb_max(faces->lengths[face], sbi_contact_length(kind, x)), radius);
 }
 
 SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face)

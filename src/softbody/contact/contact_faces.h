@@ -144,6 +144,8 @@ SBI_API int sbi_contact_faces_query(sbi_contact_faces *faces, sb_vec3 low, sb_ve
 
 /* Parts a side of a face for a tool of radius r (m): a constant of the two, so that no sample comes or goes. */
 SBI_API int sbi_contact_face_parts(const sbi_contact_faces *faces, int face, sb_real radius);
+/* As many, or what the face with its nodes at x needs to have as close samples where it is stretched. */
+SBI_API int sbi_contact_stretched_parts(const sbi_contact_faces *faces, int face, const sb_vec3 *x, sb_real radius);
 /* Smallest radius (m) that no face needs more parts for than there are rules; *face (may be NULL): which needs most. */
 SBI_API sb_real sbi_contact_faces_thinnest(const sbi_contact_faces *faces, int *face);
 /* Area of a sample (m^2 at rest). */

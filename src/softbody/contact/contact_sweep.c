@@ -2,26 +2,34 @@
  *
  * A tool moves freely while all samples are clear of it (conservative advancement), and by half of its inner radius
  * from there on. After the solve no sample may be, or have been on its straight way against the tool, deeper than 0.6
- * of it, nor may it have come into the tool on a way longer than 0.8 of it: a face has a sample within 0.36 radii of
- * any of its points, also of the one where a skeleton would go through it. Faces are looked for anew then: tissue may
- * go where its velocity did not point to.
+ * of it, less what a tool that turns or bends makes of straight ways: a face has a sample within 0.36 radii of any of
+ * its points, also of the one where a skeleton would go through it, and has more of them for this where it is
+ * stretched. Faces are looked for anew then: tissue may go where its velocity did not point to.
  *
  * A step that fails this is done again with less motion of tools, then with none. Tissue that is squeezed between tools
  * without room for it would fail even so: a tool that lies deep in it goes no deeper, and where that was too late those
- * that it presses on give way along its force. */
+ * that it presses on give way along its force. Tissue that flies so fast that it would be through a tool in the
+ * shortest part of a step is stopped there with its organ, as by an impact without rebound. */
 #include <math.h>
 #include <string.h>
 
+#include "../body/body_private.h"
 #include "contact_private.h"
 
-#define SBI_SWEEP_CLEAR ((sb_real)0.05)            /* of the radius: nearer than this a tool touches */
-#define SBI_SWEEP_ADVANCE ((sb_real)0.5)           /* of the inner radius, in a step that touches */
-#define SBI_SWEEP_DEEPEST ((sb_real)0.6)           /* of it, in a step */
-#define SBI_SWEEP_FARTHEST ((sb_real)0.8)          /* of it, of a sample that comes into the tool, against it */
-#define SBI_SWEEP_TURNED ((sb_real)0.65)           /* cosine; a skeleton that goes through a face turns normals more */
-#define SBI_SWEEP_FULL ((sb_real)0.3)              /* of it: a tool so deep goes no deeper */
-#define SBI_SWEEP_GIVE ((sb_real)0.125)            /* of it, by which a tool gives way, times how often it had to */
-enum { SBI_SWEEP_HOPS = 64, SBI_SWEEP_STAYS = 5 }; /* tries from which on tools go nowhere */
+#define SBI_SWEEP_CLEAR ((sb_real)0.05)   /* of the radius: nearer than this a tool touches */
+#define SBI_SWEEP_ADVANCE ((sb_real)0.5)  /* of the inner radius, in a step that touches */
+#define SBI_SWEEP_DEEPEST ((sb_real)0.6)  /* of it, in a step */
+#define SBI_SWEEP_FARTHEST ((sb_real)0.8) /* of it: on a shorter way none goes deeper than its ends unseen */
+#define SBI_SWEEP_SINKS (16 * SB_EPSILON) /* of places in a tool: what is deeper by less is by rounding */
+#define SBI_SWEEP_TURNED ((sb_real)0.65)  /* cosine; a skeleton that goes through a face turns normals more */
+#define SBI_SWEEP_FULL ((sb_real)0.3)     /* of it: a tool so deep goes no deeper */
+#define SBI_SWEEP_GIVE ((sb_real)0.125)   /* of it, by which a tool gives way, times how often it had to */
+enum {
+    SBI_SWEEP_HOPS = 64,
+    SBI_SWEEP_STAYS = 5,
+    SBI_SWEEP_GIVES = 2
+}; /* tries from which on tools go nowhere, and in
+    * how many after it they give way */
 
 /* ---- faces near a tool ---- */
 
@@ -164,11 +172,12 @@ static sb_real sbi_sweep_share(sb_contact *contact, int number, const sbi_touch_
     return less * sb_min(part, *clear + reach / way);
 }
 
-/* A tool that the body pressed on goes along with it. */
+/* A tool that the body pressed on goes along with it; in the last try it stays. */
 static sb_pose sbi_sweep_give_way(const sbi_contact_tool *tool, int times)
 {
     sb_pose pose = tool->reached;
-    sb_real size = sb_v3_norm(tool->force), way = SBI_SWEEP_GIVE * (sb_real)times * sbi_tool_inner_radius(tool->shape);
+    sb_real size = times > SBI_SWEEP_GIVES ? 0 : sb_v3_norm(tool->force),
+            way = SBI_SWEEP_GIVE * (sb_real)times * sbi_tool_inner_radius(tool->shape);
     if (size > 0 && sbi_tool_get_shape(tool->shape) != SB_TOOL_PLANE)
         pose.position = sb_v3_madd(pose.position, -way / size, tool->force);
     return pose;
@@ -290,6 +299,17 @@ static int sbi_sweep_way_meets(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3
     return !(sbi_tool_distance(tool->shape, tool->chain_balance, x1, up, &normal) > -depth);
 }
 
+/* How far (m) from a straight line samples and skeleton go in the tool's frame: x'' of a way seen from a tool that
+ * turns by a is at most 3 a^2 times how far off it is, and 2 a times the way. */
+static sb_real sbi_sweep_bow(const sbi_contact_tool *tool, const sb_pose *from, sb_vec3 start, sb_vec3 end)
+{
+    sb_real turn = sb_v3_norm(sbi_pose_rotation(from, &tool->balance)), bend = 0;
+    sb_real far = sb_max(sb_v3_norm(start), sb_v3_norm(end));
+    for (int i = 0; i < sbi_tool_point_count(tool->shape); i++)
+        bend = sb_max(bend, sb_v3_norm(sb_v3_sub(tool->chain_balance[i], tool->chain_reached[i])));
+    return bend + turn * (3 * turn * far + 2 * sb_v3_norm(sb_v3_sub(end, start))) / 8;
+}
+
 /* 1 when a sample that went from x0 to x1 is where the skeleton may have crossed its face. */
 static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_vec3 x1)
 {
@@ -297,76 +317,149 @@ static int sbi_sweep_is_crossing(const sbi_contact_tool *tool, sb_vec3 x0, sb_ve
     const sb_pose from = sbi_sweep_start(tool);
     sb_vec3 normal, turned, start = sbi_pose_to_tool(&from, x0), end = sbi_pose_to_tool(&tool->balance, x1);
     sb_real inner = sbi_tool_inner_radius(tool->shape), deepest = SBI_SWEEP_DEEPEST * inner, before, after;
-    if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) && sbi_sweep_way_meets(tool, start, end, 0))
+    if (!(sb_v3_norm(sb_v3_sub(end, start)) < SBI_SWEEP_FARTHEST * inner) &&
+        sbi_sweep_way_meets(tool, start, end, sb_max((sb_real)0, deepest - sbi_sweep_bow(tool, &from, start, end))))
         return 1;
     before = sbi_tool_distance(tool->shape, tool->chain_reached, start, up, &normal);
     after = sbi_tool_distance(tool->shape, tool->chain_balance, end, up, &turned);
     if (!(before > -deepest) || !(after > -deepest)) /* a body that was put deep into a tool may come out */
-        return !(after > -deepest) && !(after > before);
+        return !(after > -deepest) && after < before - SBI_SWEEP_SINKS * (inner + sb_v3_norm(end));
     return sb_v3_dot(normal, turned) < SBI_SWEEP_TURNED && sbi_sweep_way_meets(tool, start, end, deepest);
 }
 
-/* 1 when no sample of a face can be crossing: none comes deep enough, nor goes far enough or comes near enough. */
-static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_tool *tool, int face,
-                                  const sbi_contact_rule *rule)
+/* A face on its way against a tool. */
+typedef struct sbi_sweep_face {
+    int number, count;
+    const int *nodes;
+    const sbi_contact_rule *rule;
+    sb_vec3 starts[SB_MAX_FACE_NODES], ends[SB_MAX_FACE_NODES]; /* m, in space */
+} sbi_sweep_face;
+
+/* With samples as close as tools need them, where the face is stretched too. */
+static void sbi_sweep_take_face(const sb_contact *contact, const sbi_contact_tool *tool, int number,
+                                sbi_sweep_face *face)
 {
-    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    const sbi_contact_faces *faces = contact->faces;
+    sb_real radius = sbi_tool_radius(tool->shape);
+    int parts;
+    face->number = number;
+    face->count = faces->sizes[number];
+    face->nodes = sbi_contact_face_nodes(faces, number);
+    for (int a = 0; a < face->count; a++) {
+        face->starts[a] = contact->x[face->nodes[a]];
+        face->ends[a] = sb_v3_add(face->starts[a], contact->moved[face->nodes[a]]);
+    }
+    parts = sbi_max_int(sbi_contact_stretched_parts(faces, number, face->starts, radius),
+                        sbi_contact_stretched_parts(faces, number, face->ends, radius));
+    face->rule = sbi_contact_face_rule(faces, number, parts);
+}
+
+/* 1 when no sample of a face can be crossing: none comes deep enough, nor goes far enough or comes near enough. */
+static int sbi_sweep_face_is_clear(const sb_contact *contact, const sbi_contact_tool *tool, const sbi_sweep_face *face)
+{
     const sb_pose from = sbi_sweep_start(tool);
-    sb_vec3 ends[SB_MAX_FACE_NODES];
     sb_real square = 0, way, gap, inner = sbi_tool_inner_radius(tool->shape);
-    for (int a = 0; a < contact->faces->sizes[face]; a++) {
-        sb_vec3 start = contact->x[nodes[a]], against;
-        ends[a] = sb_v3_add(start, contact->moved[nodes[a]]);
-        against = sb_v3_sub(sbi_pose_to_tool(&tool->balance, ends[a]), sbi_pose_to_tool(&from, start));
+    for (int a = 0; a < face->count; a++) {
+        sb_vec3 against =
+            sb_v3_sub(sbi_pose_to_tool(&tool->balance, face->ends[a]), sbi_pose_to_tool(&from, face->starts[a]));
         square += sb_v3_dot(against, against);
     }
-    way = rule->spread * sb_sqrt(square);
-    gap = sbi_contact_clearance(contact->faces, face, ends, tool->shape, tool->chain_balance, &tool->balance);
+    way = face->rule->spread * sb_sqrt(square);
+    gap = sbi_contact_clearance(contact->faces, face->number, face->ends, tool->shape, tool->chain_balance,
+                                &tool->balance);
     return gap - way > -SBI_SWEEP_DEEPEST * inner && (way < SBI_SWEEP_FARTHEST * inner || gap > way);
 }
 
-static int sbi_sweep_tool_is_safe(sb_contact *contact, int number, const sb_vec3 *u)
+static int sbi_sweep_face_is_safe(const sb_contact *contact, const sbi_contact_tool *tool, int number)
 {
-    const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = contact->x, *rest = sbi_contact_points_at_rest(contact);
-    const sbi_contact_tool *tool = contact->tools + number;
-    const int *near = sbi_sweep_near(contact, number);
-    if (sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+    sbi_sweep_face face;
+    sbi_sweep_take_face(contact, tool, number, &face);
+    if (sbi_sweep_face_is_clear(contact, tool, &face))
         return 1;
-    for (int f = 0; f < tool->face_count; f++) {
-        int face = near[f], parts = sbi_contact_face_parts(faces, face, sbi_tool_radius(tool->shape));
-        int count = faces->sizes[face];
-        const int *nodes = sbi_contact_face_nodes(faces, face);
-        const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
-        if (sbi_sweep_face_is_safe(contact, tool, face, rule))
-            continue;
-        for (int s = 0; s < rule->count; s++) {
-            const sb_real *weights = rule->weights + (size_t)s * (size_t)count;
-            sb_vec3 x1 =
-                sb_v3_add(sbi_contact_mean(weights, nodes, count, rest), sbi_contact_mean(weights, nodes, count, u));
-            if (sbi_sweep_is_crossing(tool, sbi_contact_mean(weights, nodes, count, x), x1))
-                return 0;
+    for (int s = 0; s < face.rule->count; s++) {
+        const sb_real *weights = face.rule->weights + (size_t)s * (size_t)face.count;
+        sb_vec3 x0 = sb_v3(0, 0, 0), x1 = x0;
+        for (int a = 0; a < face.count; a++) {
+            x0 = sb_v3_madd(x0, weights[a], face.starts[a]);
+            x1 = sb_v3_madd(x1, weights[a], face.ends[a]);
         }
+        if (sbi_sweep_is_crossing(tool, x0, x1))
+            return 0;
     }
     return 1;
 }
 
-SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *of_nodes)
+/* Faces near tools are those on their ways to displacements u [rows of faces' points]. */
+static void sbi_sweep_look(sb_contact *contact, const sb_vec3 *of_nodes)
 {
     const sb_vec3 *x = sbi_contact_points_now(contact), *rest = sbi_contact_points_at_rest(contact), *u;
     u = sbi_contact_at_points(contact, of_nodes, contact->skin.moved);
     for (int i = 0; i < sbi_contact_point_count(contact); i++)
         contact->moved[i] = sb_v3_sub(sb_v3_add(rest[i], u[i]), x[i]);
     sbi_contact_faces_refit(contact->faces, x, contact->moved, 1);
-    for (int i = 0; i < contact->max_tools; i++) {
-        const sbi_contact_tool *tool = contact->tools + i;
-        if (!tool->shape)
-            continue;
-        sbi_sweep_find_faces(contact, i, &tool->next, tool->chain_next, 0);
-        if (!sbi_sweep_tool_is_safe(contact, i, u))
+    for (int i = 0; i < contact->max_tools; i++)
+        if (contact->tools[i].shape)
+            sbi_sweep_find_faces(contact, i, &contact->tools[i].next, contact->tools[i].chain_next, 0);
+}
+
+/* The first of a tool's faces from place f on that is not safe; face_count: none. */
+static int sbi_sweep_next_unsafe(sb_contact *contact, int number, int f)
+{
+    const sbi_contact_tool *tool = contact->tools + number;
+    if (!tool->shape || sbi_tool_get_shape(tool->shape) == SB_TOOL_PLANE)
+        return tool->face_count;
+    while (f < tool->face_count && sbi_sweep_face_is_safe(contact, tool, sbi_sweep_near(contact, number)[f]))
+        f++;
+    return f;
+}
+
+SBI_API int sbi_contact_is_safe(sb_contact *contact, const sb_vec3 *of_nodes)
+{
+    sbi_sweep_look(contact, of_nodes);
+    for (int i = 0; i < contact->max_tools; i++)
+        if (sbi_sweep_next_unsafe(contact, i, 0) < contact->tools[i].face_count)
             return 0;
-    }
     return 1;
+}
+
+/* ---- a last resort ---- */
+
+/* Nodes of an organ, -1: of all, stay where the step began, but where supports move them. */
+static void sbi_sweep_stop_organ(const sb_contact *contact, int organ, sb_vec3 *u)
+{
+    const sb_body *body = contact->body;
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (organ < 0 || body->node_component[i] == organ)
+            u[i] = sbi_body_pick_axes(body->fixed[i], u[i], body->start[i]);
+}
+
+/* Whole organs, since what goes on would stretch what stops; constraints tie them to each other. */
+SBI_API void sbi_contact_stop(sb_contact *contact, sb_vec3 *u)
+{
+    const sb_body *body = contact->body;
+    contact->stopped = 1;
+    sbi_sweep_look(contact, u);
+    for (int t = 0; t < contact->max_tools; t++) {
+        int count = contact->tools[t].face_count, stopped = -1;
+        for (int f = sbi_sweep_next_unsafe(contact, t, 0); f < count; f = sbi_sweep_next_unsafe(contact, t, f + 1)) {
+            int face = sbi_sweep_near(contact, t)[f], node = sbi_contact_face_nodes(contact->faces, face)[0];
+            int organ =
+                body->node_component[contact->skin.source ? sbi_contact_skin_row(&contact->skin, node).nodes[0] : node];
+            if (organ != stopped || f == 0)
+                sbi_sweep_stop_organ(contact, body->elimination ? -1 : organ, u);
+            stopped = organ;
+        }
+    }
+}
+
+SBI_API void sbi_contact_brake_stopped(const sb_contact *contact, const sb_vec3 *u, sb_vec3 *v)
+{
+    const sb_body *body = contact->body;
+    for (int i = 0; contact->stopped && i < body->domain.node_count; i++) {
+        sb_vec3 way = sb_v3_sub(u[i], body->start[i]);
+        if (!(sb_v3_dot(way, way) > 0))
+            v[i] = sbi_body_pick_axes(body->fixed[i], v[i], sb_v3(0, 0, 0));
+    }
 }
 
 SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, const sb_vec3 *chain, const sb_pose *pose,

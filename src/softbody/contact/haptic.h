@@ -52,10 +52,10 @@ SB_API sb_haptic_def sb_default_haptic_def(void);
 
 /* What the call at 1 kHz has seen. */
 typedef struct sb_haptic_info {
-    long calls;         /* since creation */
-    long frames;        /* steps of the simulation that reached it */
-    long refused;       /* calls with a state, and frames, that are not finite or out of any range */
-    long limited;       /* calls in which energy was taken off the hand's motion */
+    int64_t calls;      /* since creation */
+    int64_t frames;     /* steps of the simulation that reached it */
+    int64_t refused;    /* calls with a state, and frames, that are not finite or out of any range */
+    int64_t limited;    /* calls in which energy was taken off the hand's motion */
     double energy;      /* J left in the bank: what the hand may be given; < 0: to be taken back */
     double age, period; /* s: of the frame in force, and between frames */
     double gap;         /* m between hand and tool: what the coupling gives way by, of the tool's motion */

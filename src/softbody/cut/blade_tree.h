@@ -27,6 +27,12 @@ SB_INLINE int sbi_blade_tree_boxes(int count) { return 2 * (count / SBI_BLADE_LE
 SBI_API void sbi_blade_tree_make(sbi_blade_tree *tree, const sbi_blade *blades, int count, uint64_t *codes,
                                  int *scratch);
 
+/* Box of all blades; there are some. */
+SB_INLINE const sbi_blade_box *sbi_blade_tree_box(const sbi_blade_tree *tree)
+{
+    return tree->boxes + tree->level_first[tree->level_count - 1];
+}
+
 /* A walk over the blades whose boxes meet one. */
 typedef struct sbi_blade_walk {
     sbi_blade_box box;

@@ -118,12 +118,14 @@ static int sbi_cut_take_pieces(sb_cut *cut)
     enum { FEW = 256 };
     const sb_body *body = cut->body;
     int cells = body->live->cells.capacity, more = cells - cut->tet_count;
-    void *pieces = NULL, *records = NULL, *classes = NULL;
+    void *pieces = NULL, *records = NULL, *classes = NULL, *beyond = NULL;
     int taken = sbi_cut_grow(&cut->allocator, &pieces, &cut->piece_capacity, 0, cells, sizeof *cut->pieces) &&
                 sbi_cut_reserve_blades(cut, FEW);
     taken =
         taken && sbi_cut_grow(&cut->allocator, &records, &cut->cell_capacity, 0, 4 * FEW + more, sizeof *cut->cells);
     taken = taken && sbi_cut_grow(&cut->allocator, &classes, &cut->class_capacity, 0, FEW, sizeof *cut->classes);
+    taken = taken && sbi_cut_grow(&cut->allocator, &beyond, &cut->beyond_capacity, 0, body->node_capacity, 1);
+    cut->beyond = (unsigned char *)beyond;
     cut->pieces = (sbi_cut_piece *)pieces;
     cut->cells = (sbi_cut_cell *)records;
     cut->classes = (sbi_cut_class *)classes;
@@ -140,8 +142,9 @@ static int sbi_cut_take_pieces(sb_cut *cut)
         !sbi_cut_list_grow(cut, &cut->touched, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->parted, cut->tet_count) || !sbi_cut_list_grow(cut, &cut->near, cut->tet_count) ||
         !sbi_cut_list_grow(cut, &cut->near_hits, cut->tet_count + 1) ||
-        !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) || !sbi_cut_list_grow(cut, &cut->struck, FEW + 8 * more) ||
-        !sbi_cut_list_grow(cut, &cut->crossed, FEW) || !sbi_cut_list_grow(cut, &cut->flooded, 4 * FEW + more) ||
+        !sbi_cut_list_grow(cut, &cut->at_edge, cut->tet_count) || !sbi_cut_list_grow(cut, &cut->blade_hits, 4 * FEW) ||
+        !sbi_cut_list_grow(cut, &cut->struck, FEW + 8 * more) || !sbi_cut_list_grow(cut, &cut->crossed, FEW) ||
+        !sbi_cut_list_grow(cut, &cut->flooded, 4 * FEW + more) ||
         !sbi_cut_list_grow(cut, &cut->around, sbi_cut_most_around(cut)) || !sbi_cut_reserve_hits(cut, 16 * FEW) ||
         !sbi_cut_list_grow(cut, &cut->roots, cut->nodes_per_tet * (4 * FEW + more)))
         return 0;
@@ -267,7 +270,9 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_free(&allocator, cut->blade_scratch);
     sbi_free(&allocator, cut->blade_codes);
     sbi_free(&allocator, cut->is_near);
+    sbi_free(&allocator, cut->beyond);
     sbi_free(&allocator, cut->near.items);
+    sbi_free(&allocator, cut->at_edge.items);
     sbi_free(&allocator, cut->near_hits.items);
     sbi_free(&allocator, cut->blade_hits.items);
     sbi_free(&allocator, cut->hits);

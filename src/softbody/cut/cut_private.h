@@ -181,8 +181,11 @@ struct sb_cut {
     uint64_t *blade_codes; /* [tree_capacity] */
     int *blade_scratch;
     unsigned char *is_near; /* [tet_count] */
+    unsigned char *beyond;  /* [beyond_capacity] of a body's nodes: sides of a box that each is beyond, as bits */
+    int beyond_capacity;
     sbi_cut_list near, near_hits, blade_hits;
-    sbi_cut_box reach; /* of the triangles */
+    sbi_cut_list at_edge; /* of the near tets those whose boxes meet that of a blade's edge */
+    sbi_cut_box reach;    /* of the triangles */
     sbi_cut_hit *hits, *sorted_hits;
     int hit_capacity, sorted_capacity;
     sbi_cut_list around;          /* tets around a link */
@@ -449,5 +452,7 @@ SBI_API void sbi_cut_leave_state(const sb_cut *cut);
 /* ---- cut_surface.c ---- */
 struct sb_cut_surface;
 SBI_API struct sb_skin *sbi_cut_surface_get_skin(struct sb_cut_surface *surface);
+/* The next update draws all anew, with the same result: for tests. */
+SBI_API void sbi_cut_surface_forget(struct sb_cut_surface *surface);
 
 #endif /* SB_CUT_PRIVATE_H */

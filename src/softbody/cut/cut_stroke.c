@@ -207,25 +207,35 @@ static void sbi_cut_settle(const sb_cut *cut, int tet, int piece, sb_vec3 p, sb_
     }
 }
 
-/* A sample at a corner: in the piece of a near tet that has it deepest inside or nearest, or in space. */
-static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, int *count)
+/* Puts a sample at p into the piece of one of these tets, whose box p is in or no farther from than `margin` (m), that
+ * has it deepest inside, or nearest; returns how deep. */
+static sb_real sbi_cut_settle_among(const sb_cut *cut, const sbi_cut_list *tets, sb_vec3 p, sb_real margin,
+                                    sbi_cut_sample *sample)
 {
-    sbi_cut_sample *sample = cut->front + (*count)++;
     sbi_cut_box box = sbi_cut_box_around(&p, 1);
     sb_real deepest = -sbi_cut_skin;
-    sbi_cut_box_widen(&box, cut->element_size);
-    memset(sample, 0, sizeof *sample);
-    sample->side = sbi_min_int(corner, corners - 2);
-    sample->along = corner == corners - 1;
+    sbi_cut_box_widen(&box, margin);
     sample->tet = -1;
-    sample->place = p;
-    for (int i = 0; i < cut->near.count; i++) {
-        int tet = cut->near.items[i];
+    for (int i = 0; i < tets->count; i++) {
+        int tet = tets->items[i];
         if (!sbi_cut_meets_tet(cut, tet, &box))
             continue;
         for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
             sbi_cut_settle(cut, tet, piece, p, &deepest, sample);
     }
+    return deepest;
+}
+
+/* A sample at a corner: in the piece of a near tet that has it deepest inside or nearest, or in space. */
+static void sbi_cut_add_corner(sb_cut *cut, int corner, int corners, sb_vec3 p, int *count)
+{
+    sbi_cut_sample *sample = cut->front + (*count)++;
+    memset(sample, 0, sizeof *sample);
+    sample->side = sbi_min_int(corner, corners - 2);
+    sample->along = corner == corners - 1;
+    sample->place = p;
+    if (sbi_cut_settle_among(cut, &cut->at_edge, p, 0, sample) < 0)
+        (void)sbi_cut_settle_among(cut, &cut->near, p, cut->element_size, sample);
 }
 
 /* ---- the front along an edge ---- */
@@ -258,6 +268,22 @@ static int sbi_cut_is_on_skin(const sb_cut *cut, int tet)
 {
     const int *others = cut->neighbours.items + 4 * (size_t)tet;
     return others[0] < 0 || others[1] < 0 || others[2] < 0 || others[3] < 0;
+}
+
+/* Two samples on a side that are no farther apart than that are one. */
+static const sb_real sbi_cut_apart = (sb_real)1e-6;
+
+/* 1 when all of the side is in cells that it goes through: no sample of it is outside. */
+static int sbi_cut_is_inside(const sb_cut *cut)
+{
+    sb_real reached = 0, last = -1;
+    while (reached + sbi_cut_apart < 1 && reached > last) {
+        last = reached;
+        for (int i = 0; i < cut->span_count; i++)
+            if (cut->spans[i].first <= reached + sbi_cut_apart)
+                reached = sb_max(reached, cut->spans[i].last);
+    }
+    return reached + sbi_cut_apart >= 1;
 }
 
 /* 1 when a place of the side is in no cell that it goes through. */
@@ -297,26 +323,45 @@ static int sbi_cut_add_passes(sb_cut *cut, int piece, int brick, sb_real beyond,
     return 1;
 }
 
-/* Adds the samples of a side that are not corners; 0: no memory. */
-static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *count)
+/* Adds samples of a side where it goes through the cells of these tets, or, beyond > 0, past their skin outside of the
+ * tissue. 0: no memory. */
+static int sbi_cut_add_among(sb_cut *cut, const sbi_cut_list *tets, sb_real beyond, const sb_vec3 ends[2], int side,
+                             int *count)
 {
     sbi_cut_box box = sbi_cut_box_around(ends, 2);
     sbi_cut_sample passing;
     memset(&passing, 0, sizeof passing);
     passing.side = side;
-    sbi_cut_box_widen(&box, cut->element_size);
-    cut->span_count = 0;
-    for (int skin = 0; skin < 2; skin++)
-        for (int i = 0; i < cut->near.count; i++) {
-            int tet = passing.tet = cut->near.items[i];
-            if ((skin && !sbi_cut_is_on_skin(cut, tet)) || !sbi_cut_meets_tet(cut, tet, &box))
-                continue;
-            for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
-                for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++)
-                    if (!sbi_cut_add_passes(cut, piece, brick, skin ? sbi_cut_skin : 0, &passing, ends, count))
-                        return 0;
-        }
+    if (beyond > 0)
+        sbi_cut_box_widen(&box, cut->element_size);
+    for (int i = 0; i < tets->count; i++) {
+        int tet = passing.tet = tets->items[i];
+        if ((beyond > 0 && !sbi_cut_is_on_skin(cut, tet)) || !sbi_cut_meets_tet(cut, tet, &box))
+            continue;
+        for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next)
+            for (int brick = 0; brick < sbi_cut_brick_count(cut); brick++)
+                if (!sbi_cut_add_passes(cut, piece, brick, beyond, &passing, ends, count))
+                    return 0;
+    }
     return 1;
+}
+
+/* Adds the samples of a side that are not corners; 0: no memory. */
+static int sbi_cut_add_side(sb_cut *cut, const sb_vec3 ends[2], int side, int *count)
+{
+    cut->span_count = 0;
+    return sbi_cut_add_among(cut, &cut->at_edge, 0, ends, side, count) &&
+           (sbi_cut_is_inside(cut) || sbi_cut_add_among(cut, &cut->near, sbi_cut_skin, ends, side, count));
+}
+
+/* Lists the near tets that the edge may go through: few, where the next strip may reach many. */
+static void sbi_cut_list_at_edge(sb_cut *cut, const sb_vec3 *edge, int corners)
+{
+    sbi_cut_box box = sbi_cut_box_around(edge, corners);
+    cut->at_edge.count = 0;
+    for (int i = 0; i < cut->near.count; i++)
+        if (sbi_cut_meets_tet(cut, cut->near.items[i], &box))
+            cut->at_edge.items[cut->at_edge.count++] = cut->near.items[i];
 }
 
 static int sbi_cut_is_sooner(const void *context, int a, int b)
@@ -330,10 +375,10 @@ static int sbi_cut_is_sooner(const void *context, int a, int b)
 /* Samples along an edge among the near tets, in cut->front; returns how many, 0: no memory. */
 static int sbi_cut_find_front(sb_cut *cut, const sb_vec3 *edge, int corners)
 {
-    const sb_real apart = (sb_real)1e-6; /* two samples on a side */
     int count = 0, kept = 0;
     if (!sbi_cut_reserve_front(cut, 0, corners))
         return 0;
+    sbi_cut_list_at_edge(cut, edge, corners);
     for (int k = 0; k < corners; k++)
         sbi_cut_add_corner(cut, k, corners, edge[k], &count);
     for (int side = 0; side + 1 < corners; side++)
@@ -346,7 +391,7 @@ static int sbi_cut_find_front(sb_cut *cut, const sb_vec3 *edge, int corners)
         const sbi_cut_sample *next = cut->front + cut->front_order.items[i];
         const sbi_cut_sample *last = kept ? cut->sorted_front + kept - 1 : NULL;
         int is_corner = next->along == 0 || next->along == 1;
-        if (is_corner || !last || last->side != next->side || next->along - last->along > apart)
+        if (is_corner || !last || last->side != next->side || next->along - last->along > sbi_cut_apart)
             cut->sorted_front[kept++] = *next;
     }
     return kept;

@@ -6,7 +6,11 @@
  * and centres of micro-tets. Each has one vertex for each side of the cut that it is on. A link has two sides, unless
  * its ends are of one piece in some element around it: there the cut ends. A face has a side for each set of its
  * corners that are of one piece in an element on either side of it. So the sides agree in all elements around, and
- * edges close. */
+ * edges close.
+ *
+ * A call redraws elements whose links or cells are others than when they were drawn, and those beside them whose sides
+ * that changes; triangles of others are taken as they were. Vertices belong to the first element that draws them: one
+ * that is now the first is redrawn. So numbers and places are those of drawing all anew. */
 #include "cut_surface.h"
 
 #include <string.h>
@@ -18,6 +22,8 @@
 enum { SBI_DRAW_WHOLE = 0, SBI_DRAW_SPLIT = 1, SBI_DRAW_FAN = 2 }; /* faces of the skin */
 enum { SBI_DRAW_POINT = 0, SBI_DRAW_LINK = 1, SBI_DRAW_FACE = 2, SBI_DRAW_CENTRE = 3, SBI_DRAW_MIDDLE = 4 };
 enum { SBI_DRAW_KEY = 7 };
+enum { SBI_DRAW_LISTED = 1, SBI_DRAW_CHANGED = 2, SBI_DRAW_BESIDE = 4 }; /* marks of elements */
+enum { SBI_DRAW_OUTER = 64 }; /* faces of micro-tets on faces of an element, at most */
 
 /* Of a corner of a micro-tet the face without it, in the order of sbi_micro_points. */
 static const signed char sbi_draw_opposite[4] = {2, 3, 1, 0};
@@ -42,6 +48,19 @@ typedef struct sbi_draw_vertex {
     int stamp;                           /* of the last rebuild that used it */
 } sbi_draw_vertex;
 
+/* A cut link as it was when it was drawn. */
+typedef struct sbi_draw_kept {
+    sbi_link_key key;
+    sb_real t;
+    int state, charred;
+} sbi_draw_kept;
+
+/* What an element was drawn as: its triangles, and hashes of its cells and of what its sides were. */
+typedef struct sbi_draw_drawn {
+    int first, count;
+    uint64_t cells, sides;
+} sbi_draw_drawn;
+
 typedef struct sbi_draw_axes {
     sb_vec3 normal, u, v;
 } sbi_draw_axes;
@@ -55,13 +74,17 @@ struct sb_cut_surface {
     int stamp;
     int failed; /* 1: no memory since the update began */
 
-    int face_count;             /* of the skin */
-    int *faces;                 /* [face_count] 4 tet + face */
-    int *face_of;               /* [4 tet_count] number of the skin's face, or -1 */
-    unsigned char *face_states; /* [face_count] */
-    unsigned char *tet_marks;   /* [tet_count] */
-    sbi_cut_list tets;          /* that are drawn by pieces, ascending */
-    unsigned char *merged;      /* [link] 1: the cut ends there */
+    int face_count;                /* of the skin */
+    int *faces;                    /* [face_count] 4 tet + face */
+    int *face_of;                  /* [4 tet_count] number of the skin's face, or -1 */
+    unsigned char *face_states;    /* [face_count] */
+    unsigned char *tet_marks;      /* [tet_count] */
+    sbi_draw_drawn *drawn;         /* [tet_count] of those that are listed */
+    sbi_cut_list tets;             /* that are drawn by pieces, ascending */
+    sbi_draw_kept *kept;           /* links that the triangles are of */
+    int kept_count, kept_capacity; /* count -1: there are no triangles to be kept */
+    int fanned;                    /* edges whose faces have been found */
+    unsigned char *merged;         /* [link] 1: the cut ends there */
     int merged_capacity;
     sbi_draw_table joins; /* of faces between elements: which corners are of one piece, as bits of pairs */
     sbi_draw_table edges; /* of the skin that faces meet at by links */
@@ -79,6 +102,10 @@ struct sb_cut_surface {
     unsigned char *tags;
     int *cells;
     int triangle_count, triangle_capacity, triangles_before;
+    int (*old_triangles)[3]; /* [triangles_before] as they were before the rebuild at work */
+    unsigned char *old_tags;
+    int *old_cells;
+    int old_capacity[3];
     int first_triangle, triangle_end, first_vertex;
     sbi_draw_axes *axes;
     int axes_count, axes_capacity;
@@ -529,7 +556,12 @@ static void sbi_draw_load_tet(const sb_cut_surface *s, int tet, sbi_draw_tet *t)
         t->cells[count++] = cut->pieces[piece].cell;
 }
 
-static void sbi_draw_mark_tet(sb_cut_surface *s, int tet) { s->tet_marks[tet] = 1; }
+/* Lists an element; changed: it is not as it was drawn. */
+static void sbi_draw_mark_tet(sb_cut_surface *s, int tet, int changed)
+{
+    if (changed || !s->tet_marks[tet])
+        s->tet_marks[tet] |= SBI_DRAW_LISTED | SBI_DRAW_CHANGED;
+}
 
 static int sbi_draw_has_node(const sb_cut *cut, int tet, int node)
 {
@@ -537,20 +569,86 @@ static int sbi_draw_has_node(const sb_cut *cut, int tet, int node)
     return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
 }
 
-/* Marks the elements around all cut links. */
-static void sbi_draw_mark_links(sb_cut_surface *s)
+/* Marks the elements around a link as changed. */
+static void sbi_draw_mark_around(sb_cut_surface *s, const sbi_link_key *key)
 {
     const sb_cut *cut = s->cut;
-    for (int i = 0; i < cut->links.count; i++) {
-        const int *at = cut->links.items[i].key.at;
-        if (at[1] < 0) {
-            sbi_draw_mark_tet(s, at[0]);
+    const int *at = key->at;
+    if (at[1] < 0) {
+        sbi_draw_mark_tet(s, at[0], 1);
+        return;
+    }
+    for (int k = cut->node_tets.offsets[at[0]]; k < cut->node_tets.offsets[at[0] + 1]; k++) {
+        int tet = cut->node_tets.items[k];
+        if (sbi_draw_has_node(cut, tet, at[1]) && (at[2] < 0 || sbi_draw_has_node(cut, tet, at[2])))
+            sbi_draw_mark_tet(s, tet, 1);
+    }
+}
+
+/* Marks the elements around links that are new, or others than they were. */
+static void sbi_draw_mark_links(sb_cut_surface *s)
+{
+    for (int i = 0; i < s->cut->links.count; i++) {
+        const sbi_cut_link *link = s->cut->links.items + i;
+        sbi_draw_kept *kept = s->kept + i;
+        if (i < s->kept_count && kept->t == link->t && kept->state == link->state && kept->charred == link->charred)
             continue;
-        }
-        for (int k = cut->node_tets.offsets[at[0]]; k < cut->node_tets.offsets[at[0] + 1]; k++) {
-            int tet = cut->node_tets.items[k];
-            if (sbi_draw_has_node(cut, tet, at[1]) && (at[2] < 0 || sbi_draw_has_node(cut, tet, at[2])))
-                sbi_draw_mark_tet(s, tet);
+        if (i >= s->kept_count)
+            s->merged[i] = 0;
+        kept->key = link->key;
+        kept->t = link->t;
+        kept->state = link->state;
+        kept->charred = link->charred;
+        sbi_draw_mark_around(s, &link->key);
+    }
+    s->kept_count = s->cut->links.count;
+}
+
+/* Of an element: cells of its pieces, their nodes, and what was taken out. */
+static uint64_t sbi_draw_hash_cells(const sb_cut_surface *s, int tet)
+{
+    const sb_cut *cut = s->cut;
+    uint64_t hash = cut->links.lost[tet];
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
+        const int *nodes = sbi_cut_piece_nodes(cut, piece);
+        hash = sbi_hash_word(hash, cut->pieces[piece].points);
+        hash = sbi_hash_word(hash, (uint64_t)cut->pieces[piece].cell);
+        for (int a = 0; a < cut->nodes_per_tet; a++)
+            hash = sbi_hash_word(hash, (uint64_t)nodes[a]);
+    }
+    return hash;
+}
+
+static void sbi_draw_mark_cells(sb_cut_surface *s)
+{
+    for (int i = 0; i < s->tets.count; i++) {
+        int tet = s->tets.items[i];
+        if (s->drawn[tet].cells != sbi_draw_hash_cells(s, tet))
+            sbi_draw_mark_tet(s, tet, 1);
+    }
+}
+
+static int sbi_draw_shares_edge(const sb_cut *cut, int tet, int other)
+{
+    int shared = 0;
+    for (int a = 0; a < 4; a++)
+        shared += sbi_draw_has_node(cut, other, cut->tets[4 * (size_t)tet + (size_t)a]);
+    return shared > 1;
+}
+
+/* Marks the listed elements that share an edge with one that has changed. */
+static void sbi_draw_mark_beside(sb_cut_surface *s)
+{
+    const sb_cut *cut = s->cut;
+    for (int i = 0; i < s->tets.count; i++) {
+        int tet = s->tets.items[i];
+        for (int a = 0; a < 4 && (s->tet_marks[tet] & SBI_DRAW_CHANGED); a++) {
+            int node = cut->tets[4 * (size_t)tet + (size_t)a];
+            for (int k = cut->node_tets.offsets[node]; k < cut->node_tets.offsets[node + 1]; k++) {
+                int other = cut->node_tets.items[k];
+                if (s->tet_marks[other] == SBI_DRAW_LISTED && sbi_draw_shares_edge(cut, tet, other))
+                    s->tet_marks[other] |= SBI_DRAW_BESIDE;
+            }
         }
     }
 }
@@ -570,18 +668,20 @@ static void sbi_draw_micro_face(const sb_cut_surface *s, int x, int local[3])
         local[k] = s->beside[x][k];
 }
 
-/* Where cuts end, and which corners of faces between elements are of one piece in one of them. */
-static void sbi_draw_find_sides(sb_cut_surface *s, const sbi_draw_tet *t)
+/* A face of a micro-tet on a face of the element that has a cut link. */
+typedef struct sbi_draw_outer {
+    sbi_draw_key key;
+    int pairs;
+} sbi_draw_outer;
+
+static int sbi_draw_list_outer(const sb_cut_surface *s, const sbi_draw_tet *t, sbi_draw_outer outer[SBI_DRAW_OUTER])
 {
     const sbi_parted *parted = &t->parted;
     const sbi_lattice *lattice = parted->lattice;
-    for (int l = 0; l < lattice->link_count; l++) {
-        if (parted->cut[l] && parted->piece_of[lattice->links[l][0]] == parted->piece_of[lattice->links[l][1]])
-            s->merged[parted->rank[l]] = 1;
-    }
+    int count = 0;
     for (int micro = 0; micro < lattice->micro_count; micro++)
         for (int x = 0; x < 4; x++) {
-            int local[3], ranked[3], shared, item, cut = 0;
+            int local[3], ranked[3], shared, cut = 0;
             sbi_draw_key key;
             sbi_draw_micro_face(s, x, local);
             for (int k = 0; k < 3; k++)
@@ -591,11 +691,72 @@ static void sbi_draw_find_sides(sb_cut_surface *s, const sbi_draw_tet *t)
             key = sbi_draw_face_key(t, micro, local, ranked, &shared);
             if (!shared)
                 continue;
-            item = sbi_draw_put(&s->allocator, &s->joins, &key);
-            s->failed |= item < 0;
-            if (item >= 0)
-                s->joins.values[item] |= sbi_draw_pairs(t, micro, local, ranked);
+            outer[count].key = key;
+            outer[count++].pairs = sbi_draw_pairs(t, micro, local, ranked);
         }
+    return count;
+}
+
+/* Forgets what an element has said of its sides, and all others around: they are to say it again. */
+static void sbi_draw_clear_sides(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    sbi_draw_outer outer[SBI_DRAW_OUTER];
+    int count = sbi_draw_list_outer(s, t, outer);
+    for (int l = 0; l < t->parted.lattice->link_count; l++)
+        if (t->parted.cut[l])
+            s->merged[t->parted.rank[l]] = 0;
+    for (int i = 0; i < count; i++) {
+        int item = sbi_draw_find(&s->joins, &outer[i].key);
+        if (item >= 0)
+            s->joins.values[item] = 0;
+    }
+}
+
+/* Where cuts end, and which corners of faces between elements are of one piece in one of them. */
+static void sbi_draw_find_sides(sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const sbi_parted *parted = &t->parted;
+    const sbi_lattice *lattice = parted->lattice;
+    sbi_draw_outer outer[SBI_DRAW_OUTER];
+    int count = sbi_draw_list_outer(s, t, outer);
+    for (int l = 0; l < lattice->link_count; l++) {
+        if (parted->cut[l] && parted->piece_of[lattice->links[l][0]] == parted->piece_of[lattice->links[l][1]])
+            s->merged[parted->rank[l]] = 1;
+    }
+    for (int i = 0; i < count; i++) {
+        int item = sbi_draw_put(&s->allocator, &s->joins, &outer[i].key);
+        s->failed |= item < 0;
+        if (item >= 0)
+            s->joins.values[item] |= outer[i].pairs;
+    }
+}
+
+/* Of all that an element is drawn by and that others around have a say in. */
+static uint64_t sbi_draw_hash_sides(const sb_cut_surface *s, const sbi_draw_tet *t)
+{
+    const int *nodes = s->cut->tets + 4 * (size_t)t->tet;
+    sbi_draw_outer outer[SBI_DRAW_OUTER];
+    int count = sbi_draw_list_outer(s, t, outer);
+    uint64_t hash = 0;
+    for (int l = 0; l < t->parted.lattice->link_count; l++)
+        if (t->parted.cut[l])
+            hash = sbi_hash_word(hash, s->merged[t->parted.rank[l]]);
+    for (int i = 0; i < count; i++) {
+        int item = sbi_draw_find(&s->joins, &outer[i].key);
+        hash = sbi_hash_word(hash, item >= 0 ? (uint64_t)s->joins.values[item] : 0);
+    }
+    for (int face = 0; face < 4; face++) {
+        int number = s->face_of[4 * (size_t)t->tet + (size_t)face], local[SB_MAX_FACE_NODES];
+        hash = number < 0 ? hash : sbi_hash_word(hash, s->face_states[number]);
+        if (number < 0 || s->face_states[number] != SBI_DRAW_FAN)
+            continue;
+        sb_element_face(SB_TET4, face, local, NULL);
+        for (int k = 0; k < 3; k++) {
+            sbi_draw_key edge = sbi_draw_edge_key(nodes[local[k]], nodes[local[(k + 1) % 3]]);
+            hash = sbi_hash_word(hash, sbi_draw_find(&s->edges, &edge) >= 0);
+        }
+    }
+    return hash;
 }
 
 /* Whether a face of the skin has a cut link. */
@@ -630,7 +791,7 @@ static void sbi_draw_split_faces(sb_cut_surface *s, const sbi_draw_tet *t)
 static void sbi_draw_find_fans(sb_cut_surface *s)
 {
     const sb_cut *cut = s->cut;
-    for (int i = 0; i < s->edges.count; i++) {
+    for (int i = s->fanned; i < s->edges.count; i++) {
         int a = s->edges.keys[i].at[1], b = s->edges.keys[i].at[2];
         for (int k = cut->node_tets.offsets[a]; k < cut->node_tets.offsets[a + 1]; k++) {
             int tet = cut->node_tets.items[k];
@@ -645,10 +806,11 @@ static void sbi_draw_find_fans(sb_cut_surface *s)
                 if (found < 2 || number < 0 || s->face_states[number] != SBI_DRAW_WHOLE)
                     continue;
                 s->face_states[number] = SBI_DRAW_FAN;
-                sbi_draw_mark_tet(s, tet);
+                sbi_draw_mark_tet(s, tet, 0);
             }
         }
     }
+    s->fanned = s->edges.count;
 }
 
 /* ---- drawing an element ---- */
@@ -855,14 +1017,114 @@ static void sbi_draw_lips(sb_cut_surface *s, const sbi_draw_tet *t)
 
 /* ---- all of it ---- */
 
-static int sbi_draw_reserve_merged(sb_cut_surface *s)
+/* Room for what is known of all links, and of what is known of those that were drawn. */
+static int sbi_draw_reserve_links(sb_cut_surface *s)
 {
-    void *merged = s->merged;
-    int grown = sbi_cut_grow(&s->allocator, &merged, &s->merged_capacity, 0, s->cut->links.count, 1);
+    int had = sbi_max_int(s->kept_count, 0), more = sbi_max_int(s->cut->links.count - had, 0);
+    void *merged = s->merged, *kept = s->kept;
+    int grown = sbi_cut_grow(&s->allocator, &merged, &s->merged_capacity, had, more, 1) &&
+                sbi_cut_grow(&s->allocator, &kept, &s->kept_capacity, had, more, sizeof *s->kept);
     s->merged = (unsigned char *)merged;
-    if (grown && s->cut->links.count)
-        memset(s->merged, 0, (size_t)s->cut->links.count);
+    s->kept = (sbi_draw_kept *)kept;
     return grown;
+}
+
+/* Keeps the triangles as they are while others are written over them; 0: no memory. */
+static int sbi_draw_keep_triangles(sb_cut_surface *s)
+{
+    size_t n = (size_t)s->triangles_before;
+    void *triangles = s->old_triangles, *tags = s->old_tags, *cells = s->old_cells;
+    int *capacity = s->old_capacity, count = s->triangles_before;
+    int grown = sbi_cut_grow(&s->allocator, &triangles, capacity, 0, count, sizeof *s->old_triangles) &&
+                sbi_cut_grow(&s->allocator, &tags, capacity + 1, 0, count, 1) &&
+                sbi_cut_grow(&s->allocator, &cells, capacity + 2, 0, count, sizeof(int));
+    s->old_triangles = (int(*)[3])triangles;
+    s->old_tags = (unsigned char *)tags;
+    s->old_cells = (int *)cells;
+    if (!grown || !count)
+        return grown;
+    memcpy(s->old_triangles, s->triangles, n * sizeof *s->triangles);
+    memcpy(s->old_tags, s->tags, n);
+    memcpy(s->old_cells, s->cells, n * sizeof *s->cells);
+    return 1;
+}
+
+/* Whether the links that were drawn are still there, whatever has become of them and of others. */
+static int sbi_draw_links_stay(const sb_cut_surface *s)
+{
+    if (s->kept_count < 0 || s->kept_count > s->cut->links.count)
+        return 0;
+    for (int i = 0; i < s->kept_count; i++)
+        if (memcmp(s->kept[i].key.at, s->cut->links.items[i].key.at, sizeof s->kept[i].key.at) != 0)
+            return 0;
+    return 1;
+}
+
+/* All is to be drawn anew. */
+static void sbi_draw_forget(sb_cut_surface *s)
+{
+    sbi_draw_clear_table(&s->joins);
+    sbi_draw_clear_table(&s->edges);
+    memset(s->face_states, 0, (size_t)s->face_count);
+    memset(s->tet_marks, 0, (size_t)s->cut->tet_count);
+    s->kept_count = s->fanned = 0;
+}
+
+/* 1 when triangles [first, end) of an element that has not changed can stay: the vertices that nobody has drawn yet are
+ * its own. They are drawn then. */
+static int sbi_draw_claim(sb_cut_surface *s, int (*triangles)[3], int first, int end, int tet)
+{
+    for (int f = first; f < end; f++)
+        for (int k = 0; k < 3; k++) {
+            const sbi_draw_vertex *vertex = s->vertices + triangles[f][k];
+            if (vertex->stamp != s->stamp && vertex->origin.element != tet)
+                return 0;
+        }
+    for (int f = first; f < end; f++)
+        for (int k = 0; k < 3; k++)
+            s->vertices[triangles[f][k]].stamp = s->stamp;
+    return 1;
+}
+
+/* Takes an element's triangles as they were, if they can stay. */
+static int sbi_draw_replay(sb_cut_surface *s, int tet)
+{
+    sbi_draw_drawn *drawn = s->drawn + tet;
+    int first = drawn->first, end = first + drawn->count;
+    if (!sbi_draw_claim(s, s->old_triangles, first, end, tet))
+        return 0;
+    drawn->first = s->triangle_count;
+    for (int f = first; f < end; f++) {
+        const int *v = s->old_triangles[f];
+        sbi_draw_add_triangle(s, v[0], v[1], v[2], s->old_tags[f], s->old_cells[f]);
+    }
+    return 1;
+}
+
+static void sbi_draw_tet_anew(sb_cut_surface *s, const sbi_draw_tet *t, uint64_t sides)
+{
+    sbi_draw_drawn *drawn = s->drawn + t->tet;
+    drawn->first = s->triangle_count;
+    sbi_draw_skin(s, t);
+    sbi_draw_lips(s, t);
+    drawn->count = s->triangle_count - drawn->first;
+    drawn->cells = sbi_draw_hash_cells(s, t->tet);
+    drawn->sides = sides;
+}
+
+/* Draws a listed element, or takes it as it was drawn. */
+static void sbi_draw_listed(sb_cut_surface *s, int tet)
+{
+    int marks = s->tet_marks[tet];
+    uint64_t sides;
+    sbi_draw_tet t;
+    s->tet_marks[tet] = SBI_DRAW_LISTED;
+    if (marks == SBI_DRAW_LISTED && sbi_draw_replay(s, tet))
+        return;
+    sbi_draw_load_tet(s, tet, &t);
+    sides = sbi_draw_hash_sides(s, &t);
+    if ((marks & SBI_DRAW_CHANGED) || s->drawn[tet].sides != sides || !sbi_draw_replay(s, tet))
+        sbi_draw_tet_anew(s, &t, sides);
 }
 
 /* 1 when a whole face of an element without cuts is drawn as it is now. */
@@ -887,6 +1149,9 @@ static void sbi_draw_whole_faces(sb_cut_surface *s)
         sb_element_face(SB_TET4, face, local, NULL);
         if (s->triangles_before > f && !s->tet_marks[tet] && sbi_draw_is_same(s, f, tet, local))
             continue;
+        if (s->tet_marks[tet] && !(s->tet_marks[tet] & SBI_DRAW_CHANGED) && s->cells[f] >= 0 &&
+            sbi_draw_claim(s, s->triangles, f, f + 1, tet))
+            continue;
         sbi_draw_load_tet(s, tet, &t);
         if (sbi_draw_is_lost(&t, local[0])) {
             sbi_draw_set_triangle(s, f, 0, 0, 0, SB_CUT_SKIN, -1);
@@ -897,34 +1162,49 @@ static void sbi_draw_whole_faces(sb_cut_surface *s)
     }
 }
 
-/* Makes the triangles anew; 0: no memory. */
-static int sbi_draw_rebuild(sb_cut_surface *s)
+/* Lists the elements that are drawn by pieces, and marks those that have changed, and those beside them. */
+static void sbi_draw_mark(sb_cut_surface *s)
 {
-    sbi_draw_tet t;
-    s->failed = 0;
-    s->stamp++;
-    sbi_draw_clear_table(&s->joins);
-    sbi_draw_clear_table(&s->edges);
-    memset(s->face_states, 0, (size_t)s->face_count);
-    memset(s->tet_marks, 0, (size_t)s->cut->tet_count);
-    if (!sbi_draw_reserve_merged(s))
-        return 0;
+    if (!sbi_draw_links_stay(s))
+        sbi_draw_forget(s);
     sbi_draw_mark_links(s);
     sbi_draw_list_tets(s);
-    for (int i = 0; i < s->tets.count; i++) {
-        sbi_draw_load_tet(s, s->tets.items[i], &t);
-        sbi_draw_find_sides(s, &t);
-        sbi_draw_split_faces(s, &t);
-    }
+    sbi_draw_mark_cells(s);
+    sbi_draw_mark_beside(s);
+}
+
+/* Sides, faces and edges of what is marked. */
+static void sbi_draw_find_all(sb_cut_surface *s)
+{
+    sbi_draw_tet t;
+    for (int i = 0; i < s->tets.count; i++)
+        if (s->tet_marks[s->tets.items[i]] & SBI_DRAW_CHANGED) {
+            sbi_draw_load_tet(s, s->tets.items[i], &t);
+            sbi_draw_clear_sides(s, &t);
+        }
+    for (int i = 0; i < s->tets.count; i++)
+        if (s->tet_marks[s->tets.items[i]] != SBI_DRAW_LISTED) {
+            sbi_draw_load_tet(s, s->tets.items[i], &t);
+            sbi_draw_find_sides(s, &t);
+            sbi_draw_split_faces(s, &t);
+        }
     sbi_draw_find_fans(s);
+}
+
+/* Brings the triangles up to date; 0: no memory. */
+static int sbi_draw_rebuild(sb_cut_surface *s)
+{
+    s->failed = 0;
+    s->stamp++;
+    if (!sbi_draw_keep_triangles(s) || !sbi_draw_reserve_links(s))
+        return 0;
+    sbi_draw_mark(s);
+    sbi_draw_find_all(s);
     sbi_draw_list_tets(s);
     sbi_draw_whole_faces(s);
     s->triangle_count = s->face_count;
-    for (int i = 0; i < s->tets.count && !s->failed; i++) {
-        sbi_draw_load_tet(s, s->tets.items[i], &t);
-        sbi_draw_skin(s, &t);
-        sbi_draw_lips(s, &t);
-    }
+    for (int i = 0; i < s->tets.count && !s->failed; i++)
+        sbi_draw_listed(s, s->tets.items[i]);
     if (s->triangle_count < s->triangles_before) {
         s->first_triangle = sbi_min_int(s->first_triangle, s->triangle_count);
         s->triangle_end = sbi_max_int(s->triangle_end, s->triangle_count);
@@ -1000,6 +1280,7 @@ static sb_result sbi_draw_refresh(sb_cut_surface *s, sb_error *error)
         s->version = made ? sb_body_mesh_version(s->cut->body) : -1;
         sbi_draw_find_unused(s);
         s->triangles_before = made ? s->triangle_count : 0;
+        s->kept_count = made ? s->kept_count : -1;
         result = made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the surface of a cut");
     }
     s->triangle_end = sbi_max_int(s->triangle_end, s->first_triangle);
@@ -1055,6 +1336,8 @@ static uint64_t sbi_draw_get_name(const struct sb_skin *skin, int point)
 
 SBI_API struct sb_skin *sbi_cut_surface_get_skin(sb_cut_surface *s) { return &s->skin; }
 
+SBI_API void sbi_cut_surface_forget(sb_cut_surface *s) { s->kept_count = -1; }
+
 /* ---- creation ---- */
 
 /* The faces of the skin, and tables of local numbers. */
@@ -1083,8 +1366,9 @@ static int sbi_draw_take_skin(sb_cut_surface *s)
     s->face_of = (int *)sbi_alloc(&s->allocator, sides, sizeof(int));
     s->face_states = (unsigned char *)sbi_alloc_zeroed(&s->allocator, (size_t)s->face_count, 1);
     s->tet_marks = (unsigned char *)sbi_alloc_zeroed(&s->allocator, (size_t)cut->tet_count, 1);
+    s->drawn = (sbi_draw_drawn *)sbi_alloc_zeroed(&s->allocator, (size_t)cut->tet_count, sizeof *s->drawn);
     s->tets.items = (int *)sbi_alloc(&s->allocator, (size_t)cut->tet_count, sizeof(int));
-    taken = s->faces && s->face_of && s->face_states && s->tet_marks && s->tets.items &&
+    taken = s->faces && s->face_of && s->face_states && s->tet_marks && s->drawn && s->tets.items &&
             sbi_cut_grow(&s->allocator, &triangles, capacity, 0, s->face_count, sizeof *s->triangles) &&
             sbi_cut_grow(&s->allocator, &tags, capacity + 1, 0, s->face_count, 1) &&
             sbi_cut_grow(&s->allocator, &cells, capacity + 2, 0, s->face_count, sizeof(int));
@@ -1150,6 +1434,11 @@ SB_API void sb_cut_surface_destroy(sb_cut_surface *s)
     sbi_free(&allocator, s->tet_marks);
     sbi_free(&allocator, s->tets.items);
     sbi_free(&allocator, s->merged);
+    sbi_free(&allocator, s->drawn);
+    sbi_free(&allocator, s->kept);
+    sbi_free(&allocator, s->old_triangles);
+    sbi_free(&allocator, s->old_tags);
+    sbi_free(&allocator, s->old_cells);
     sbi_free(&allocator, s->vertices);
     sbi_free(&allocator, s->origins);
     sbi_free(&allocator, s->positions);

@@ -94,6 +94,7 @@ enum { SBI_CUT_TETS = 1024, SBI_CUT_NEARS = 32 }; /* for one task */
 typedef struct sbi_cut_near_work {
     sb_cut *cut;
     sbi_cut_box reach;
+    const unsigned char *beyond; /* of the nodes; NULL: boxes of cells are to be asked */
 } sbi_cut_near_work;
 
 static int sbi_cut_boxes_meet(const sbi_cut_box *a, const sbi_cut_box *b)
@@ -193,12 +194,56 @@ SBI_API int sbi_cut_meets_tet(const sb_cut *cut, int tet, const sbi_cut_box *box
     return meets;
 }
 
+/* Sides of a box that a point is beyond, as bits. */
+static int sbi_cut_beyond(const sbi_cut_box *box, sb_vec3 p)
+{
+    return (p.x < box->low.x) | (p.x > box->high.x) << 1 | (p.y < box->low.y) << 2 | (p.y > box->high.y) << 3 |
+           (p.z < box->low.z) << 4 | (p.z > box->high.z) << 5;
+}
+
+static void sbi_cut_beyond_task(void *user, int task)
+{
+    const sbi_cut_near_work *work = (const sbi_cut_near_work *)user;
+    const sb_vec3 *x = work->cut->body->position;
+    int end = sbi_min_int(SBI_CUT_TETS * (task + 1), work->cut->body->live->nodes.end);
+    for (int node = SBI_CUT_TETS * task; node < end; node++)
+        work->cut->beyond[node] = (unsigned char)sbi_cut_beyond(&work->reach, x[node]);
+}
+
+/* Finds on which sides of the box nodes are: a tet4 with all corners beyond one of them is not near. Without memory for
+ * that, and where elements are curved, all boxes are asked, which finds the same. */
+static void sbi_cut_find_beyond(sbi_cut_near_work *work)
+{
+    sb_cut *cut = work->cut;
+    void *beyond = cut->beyond;
+    int nodes = cut->body->live->nodes.end;
+    if (cut->nodes_per_tet > 4)
+        return;
+    if (sbi_cut_grow(&cut->allocator, &beyond, &cut->beyond_capacity, 0, nodes, 1)) {
+        cut->beyond = (unsigned char *)beyond;
+        sbi_run(&cut->body->jobs, sbi_cut_beyond_task, work, (nodes + SBI_CUT_TETS - 1) / SBI_CUT_TETS);
+        work->beyond = cut->beyond;
+    }
+}
+
+/* 1 when a piece of a tet4 is near. */
+static int sbi_cut_is_near(const sb_cut *cut, const unsigned char *beyond, int tet)
+{
+    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
+        const int *nodes = sbi_cut_piece_nodes(cut, piece);
+        if (!(beyond[nodes[0]] & beyond[nodes[1]] & beyond[nodes[2]] & beyond[nodes[3]]))
+            return 1;
+    }
+    return 0;
+}
+
 static void sbi_cut_near_task(void *user, int task)
 {
     const sbi_cut_near_work *work = (const sbi_cut_near_work *)user;
     int end = sbi_min_int(SBI_CUT_TETS * (task + 1), work->cut->tet_count);
     for (int tet = SBI_CUT_TETS * task; tet < end; tet++)
-        work->cut->is_near[tet] = (unsigned char)sbi_cut_meets_tet(work->cut, tet, &work->reach);
+        work->cut->is_near[tet] = (unsigned char)(work->beyond ? sbi_cut_is_near(work->cut, work->beyond, tet)
+                                                               : sbi_cut_meets_tet(work->cut, tet, &work->reach));
 }
 
 SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach)
@@ -209,6 +254,8 @@ SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cu
         return;
     work.cut = cut;
     work.reach = *reach;
+    work.beyond = NULL;
+    sbi_cut_find_beyond(&work);
     sbi_run(&cut->body->jobs, sbi_cut_near_task, &work, (cut->tet_count + SBI_CUT_TETS - 1) / SBI_CUT_TETS);
     for (int tet = 0; tet < cut->tet_count; tet++)
         if (cut->is_near[tet])
@@ -217,10 +264,14 @@ SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cu
 
 /* ---- one piece ---- */
 
-/* The first blade that crosses each link of a piece, and where. */
+/* The first blade that crosses each link of a piece, and where. Asked are links of the piece that meet the box of all
+ * blades: a strip is thin, and most of a piece's links are beside it. */
 typedef struct sbi_cut_crossings {
     int blades[SBI_LATTICE_LINKS]; /* -1: none */
     sb_real t[SBI_LATTICE_LINKS];
+    int asked_count;
+    unsigned char asked[SBI_LATTICE_LINKS], ends[SBI_LATTICE_LINKS][2]; /* links, and their ends */
+    uint64_t points;                                                    /* at their ends */
 } sbi_cut_crossings;
 
 /* Box of a piece, rounded; lattice points lie in it but for their own rounding. */
@@ -250,27 +301,52 @@ SBI_API void sbi_cut_shape_make(const sb_cut *cut, int tet, int piece, const sbi
     }
 }
 
-/* Takes the links that a blade crosses before those that have crossed them so far. */
-static void sbi_cut_cross(const sb_cut *cut, uint64_t points, const sbi_cut_shape *shape, int number,
-                          sbi_cut_crossings *found)
+/* Sides of the box of all blades that a point is beyond, as bits. */
+static int sbi_cut_beyond_blades(const sbi_blade_box *box, sbi_int3 p)
+{
+    return (p.x < box->low.x) | (p.x > box->high.x) << 1 | (p.y < box->low.y) << 2 | (p.y > box->high.y) << 3 |
+           (p.z < box->low.z) << 4 | (p.z > box->high.z) << 5;
+}
+
+/* Lists the links of a piece with these points that blades are to be asked for. */
+static void sbi_cut_list_asked(const sb_cut *cut, uint64_t points, const sbi_cut_shape *shape, sbi_cut_crossings *found)
 {
     const sbi_lattice *lattice = &cut->lattice;
-    const sbi_blade *blade = cut->blades + number;
-    uint64_t above = 0;
+    const sbi_blade_box *all = sbi_blade_tree_box(&cut->tree);
+    unsigned char beyond[SBI_LATTICE_POINTS];
     for (int p = 0; p < lattice->point_count; p++)
-        if (sbi_blade_side(blade, sbi_blade_height(blade, shape->places[p])) > 0)
-            above |= (uint64_t)1 << p;
-    if (!(above & points) || !(~above & points))
-        return;
+        beyond[p] = (unsigned char)sbi_cut_beyond_blades(all, shape->places[p]);
+    found->asked_count = 0;
+    found->points = 0;
     for (int l = 0; l < lattice->link_count; l++) {
         const unsigned char *link = lattice->links[l];
         int ends[2];
-        sb_real t;
-        if (!(points >> link[0] & points >> link[1] & 1) || (above >> link[0] & 1) == (above >> link[1] & 1) ||
-            (found->blades[l] >= 0 && found->blades[l] < number))
+        if (!(points >> link[0] & points >> link[1] & 1) || (beyond[link[0]] & beyond[link[1]]))
             continue;
         sbi_lattice_ends(lattice, &shape->order, l, ends);
-        if (!sbi_blade_crosses(blade, shape->places[ends[0]], shape->places[ends[1]], &t))
+        found->ends[found->asked_count][0] = (unsigned char)ends[0];
+        found->ends[found->asked_count][1] = (unsigned char)ends[1];
+        found->asked[found->asked_count++] = (unsigned char)l;
+        found->points |= (uint64_t)1 << link[0] | (uint64_t)1 << link[1];
+    }
+}
+
+/* Takes the links that a blade crosses before those that have crossed them so far. */
+static void sbi_cut_cross(const sb_cut *cut, const sbi_cut_shape *shape, int number, sbi_cut_crossings *found)
+{
+    const sbi_blade *blade = cut->blades + number;
+    uint64_t above = 0;
+    for (int p = 0; p < cut->lattice.point_count; p++)
+        if ((found->points >> p & 1) && sbi_blade_side(blade, sbi_blade_height(blade, shape->places[p])) > 0)
+            above |= (uint64_t)1 << p;
+    if (!above || above == found->points)
+        return;
+    for (int k = 0; k < found->asked_count; k++) {
+        const unsigned char *ends = found->ends[k];
+        int l = found->asked[k];
+        sb_real t;
+        if ((above >> ends[0] & 1) == (above >> ends[1] & 1) || (found->blades[l] >= 0 && found->blades[l] < number) ||
+            !sbi_blade_crosses(blade, shape->places[ends[0]], shape->places[ends[1]], &t))
             continue;
         found->blades[l] = number;
         found->t[l] = t;
@@ -290,9 +366,12 @@ static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *f
     if (blade < 0)
         return 0;
     sbi_cut_shape_make(cut, tet, piece, frame, &shape);
+    sbi_cut_list_asked(cut, cut->pieces[piece].points, &shape, found);
+    if (!found->asked_count)
+        return 0;
     memset(found->blades, -1, sizeof found->blades);
     for (; blade >= 0; blade = sbi_blade_walk_next(&cut->tree, &walk))
-        sbi_cut_cross(cut, cut->pieces[piece].points, &shape, blade, found);
+        sbi_cut_cross(cut, &shape, blade, found);
     return 1;
 }
 
