@@ -45,7 +45,8 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step) && (step->given.count == 0 || step->guests_begun);
+        step->done = (step->dynamic ? sbi_step_is_converged(step) : sbi_static_is_done(step)) &&
+                     (step->given.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;

@@ -84,6 +84,13 @@ typedef struct sbi_step {
     int energy_known;
     int cautious; /* 1: the last increment had to be cut short, so project the next tangent */
     int quasi;    /* 1: the quasi tangent, as long as each iteration halves the residual */
+
+    /* when a static increment is done: step_done.c */
+    int forces_only;    /* see sb_static_options */
+    sb_real held_scale; /* as scale, but with the reactions of supports that rest (N) */
+    sb_real rounding;   /* in the residual (N), as far as displacements and moduli tell */
+    sb_real least;      /* smallest sb_static_report.energy of the increment so far */
+    int stalls;         /* checks since it last fell to a half */
 } sbi_step;
 
 /* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent,

@@ -113,20 +113,25 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
         sbi_step_touch_reactions(step);
 }
 
+SBI_API int sbi_step_is_linear(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (!sb_material_is_linear(b->materials[i].model))
+            return 0;
+    return 1;
+}
+
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
  * progress (Eisenstat and Walker 1996, choice 2), never beyond what the residual's tolerance can notice. */
 SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step)
 {
     const sb_body *b = step->body;
     sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
-    int linear = 1;
     if (step->linear_tolerance > 0)
         return step->linear_tolerance;
-    for (int i = 0; i < b->material_count; i++)
-        linear = linear && sb_material_is_linear(b->materials[i].model);
     if (step->norm > 0)
         enough = (sb_real)0.1 * step->tolerance * step->scale / step->norm;
-    if (linear)
+    if (sbi_step_is_linear(b))
         return sb_max(sb_min((sb_real)0.1 * step->tolerance, enough), least);
     if (step->iteration > 0 && step->last_norm > 0) {
         sb_real ratio = step->norm / step->last_norm;
