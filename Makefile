@@ -17,8 +17,9 @@
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, SOAK_HOURS=24 per simulated hand, SOAK_SWEEPS=1000000 of tools through
-#                   bodies, SOAK_CUTS=200 sequences of cuts in livers, or SOAK_SECONDS=20 for all of each; SOAK_FIRST
-#                   and SOAK_SEED give other ones, so that processes and nights can share it
+#                   bodies, SOAK_CUTS=200 sequences of cuts in livers and 50 times as many strokes, or SOAK_SECONDS=20
+#                   for all of each; SOAK_FIRST and SOAK_SEED give other ones, so that processes and nights can share it
+#   make soak-cuts  what soak does of cuts alone
 #   make coverage   lines of the header that the suite runs, room by room
 #   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
@@ -59,7 +60,7 @@ FUZZERS = tests/fuzz/fuzz.c
 .SUFFIXES:
 .DELETE_ON_ERROR:
 .PHONY: shared bindings test-bindings tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race \
-	benches lint fuzz test-corpus soak coverage format install clean FORCE
+	benches lint fuzz test-corpus soak soak-cuts coverage format install clean FORCE
 
 all: examples
 
@@ -446,8 +447,12 @@ soak: build/soak build/soak_haptic build/double/tests $(SWEEPS)
 	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' SOAK_SEED='$(SOAK_SEED)' build/soak_haptic" \
 	    "CHECK_SLOW=$$(($(or $(SOAK_SWEEPS),1000000) / $(SWEEP_KINDS) + 1)) CHECK_FIRST='$(SOAK_FIRST)' \
 	    CHECK_SECONDS='$(SOAK_SECONDS)' $(SWEEPS) contact_sweep" \
-	    "CHECK_SLOW='$(or $(SOAK_CUTS),200)' CHECK_FIRST='$(SOAK_FIRST)' CHECK_SECONDS='$(SOAK_SECONDS)' \
-	    build/double/tests cut_stress"
+	    "$(SOAK_CUT)"
+
+SOAK_CUT = CHECK_SLOW='$(or $(SOAK_CUTS),200)' CHECK_FIRST='$(SOAK_FIRST)' CHECK_SECONDS='$(SOAK_SECONDS)' \
+	build/double/tests cut_stress
+soak-cuts: build/double/tests
+	tests/total.sh "$(SOAK_CUT)"
 
 # gcc's counters; functions that every unit has of its own count as run when one of them was.
 COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)

@@ -15031,6 +15031,13 @@ static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count, in
            ndli_undo_aligned(points * sizeof(int)) + ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
 }
 
+/* What contact keeps of tools. */
+static size_t ndli_undo_touch_size(const struct ndli_site *site)
+{
+    const sbi_touch *touch = sbi_body_get_touch(site->body);
+    return touch ? ndli_undo_aligned(touch->kept_size(touch->user)) : 0;
+}
+
 static size_t ndli_undo_remesh_size(const struct ndli_site *site)
 {
     return site->embeds ? 0 : ndli_remesh_snapshot_size(site->remesh);
@@ -15039,7 +15046,7 @@ static size_t ndli_undo_remesh_size(const struct ndli_site *site)
 /* body: bytes of the body's part. */
 static size_t ndli_undo_size(const struct ndli_site *site, size_t body)
 {
-    size_t sum = ndli_undo_aligned(body) + ndli_undo_aligned(ndli_undo_remesh_size(site));
+    size_t sum = ndli_undo_aligned(body) + ndli_undo_touch_size(site) + ndli_undo_aligned(ndli_undo_remesh_size(site));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->node_count,
@@ -15061,19 +15068,24 @@ static int ndli_undo_make_room(struct ndli_site *site, ndli_kept *kept, size_t n
     return 1;
 }
 
+static int ndli_undo_make_all_room(struct ndli_site *site, size_t needed)
+{
+    for (int i = 0; i < NDLI_KEPT_COUNT; i++)
+        if (!ndli_undo_make_room(site, site->kept + i, needed))
+            return 0;
+    return 1;
+}
+
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
-    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) +
+    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) + ndli_undo_touch_size(site) +
                  ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh)) +
                  ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,
                                          site->needles[i]->track.capacity);
-    for (int i = 0; i < NDLI_KEPT_COUNT; i++)
-        if (!ndli_undo_make_room(site, site->kept + i, sum))
-            return 0;
-    return 1;
+    return ndli_undo_make_all_room(site, sum);
 }
 
 /* Copies `bytes` of a part to the block, or back from it, and goes on to the next part. */
@@ -15101,13 +15113,18 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
 NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which)
 {
     ndli_kept *kept = site->kept + which;
+    const sbi_touch *touch = sbi_body_get_touch(site->body);
     size_t body = sbi_body_snapshot_size(site->body), needed = ndli_undo_size(site, body);
     unsigned char *at;
-    if (needed > kept->room && !ndli_undo_make_room(site, kept, needed + needed / 8))
+    if (needed > kept->room && !ndli_undo_make_all_room(site, needed + needed / 8))
         return 0;
     kept->body = body;
-    at = kept->bytes + ndli_undo_aligned(body);
-    sbi_body_snapshot(site->body, kept->bytes);
+    at = kept->bytes;
+    sbi_body_snapshot(site->body, at);
+    at += ndli_undo_aligned(body);
+    if (touch && !touch->keep(touch->user, at))
+        return 0;
+    at += ndli_undo_touch_size(site);
     if (!site->embeds)
         ndli_remesh_snapshot(site->remesh, at);
     at += ndli_undo_aligned(ndli_undo_remesh_size(site));
@@ -15121,21 +15138,27 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which)
     return 1;
 }
 
-NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, ndli_keeping which, sb_error *error)
+/* The body with what touches it; 0: no memory. */
+static int ndli_undo_rewind_body(struct ndli_site *site, const ndli_kept *kept)
 {
-    const ndli_kept *kept = site->kept + which;
-    unsigned char *at = kept->bytes;
+    const sbi_touch *touch = sbi_body_get_touch(site->body);
     sb_result result;
     if (!site->embeds)
         ndli_remesh_set_own(site->remesh, 1);
-    result = sbi_body_rewind(site->body, at, kept->body, NULL);
+    result = sbi_body_rewind(site->body, kept->bytes, kept->body, NULL);
     if (!site->embeds)
         ndli_remesh_set_own(site->remesh, 0);
-    site->undo_waits = result != SB_OK;
-    if (result != SB_OK)
+    return result == SB_OK && (!touch || touch->rewind(touch->user, kept->bytes + ndli_undo_aligned(kept->body)));
+}
+
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, ndli_keeping which, sb_error *error)
+{
+    const ndli_kept *kept = site->kept + which;
+    unsigned char *at = kept->bytes + ndli_undo_aligned(kept->body) + ndli_undo_touch_size(site);
+    site->undo_waits = !ndli_undo_rewind_body(site, kept);
+    if (site->undo_waits)
         return sbi_fail(error, SB_ERROR_MEMORY,
                         "no memory to take the failed step back: that comes first in the next step");
-    at += ndli_undo_aligned(kept->body);
     if (!site->embeds)
         ndli_remesh_rewind(site->remesh, at);
     at += ndli_undo_aligned(ndli_undo_remesh_size(site));
@@ -15196,6 +15219,12 @@ typedef struct ndli_stepping {
     ndl_step_info *info;
     sb_error *error;
 } ndli_stepping;
+
+/* Which part of the step a substep is. */
+typedef struct ndli_part {
+    sb_real begin, end; /* of the step, as shares of it */
+    double left;        /* its share of what is left of the step */
+} ndli_part;
 
 static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *couple)
 {
@@ -15360,7 +15389,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double sha
 
 /* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the
  * whole step's undo takes back. */
-static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
+static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_part *part)
 {
     struct ndli_site *site = s->site;
     double begin = ndli_step_now(site), solve;
@@ -15373,7 +15402,7 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     else
         ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
     guests[0] = &couple.guest;
-    result = sbi_body_step_with(site->body, (sb_real)dt, guests, 1, &s->info->body);
+    result = sbi_body_step_part(site->body, (sb_real)dt, guests, 1, part->begin, part->end, &s->info->body);
     solve = s->info->body.seconds_solve;
     s->info->seconds_couple += solve;
     s->info->seconds_body += ndli_step_now(site) - begin - solve;
@@ -15390,12 +15419,12 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     return result;
 }
 
-/* A substep up to where the rods have moved; dt is `share` of what is left of the step. */
-static sb_result ndli_step_advance(const ndli_stepping *s, double dt, double share)
+/* A substep of dt up to where the rods have moved. */
+static sb_result ndli_step_advance(const ndli_stepping *s, double dt, const ndli_part *part)
 {
-    sb_result result = ndli_step_prepare(s, dt, share);
+    sb_result result = ndli_step_prepare(s, dt, part->left);
     if (result == SB_OK)
-        result = ndli_step_solve(s, dt);
+        result = ndli_step_solve(s, dt, part);
     if (result == SB_OK)
         result = ndli_site_look(s->site, s->error);
     return result;
@@ -15443,6 +15472,15 @@ static double ndli_step_end_after(const ndli_step_ends *ends, double t)
     return next;
 }
 
+static ndli_part ndli_step_part(const ndli_step_ends *ends, double t, double end)
+{
+    ndli_part part;
+    part.begin = (sb_real)(t / ends->substeps);
+    part.end = (sb_real)(end / ends->substeps);
+    part.left = (end - t) / (ends->substeps - t);
+    return part;
+}
+
 static int ndli_step_looks_for_edges(const ndli_step_ends *ends, double t, double end)
 {
     return ends->edge_count < NDLI_STEP_EDGES && end - t > 2 * ndli_step_shortest;
@@ -15481,9 +15519,11 @@ static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_s
     sb_result result = ndli_step_keep_substep(s, t, &kept);
     while (result == SB_OK) {
         double length, share = 1;
+        ndli_part part;
         *end = ndli_step_end_after(ends, t);
         length = (*end - t) * (dt / ends->substeps);
-        result = ndli_step_advance(s, length, (*end - t) / (ends->substeps - t));
+        part = ndli_step_part(ends, t, *end);
+        result = ndli_step_advance(s, length, &part);
         if (result == SB_OK && ndli_step_looks_for_edges(ends, t, *end))
             share = ndli_step_share_to_edge(s, length);
         if (result != SB_OK || !(share < 1))

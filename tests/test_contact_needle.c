@@ -1,5 +1,8 @@
 /* Needles and tools on one organ: forces balance, nothing that one does is lost on the other, and states, recordings
  * and steps taken back hold both. Generated scenes. */
+#define SB_SPLIT_BUILD
+#include "../src/needle/needle_private.h"
+
 #include "contact_scene.h"
 #include "needle_scene.h"
 
@@ -10,6 +13,9 @@ typedef struct scene {
     int ball;
     double radius;
     int workers;
+    sb_mesh surface; /* what the ball touches in place of the body's boundary, or zeros */
+    sb_embedding *embedding;
+    sb_skin *skin;
 } scene;
 
 static sb_vec3 placed(const scene *s, double x, double y, double z)
@@ -26,8 +32,8 @@ static int make_scene_of(scene *s, int number, int workers)
     sb_contact_def def = sb_default_contact_def();
     sb_tool_def ball;
     needle_scene *n = &s->needles;
+    memset(s, 0, sizeof *s);
     *n = needle_scene_default();
-    s->contact = NULL;
     s->workers = workers;
     n->body_def.jobs = scene_jobs(&s->workers);
     n->turned = check_random(&seed) < 0.5;
@@ -52,6 +58,9 @@ static int make_scene(scene *s, int number) { return make_scene_of(s, number, 1)
 static void free_scene(scene *s)
 {
     sb_contact_destroy(s->contact);
+    sb_skin_destroy(s->skin);
+    sb_embedding_destroy(s->embedding);
+    sb_mesh_free(&s->surface);
     needle_scene_free(&s->needles);
 }
 
@@ -219,6 +228,249 @@ static void test_recordings(void)
     }
 }
 
+/* ---- steps that needles divide ---- */
+
+/* A surface of its own just below the block's top, finer than the mesh, that goes with the body. */
+static sb_skin *make_skin(scene *s)
+{
+    enum { SIDE = 13 };
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_mesh *m = &s->surface;
+    m->element_type = SB_TRI3;
+    m->nodes = (sb_vec3 *)calloc(SIDE * SIDE, sizeof *m->nodes);
+    m->elements = (int *)calloc(6 * (SIDE - 1) * (SIDE - 1), sizeof(int));
+    for (int j = 0; j < SIDE; j++)
+        for (int i = 0; i < SIDE; i++)
+            m->nodes[m->node_count++] =
+                placed(s, 0.002 + 0.036 * i / (SIDE - 1), 0.002 + 0.036 * j / (SIDE - 1), 0.0399);
+    for (int k = 0; k < (SIDE - 1) * (SIDE - 1); k++) {
+        int at = k / (SIDE - 1) * SIDE + k % (SIDE - 1), *t = m->elements + 3 * m->element_count;
+        t[0] = at, t[1] = at + 1, t[2] = at + SIDE + 1;
+        t[3] = at, t[4] = at + SIDE + 1, t[5] = at + SIDE;
+        m->element_count += 2;
+    }
+    def.mesh = &s->needles.mesh;
+    def.surface = m;
+    CHECK_OK(sb_embedding_create(&def, &s->embedding, NULL));
+    CHECK_OK(sb_embedding_follow(s->embedding, s->needles.body, NULL));
+    CHECK_OK(sb_skin_create(s->embedding, m, NULL, &s->skin, NULL));
+    return s->skin;
+}
+
+/* A layered block with a skin and a membrane between its layers, a needle above it and a ball beside that. strength: of
+ * the membranes (N), 0: there are none; memory NULL: malloc's. */
+static int make_divided(scene *s, ndl_follow follow, double strength, int skinned, unsigned long long seed,
+                        scene_memory *memory)
+{
+    ndl_membrane membranes[2];
+    sb_contact_def def = sb_default_contact_def();
+    sb_tool_def ball;
+    needle_scene *n = &s->needles;
+    memset(s, 0, sizeof *s);
+    *n = needle_scene_default();
+    for (int i = 0; i < 2; i++) {
+        membranes[i].regions[0] = i - 1, membranes[i].regions[1] = i;
+        membranes[i].strength = REAL(strength);
+        membranes[i].thickness = REAL(check_random_in(&seed, 2e-4, 1e-3));
+        n->materials[i].young = REAL(check_random_in(&seed, 3e4, 8e4));
+    }
+    n->layered = 1;
+    n->turned = check_random(&seed) < 0.5;
+    n->needle_def.follow = follow;
+    n->body_def.integrator = check_random(&seed) < 0.5 ? SB_EULER : SB_GENERALISED_ALPHA;
+    n->needle_def.membranes = strength > 0 ? membranes : NULL;
+    n->needle_def.membrane_count = strength > 0 ? 2 : 0;
+    n->needle_def.base.z = REAL(0.0905);
+    n->body_def.slack = 1;
+    if (memory)
+        n->body_def.allocator = n->needle_def.allocator = scene_allocator(memory);
+    if (!needle_scene_make(n))
+        return 0;
+    def.body = n->body;
+    def.skin = skinned ? make_skin(s) : NULL;
+    if (!CHECK_OK(sb_contact_create(&def, &s->contact, NULL)))
+        return 0;
+    s->radius = check_random_in(&seed, 0.004, 0.007);
+    ball = press_sphere(s->radius, check_random_in(&seed, 0.2, 0.8), placed(s, 0.008, 0.02, 0.0405 + s->radius));
+    return CHECK_OK(sb_contact_add_tool(s->contact, &ball, &s->ball, NULL));
+}
+
+/* The ball goes down beside the needle, then slides, `aside` (m) of all that. */
+static void send_ball(scene *s, int number, double aside)
+{
+    double deep = number < 8 ? 0.00025 * number : 0.002, along = number < 8 ? 0 : 0.0004 * (number - 8);
+    sb_pose pose = press_pose(placed(s, 0.008, 0.014 + along, 0.0405 + s->radius - deep + aside), sb_quat_identity());
+    CHECK_OK(sb_contact_move_tool(s->contact, s->ball, &pose));
+}
+
+/* The needle goes in by 40 mm/s. */
+static sb_result divided_step(scene *s, int number, double aside)
+{
+    ndl_command command = needle_command(0.04, 0);
+    send_ball(s, number, aside);
+    return ndl_step(s->needles.body, s->needles.needles, s->needles.count, REAL(0.02), &command, &s->needles.info,
+                    &s->needles.error);
+}
+
+static void check_has_arrived(const scene *s)
+{
+    sb_real lag = 1;
+    CHECK_OK(sb_contact_reached(s->contact, s->ball, NULL, &lag));
+    CHECK_NEAR(lag, 0, scene_tolerance(1e-9, 1e4));
+}
+
+/* Membranes that resist by next to nothing divide steps, and change nothing of what the ball feels but for what shorter
+ * steps do; there or not, it is where it was sent. */
+static void check_divided(ndl_follow follow, unsigned long long seed, int *divided)
+{
+    scene with, without;
+    double most = 0, off = 0;
+    if (!make_divided(&with, follow, 1e-6, 0, seed, NULL) || !make_divided(&without, follow, 0, 0, seed, NULL))
+        return;
+    for (int i = 0; i < 26; i++) {
+        sb_vec3 a, b;
+        CHECK_OK(divided_step(&with, i, 0));
+        CHECK_OK(divided_step(&without, i, 0));
+        check_has_arrived(&with);
+        *divided += with.needles.info.substeps > 1;
+        CHECK_INT(without.needles.info.substeps, 1);
+        a = wrench_of(&with), b = wrench_of(&without);
+        most = fmax(most, (double)sb_v3_norm(b));
+        off = fmax(off, (double)sb_v3_norm(sb_v3_sub(a, b)));
+    }
+    if (!CHECK(off < 0.1 * most))
+        printf("    seed %llu: %g of %g N\n", seed, off, most);
+    free_scene(&with);
+    free_scene(&without);
+}
+
+static void test_divided(void)
+{
+    int divided = 0;
+    for (int k = 0; k < check_rounds(8); k++)
+        check_divided(k % 2 ? NDL_REMESH : NDL_EMBED, 60 + (unsigned)k, &divided);
+    CHECK(divided > 0);
+}
+
+/* A ball that touches nothing changes nothing, however steps are divided. */
+static void test_apart(void)
+{
+    for (int k = 0; k < check_rounds(4); k++) {
+        scene moving, resting;
+        int divided = 0;
+        ndl_follow follow = k % 2 ? NDL_REMESH : NDL_EMBED;
+        if (!make_divided(&moving, follow, 1, 0, 90 + (unsigned)k, NULL) ||
+            !make_divided(&resting, follow, 1, 0, 90 + (unsigned)k, NULL))
+            return;
+        sb_contact_destroy(resting.contact);
+        resting.contact = NULL;
+        for (int i = 0; i < 26; i++) {
+            ndl_command command = needle_command(0.04, 0);
+            CHECK_OK(divided_step(&moving, i, 0.05));
+            CHECK_OK(ndl_step(resting.needles.body, resting.needles.needles, 1, REAL(0.02), &command, NULL, NULL));
+            check_has_arrived(&moving);
+            divided += moving.needles.info.substeps > 1;
+            CHECK(needle_scene_bits(&moving.needles) == needle_scene_bits(&resting.needles));
+        }
+        CHECK(divided > 0);
+        free_scene(&moving);
+        free_scene(&resting);
+    }
+}
+
+static void test_no_memory_taken(void)
+{
+    for (int k = 0; k < check_rounds(4); k++) {
+        scene_memory memory = {0, 0, 0, 0};
+        scene s;
+        if (!make_divided(&s, k % 2 ? NDL_REMESH : NDL_EMBED, 0.5, 0, 30 + (unsigned)k, &memory))
+            return;
+        for (int i = 0; i < 26; i++) {
+            CHECK_OK(divided_step(&s, i, 0));
+            if (!CHECK(i == 0 || memory.calls == 0))
+                printf("    scene %d, step %d: %d\n", k, i, memory.calls);
+            memory.calls = 0;
+        }
+        free_scene(&s);
+        CHECK_INT(memory.live, 0);
+    }
+}
+
+/* Supports that go evenly do so in the parts of a step, too: at its end they have the speed of their way. */
+static void test_supports(void)
+{
+    int divided = 0;
+    for (int k = 0; k < check_rounds(4); k++) {
+        scene s;
+        sb_body *body;
+        int node = -1;
+        if (!make_divided(&s, k % 2 ? NDL_REMESH : NDL_EMBED, 0.5, 0, 10 + (unsigned)k, NULL))
+            return;
+        body = s.needles.body;
+        while (sb_body_supports(body)[++node] != SB_XYZ)
+            continue;
+        for (int i = 0; i < 26; i++) {
+            sb_vec3 way = sb_v3(REAL(1e-5), REAL(-2e-5), REAL(3e-5)), goal = sb_v3_scale((sb_real)(i + 1), way);
+            CHECK_OK(sb_body_prescribe(body, &node, 1, SB_XYZ, &goal, 0));
+            CHECK_OK(divided_step(&s, i, 0));
+            divided += s.needles.info.substeps > 1;
+            if (!CHECK_NEAR(sb_v3_norm(sb_v3_sub(sb_body_velocities(body)[node], sb_v3_scale(REAL(50), way))), 0,
+                            scene_tolerance(1e-9, 1e6)))
+                printf("    scene %d, step %d of %d parts\n", k, i, s.needles.info.substeps);
+        }
+        free_scene(&s);
+    }
+    CHECK(divided > 0);
+}
+
+/* ---- steps that are taken back ---- */
+
+/* Steps that are taken back leave nothing, whether the mesh has followed the tip in them or not: state, readings, and
+ * what comes after. */
+static void check_taken_back(scene *trying, scene *plain, int number, int steps)
+{
+    struct ndli_site *site = trying->needles.needles[0]->site;
+    sb_contact_info info = sb_contact_get_info(trying->contact), after;
+    unsigned long long before = bits(trying);
+    uint64_t hash;
+    send_ball(trying, number, 0);
+    hash = sb_body_state_hash(trying->needles.body);
+    CHECK(ndli_needle_keep(site, NDLI_KEPT_SUBSTEP)); /* steps without membranes make no use of it */
+    for (int i = 0; i < steps; i++)
+        CHECK_OK(divided_step(trying, number + 1 + i, 0));
+    CHECK_OK(ndli_needle_undo(site, NDLI_KEPT_SUBSTEP, NULL));
+    ndli_rod_publish(trying->needles.needles[0]->rod);
+    after = sb_contact_get_info(trying->contact);
+    CHECK(sb_body_state_hash(trying->needles.body) == hash);
+    CHECK(bits(trying) == before);
+    CHECK(memcmp(&after, &info, sizeof after) == 0);
+    CHECK_OK(divided_step(trying, number, 0));
+    CHECK_OK(divided_step(plain, number, 0));
+    CHECK(bits(trying) == bits(plain));
+}
+
+static void test_taken_back(void)
+{
+    int changed = 0;
+    for (int k = 0; k < check_rounds(8); k++) {
+        scene trying, plain;
+        ndl_follow follow = k % 2 ? NDL_REMESH : NDL_EMBED;
+        int skinned = k % 4 > 1;
+        if (!make_divided(&trying, follow, 0, skinned, 120 + (unsigned)k, NULL) ||
+            !make_divided(&plain, follow, 0, skinned, 120 + (unsigned)k, NULL))
+            return;
+        for (int i = 0; i < 26; i++) {
+            int version = sb_body_mesh_version(trying.needles.body);
+            check_taken_back(&trying, &plain, i, 1 + i % 3);
+            changed += sb_body_mesh_version(trying.needles.body) > version + 1;
+        }
+        CHECK(sb_v3_norm(wrench_of(&plain)) > 0);
+        free_scene(&trying);
+        free_scene(&plain);
+    }
+    CHECK(changed > 0);
+}
+
 /* ---- cuts ---- */
 
 /* Needles cannot follow pieces of elements: said by name, and the body can be stepped without them. */
@@ -248,4 +500,6 @@ static void test_cut(void)
 }
 
 CHECK_SUITE(contact_needle, {"random", test_random}, {"balance", test_balance}, {"threads", test_threads},
-            {"states", test_states}, {"recordings", test_recordings}, {"cut", test_cut});
+            {"states", test_states}, {"recordings", test_recordings}, {"divided", test_divided}, {"apart", test_apart},
+            {"no memory", test_no_memory_taken}, {"supports", test_supports}, {"taken back", test_taken_back},
+            {"cut", test_cut});

@@ -190,6 +190,12 @@ public enum sb_embedding_hold
     SB_EMBEDDED_FRAME = 2,
     SB_EMBEDDED_EXTRAPOLATED = 3,
 }
+public enum sb_stop_reason
+{
+    SB_STOP_NONE = 0,
+    SB_STOP_CONVERGED = 1,
+    SB_STOP_FLOOR = 2,
+}
 public enum sb_tool_shape
 {
     SB_TOOL_SPHERE = 1,
@@ -908,6 +914,7 @@ public unsafe struct sb_pcg_workspace
     public void* guests;
     public UIntPtr guest_bytes;
     public IntPtr extra;
+    public double* softest;
     public sb_allocator allocator;
 }
 [StructLayout(LayoutKind.Sequential)]
@@ -1127,6 +1134,16 @@ public unsafe struct sb_tie_report
     public int constraint_count;
 }
 [StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_static_report
+{
+    public sb_stop_reason reason;
+    public int iterations;
+    public double force;
+    public double energy;
+    public double increment;
+    public double floor;
+}
+[StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_step_info
 {
     public int newton_iterations;
@@ -1142,6 +1159,7 @@ public unsafe struct sb_step_info
     public double seconds_solve;
     public double seconds_total;
     public sb_error error;
+    public sb_static_report statics;
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_static_options
@@ -1151,6 +1169,7 @@ public unsafe struct sb_static_options
     public int max_newton;
     public int max_iterations;
     public int quasi_newton;
+    public int forces_only;
     public int keep_progress;
     public int instantaneous;
     public IntPtr progress;
@@ -3889,6 +3908,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_static_options sb_default_static_options();
     /// <summary>
+    /// Where rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info-&gt;statics.
+    ///
     /// Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive
     /// definite where it is not, a line search that refuses inverted elements, and adaptive load increments from the
     /// loads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.

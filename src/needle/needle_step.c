@@ -21,6 +21,12 @@ typedef struct ndli_stepping {
     sb_error *error;
 } ndli_stepping;
 
+/* Which part of the step a substep is. */
+typedef struct ndli_part {
+    sb_real begin, end; /* of the step, as shares of it */
+    double left;        /* its share of what is left of the step */
+} ndli_part;
+
 static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *couple)
 {
     info->trials = sbi_max_int(info->trials, couple->trials);
@@ -184,7 +190,7 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, double sha
 
 /* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the
  * whole step's undo takes back. */
-static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
+static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_part *part)
 {
     struct ndli_site *site = s->site;
     double begin = ndli_step_now(site), solve;
@@ -197,7 +203,7 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     else
         ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
     guests[0] = &couple.guest;
-    result = sbi_body_step_with(site->body, (sb_real)dt, guests, 1, &s->info->body);
+    result = sbi_body_step_part(site->body, (sb_real)dt, guests, 1, part->begin, part->end, &s->info->body);
     solve = s->info->body.seconds_solve;
     s->info->seconds_couple += solve;
     s->info->seconds_body += ndli_step_now(site) - begin - solve;
@@ -214,12 +220,12 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
     return result;
 }
 
-/* A substep up to where the rods have moved; dt is `share` of what is left of the step. */
-static sb_result ndli_step_advance(const ndli_stepping *s, double dt, double share)
+/* A substep of dt up to where the rods have moved. */
+static sb_result ndli_step_advance(const ndli_stepping *s, double dt, const ndli_part *part)
 {
-    sb_result result = ndli_step_prepare(s, dt, share);
+    sb_result result = ndli_step_prepare(s, dt, part->left);
     if (result == SB_OK)
-        result = ndli_step_solve(s, dt);
+        result = ndli_step_solve(s, dt, part);
     if (result == SB_OK)
         result = ndli_site_look(s->site, s->error);
     return result;
@@ -267,6 +273,15 @@ static double ndli_step_end_after(const ndli_step_ends *ends, double t)
     return next;
 }
 
+static ndli_part ndli_step_part(const ndli_step_ends *ends, double t, double end)
+{
+    ndli_part part;
+    part.begin = (sb_real)(t / ends->substeps);
+    part.end = (sb_real)(end / ends->substeps);
+    part.left = (end - t) / (ends->substeps - t);
+    return part;
+}
+
 static int ndli_step_looks_for_edges(const ndli_step_ends *ends, double t, double end)
 {
     return ends->edge_count < NDLI_STEP_EDGES && end - t > 2 * ndli_step_shortest;
@@ -305,9 +320,11 @@ static sb_result ndli_step_run_substep(const ndli_stepping *s, double dt, ndli_s
     sb_result result = ndli_step_keep_substep(s, t, &kept);
     while (result == SB_OK) {
         double length, share = 1;
+        ndli_part part;
         *end = ndli_step_end_after(ends, t);
         length = (*end - t) * (dt / ends->substeps);
-        result = ndli_step_advance(s, length, (*end - t) / (ends->substeps - t));
+        part = ndli_step_part(ends, t, *end);
+        result = ndli_step_advance(s, length, &part);
         if (result == SB_OK && ndli_step_looks_for_edges(ends, t, *end))
             share = ndli_step_share_to_edge(s, length);
         if (result != SB_OK || !(share < 1))

@@ -2,6 +2,7 @@
 #include "needle_private.h"
 
 #include "../softbody/body/state_part.h"
+#include "../softbody/body/step_touch.h"
 
 #include <string.h>
 
@@ -18,6 +19,13 @@ static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count, in
            ndli_undo_aligned(points * sizeof(int)) + ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
 }
 
+/* What contact keeps of tools. */
+static size_t ndli_undo_touch_size(const struct ndli_site *site)
+{
+    const sbi_touch *touch = sbi_body_get_touch(site->body);
+    return touch ? ndli_undo_aligned(touch->kept_size(touch->user)) : 0;
+}
+
 static size_t ndli_undo_remesh_size(const struct ndli_site *site)
 {
     return site->embeds ? 0 : ndli_remesh_snapshot_size(site->remesh);
@@ -26,7 +34,7 @@ static size_t ndli_undo_remesh_size(const struct ndli_site *site)
 /* body: bytes of the body's part. */
 static size_t ndli_undo_size(const struct ndli_site *site, size_t body)
 {
-    size_t sum = ndli_undo_aligned(body) + ndli_undo_aligned(ndli_undo_remesh_size(site));
+    size_t sum = ndli_undo_aligned(body) + ndli_undo_touch_size(site) + ndli_undo_aligned(ndli_undo_remesh_size(site));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->node_count,
@@ -48,19 +56,24 @@ static int ndli_undo_make_room(struct ndli_site *site, ndli_kept *kept, size_t n
     return 1;
 }
 
+static int ndli_undo_make_all_room(struct ndli_site *site, size_t needed)
+{
+    for (int i = 0; i < NDLI_KEPT_COUNT; i++)
+        if (!ndli_undo_make_room(site, site->kept + i, needed))
+            return 0;
+    return 1;
+}
+
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
-    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) +
+    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) + ndli_undo_touch_size(site) +
                  ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh)) +
                  ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,
                                          site->needles[i]->track.capacity);
-    for (int i = 0; i < NDLI_KEPT_COUNT; i++)
-        if (!ndli_undo_make_room(site, site->kept + i, sum))
-            return 0;
-    return 1;
+    return ndli_undo_make_all_room(site, sum);
 }
 
 /* Copies `bytes` of a part to the block, or back from it, and goes on to the next part. */
@@ -88,13 +101,18 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
 NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which)
 {
     ndli_kept *kept = site->kept + which;
+    const sbi_touch *touch = sbi_body_get_touch(site->body);
     size_t body = sbi_body_snapshot_size(site->body), needed = ndli_undo_size(site, body);
     unsigned char *at;
-    if (needed > kept->room && !ndli_undo_make_room(site, kept, needed + needed / 8))
+    if (needed > kept->room && !ndli_undo_make_all_room(site, needed + needed / 8))
         return 0;
     kept->body = body;
-    at = kept->bytes + ndli_undo_aligned(body);
-    sbi_body_snapshot(site->body, kept->bytes);
+    at = kept->bytes;
+    sbi_body_snapshot(site->body, at);
+    at += ndli_undo_aligned(body);
+    if (touch && !touch->keep(touch->user, at))
+        return 0;
+    at += ndli_undo_touch_size(site);
     if (!site->embeds)
         ndli_remesh_snapshot(site->remesh, at);
     at += ndli_undo_aligned(ndli_undo_remesh_size(site));
@@ -108,21 +126,27 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site, ndli_keeping which)
     return 1;
 }
 
-NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, ndli_keeping which, sb_error *error)
+/* The body with what touches it; 0: no memory. */
+static int ndli_undo_rewind_body(struct ndli_site *site, const ndli_kept *kept)
 {
-    const ndli_kept *kept = site->kept + which;
-    unsigned char *at = kept->bytes;
+    const sbi_touch *touch = sbi_body_get_touch(site->body);
     sb_result result;
     if (!site->embeds)
         ndli_remesh_set_own(site->remesh, 1);
-    result = sbi_body_rewind(site->body, at, kept->body, NULL);
+    result = sbi_body_rewind(site->body, kept->bytes, kept->body, NULL);
     if (!site->embeds)
         ndli_remesh_set_own(site->remesh, 0);
-    site->undo_waits = result != SB_OK;
-    if (result != SB_OK)
+    return result == SB_OK && (!touch || touch->rewind(touch->user, kept->bytes + ndli_undo_aligned(kept->body)));
+}
+
+NDLI_API sb_result ndli_needle_undo(struct ndli_site *site, ndli_keeping which, sb_error *error)
+{
+    const ndli_kept *kept = site->kept + which;
+    unsigned char *at = kept->bytes + ndli_undo_aligned(kept->body) + ndli_undo_touch_size(site);
+    site->undo_waits = !ndli_undo_rewind_body(site, kept);
+    if (site->undo_waits)
         return sbi_fail(error, SB_ERROR_MEMORY,
                         "no memory to take the failed step back: that comes first in the next step");
-    at += ndli_undo_aligned(kept->body);
     if (!site->embeds)
         ndli_remesh_rewind(site->remesh, at);
     at += ndli_undo_aligned(ndli_undo_remesh_size(site));

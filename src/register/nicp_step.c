@@ -262,7 +262,7 @@ static sb_result regi_nicp_balance(reg_nicp *nicp)
         return sbi_fail(&nicp->info.error, result, "the penalties of the registration are gone from the body");
     options.tolerance = nicp->newton_tolerance;
     options.max_newton = nicp->newton;
-    options.quasi_newton = 1; /* the next look changes the forces more than that leaves */
+    options.quasi_newton = options.forces_only = 1; /* the next look changes the forces more than that leaves */
     options.max_iterations = sbi_body_max_iterations(nicp->body);
     options.keep_progress = 1; /* the next look starts from there */
     result = regi_nicp_solve(nicp, &options, &step);

@@ -163,6 +163,9 @@ SB_EMBEDDED_FRAME = 2
 SB_EMBEDDED_EXTRAPOLATED = 3
 SB_TIE_CLOSE_GAPS = 1
 SB_TIE_ALL = 2
+SB_STOP_NONE = 0
+SB_STOP_CONVERGED = 1
+SB_STOP_FLOOR = 2
 SB_TOOL_SPHERE = 1
 SB_TOOL_CAPSULES = 2
 SB_TOOL_BOX = 3
@@ -341,6 +344,7 @@ class sb_embedding_rows(Structure): pass
 class sb_skin(Structure): pass
 class sb_constraint_term(Structure): pass
 class sb_tie_report(Structure): pass
+class sb_static_report(Structure): pass
 class sb_step_info(Structure): pass
 class sb_static_options(Structure): pass
 class sb_modes_options(Structure): pass
@@ -869,6 +873,7 @@ sb_pcg_workspace._fields_ = [
     ("guests", c_void_p),
     ("guest_bytes", c_size_t),
     ("extra", c_void_p),
+    ("softest", POINTER(c_double)),
     ("allocator", sb_allocator),
 ]
 sb_grid_def._fields_ = [
@@ -1049,6 +1054,14 @@ sb_tie_report._fields_ = [
     ("first_constraint", c_int),
     ("constraint_count", c_int),
 ]
+sb_static_report._fields_ = [
+    ("reason", c_int),
+    ("iterations", c_int),
+    ("force", c_double),
+    ("energy", c_double),
+    ("increment", c_double),
+    ("floor", c_double),
+]
 sb_step_info._fields_ = [
     ("newton_iterations", c_int),
     ("pcg_iterations", c_int),
@@ -1063,6 +1076,7 @@ sb_step_info._fields_ = [
     ("seconds_solve", c_double),
     ("seconds_total", c_double),
     ("error", sb_error),
+    ("statics", sb_static_report),
 ]
 sb_static_options._fields_ = [
     ("load_steps", c_int),
@@ -1070,6 +1084,7 @@ sb_static_options._fields_ = [
     ("max_newton", c_int),
     ("max_iterations", c_int),
     ("quasi_newton", c_int),
+    ("forces_only", c_int),
     ("keep_progress", c_int),
     ("instantaneous", c_int),
     ("progress", CFUNCTYPE(None, c_void_p, POINTER(sb_step_info))),
@@ -2599,7 +2614,7 @@ DOCUMENTATION = {
     'sb_body_tie_faces': "Ties slave nodes to faces: each to the closest point of the present shape of all faces, u_s = sum_a N_a u_a + c with\nthe face's shape functions there, along every axis that is not supported. To tie two meshes, put them in one body\n(sb_mesh_append) and let the finer or softer side be the slave.\n  faces         [face_count][corners]: corner nodes of element faces in any order, corners 3 (tet) or 4 (hex)\n  slave_nodes   [slave_count], different, none on the faces, none a slave already\n  max_distance  (m) nodes further away are left free; negative: a tenth of the closest face's diameter\n  options       sum of SB_TIE_..., 0: keep gaps, leave far nodes free\n  report        may be NULL\nc keeps each node's offset from the face as it is now, so that tying causes no stress by itself.\nWhat holds: slaves reproduce every displacement field that is linear in space exactly when gaps are 0, on flat and\ncurved faces, and forces balance. Constant stress passes exactly across matching faces and where the slaves' grid\nrefines the masters' (faces inside faces); else a node-to-surface tie leaves an error that falls with the element\nsize, unless the interface carries no traction. Offsets do not turn with the faces: torque balances only for gaps\nof 0.\nErrors, with nothing changed: those of sb_body_add_constraint; SB_ERROR_ARGUMENT names the first face that no\nelement has, or a node of both sides. Time O(slaves * faces), cheap each; memory during the call.",
     'sb_body_step': "Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.\n\nWith max_newton 1 the step is linearised (one system, Baraff and Witkin 1998): its cost is bounded and the\nresult is taken even when max_iterations cut the linear solve short (info->capped). With hyperelastic materials,\nwhose forces grow faster than displacements, it is shortened until no energy comes from nowhere. With more\niterations each is followed by a line search on the step's potential, which also refuses inverted elements for\nmaterials that have no energy there.\n\nSB_CENTRAL_DIFFERENCE takes dt in equal substeps of at most 0.9 stable steps, as many as that needs; the stable step\nis found anew every 16 substeps as the body deforms; springs, mappings and constraints count in it, so that stiff\nones make substeps short, and so does a tool that is near (contact.h). Substeps that go bad all the same (an element\ninverted, more energy than came in) are taken back, and the call is done again with shorter ones, up to three times.\n\nProny terms move on with the step: exact where the relaxing stress changes evenly within it, of second order\notherwise. Where a material that may turn inside out is nearly flat (det F < 0.05) they remember less, and inside out\nnothing, lest the memory hold it there.\n\ninfo may be NULL. On failure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_DIVERGED,\nSB_ERROR_INDEFINITE; SB_ERROR_NOT_CONVERGED naming the stable step: more than max_substeps; SB_ERROR_UNSUPPORTED\nwhere Newmark meets SB_MASS_REDUCED, or central difference, and constraints that cannot be lumped) positions,\nvelocities, accelerations, reactions and constraint forces are as before the call and the body can go on, to the last\nbit as if the call had not been; so is what Prony terms remember. Allocates nothing. Formulas: implicit Euler and\nNewmark in the increment du,\n    (ca M + cv D + K) du = f_ext - f_int - M a0 - D v0,  D = alpha M + beta K;\ngeneralised alpha the same with u at the time of its balance, from which the end of the step is extrapolated;\nsupports and gaps of constraints are that share of their way along by then, pressures and the points of springs at\ntheir present values throughout. Where the material does not admit that end, the step is done again with spectral\nradius 0, whose balance is at the end. K in D is that of the start of the step, so that with beta > 0 iterated\nsteps of nonlinear bodies (Newmark, generalised alpha) are of first order in time.\nCentral difference:\n    u' = u + h v + h^2/2 a,  (M + h/2 D) a' = f_ext(u') - f_int(u') - D (v + h/2 a),  v' = v + h/2 (a + a'),\nand of slaves u', v', a' follow from their masters, which carry the slaves' mass lumped (row sums of T^T M T).",
     'sb_body_stable_step': 'dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the\nlumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.\nSprings, mappings, pressures and constraints count, Prony terms with their instantaneous stiffness. Mass damping does\nnot change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and\nleaves their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On\nfailure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for\nconstraints that cannot be lumped) *dt is untouched; error may be NULL.\nBound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration.',
-    'sb_body_solve_static': 'Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive\ndefinite where it is not, a line search that refuses inverted elements, and adaptive load increments from the\nloads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.\n\nMaterials with Prony terms: the equilibrium long after, when all has relaxed that relaxes, with nothing else\nremembered; or (options->instantaneous) the one right after the loads changed in no time, from what is remembered.\n\nErrors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element\nthat would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times.',
+    'sb_body_solve_static': 'Where rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info->statics.\n\nFinds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive\ndefinite where it is not, a line search that refuses inverted elements, and adaptive load increments from the\nloads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.\n\nMaterials with Prony terms: the equilibrium long after, when all has relaxed that relaxes, with nothing else\nremembered; or (options->instantaneous) the one right after the loads changed in no time, from what is remembered.\n\nErrors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element\nthat would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times.',
     'sb_body_modes': "Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints\n(their values play no part), springs and mappings. Other loads play none, but that pressures act at_present: with the\nsymmetric part of their stiffness. Prony terms respond at once, as to the fastest of motions.\ncount        1 .. degrees of freedom that no support holds and no constraint eliminates\noptions      NULL: defaults\nfrequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come\n             out as about 0 (rounding of K x), never as NaN\nshapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right\n             angles in M; 0 at supported axes; slaves follow their masters\ninfo, error  may be NULL\nTakes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is\nleft as it is, to the last bit.\nErrors: SB_ERROR_ARGUMENT, SB_ERROR_MEMORY, SB_ERROR_INVERTED (at_present, naming the element), SB_ERROR_INDEFINITE\n(the present shape is not stable: it buckles), SB_ERROR_NOT_CONVERGED naming the mode; frequencies and shapes are\nthen untouched.\nMethod: Rayleigh-Ritz in a space that grows by (K + shift M)^-1 r of the residuals r of the lowest modes not yet\nfound, from random vectors (block Davidson; Parlett 1998, 11 and 13); systems by PCG, loosely.",
     'sb_body_state_size': 'Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports\nand other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body.',
     'sb_body_state_save': 'Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.\nSB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched).',

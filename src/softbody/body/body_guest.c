@@ -239,7 +239,7 @@ SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_re
     sbi_step_begin_info(info);
     step->body = body;
     step->info = info;
-    step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
+    step->part = step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
     step->hold = sbi_body_hold_factor(body, hold);
     step->linear_tolerance = tolerance;
     step->linearised = 1;

@@ -419,6 +419,7 @@ static sb_result sbi_play_static(sb_body *body, const sbi_command *c, sb_error *
     options.keep_progress = c->ints[3];
     options.instantaneous = c->ints[4] & 1;
     options.quasi_newton = c->ints[4] >> 1 & 1;
+    options.forces_only = c->ints[4] >> 2 & 1;
     options.tolerance = c->reals[0];
     result = sb_body_solve_static(body, &options, &info);
     *error = info.error;

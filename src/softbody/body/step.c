@@ -45,7 +45,8 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step) && (step->given.count == 0 || step->guests_begun);
+        step->done = (step->dynamic ? sbi_step_is_converged(step) : sbi_static_is_done(step)) &&
+                     (step->given.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -483,8 +484,8 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
 {
     sbi_step_guard guard = body->guard;
     sbi_touch *touch = body->touch;
-    if (touch)
-        touch->keep(touch->user);
+    if (touch && !touch->keep(touch->user, NULL))
+        return sbi_fail(&info->error, SB_ERROR_MEMORY, "no memory for contact on a mesh that has changed");
     for (int caution = guard.caution;; caution++) {
         sb_result result;
         sbi_step_dead_loads(body);
@@ -499,7 +500,7 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
         if (touch) {
             sbi_body_update_positions(body);
             touch->undo(touch->user);
-            touch->rewind(touch->user);
+            (void)touch->rewind(touch->user, NULL); /* the mesh is the same */
         }
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
             return result;

@@ -4,24 +4,53 @@
 
 #include "body.h"
 
+/* Why a static solve ended. */
+typedef enum sb_stop_reason {
+    SB_STOP_NONE = 0,      /* it failed, or this was a time step */
+    SB_STOP_CONVERGED = 1, /* the measures below met the tolerance */
+    SB_STOP_FLOOR = 2 /* rounding keeps the forces from balancing any better: `energy` says what it may be off by */
+} sb_stop_reason;
+
+/* How good the answer of a static solve is, of its last increment. What supports at rest hold hardly counts in it: of
+ * thin bodies that is many times the load. */
+typedef struct sb_static_report {
+    sb_stop_reason reason;
+    int iterations;    /* of Newton */
+    sb_real force;     /* |out-of-balance force| / the loads: the largest of the present ones, those of the static solve
+                        * before, those that follow, contact's, the work of supports that move over the way that they
+                        * go, and the reactions of supports as far as they are no more than ten times these; where there
+                        * are none of these, all of the reactions */
+    sb_real energy;    /* twice r.K^-1 r / work of the loads since the solve began, that of supports that move included:
+                        * the square of the error relative to the displacement, both in the energy norm; the error of
+                        * the mean displacement under the load relative to it is at most the root. An estimate: K is that
+                        * of the last system, and by conjugate gradients r.M^-1 r / the smallest eigenvalue of M^-1 K
+                        * that its solve has seen stands for it. Of several connected parts that where it is largest.
+                        * -1: not known, as with tools in touch or where nothing had to be solved */
+    sb_real increment; /* largest displacement that the present factor or preconditioner would yet add / the largest
+                        * since the solve began; -1 as above */
+    sb_real floor;     /* rounding errors in the out-of-balance force, relative as `force` */
+} sb_static_report;
+
 /* What a step or a static solve did. Every field is written by every call, failed ones too. */
 typedef struct sb_step_info {
-    int newton_iterations;  /* linear systems solved; an iteration whose exact tangent fails solves two */
-    int pcg_iterations;     /* of all of them together */
-    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; parts of a step that contact made divide
-                             * itself (contact.h); otherwise 0 */
-    int load_steps;         /* static: load increments that converged; a time step: 1 */
-    sb_real load_factor;    /* static: share of load and prescribed motion carried, 1 when done */
-    sb_real residual;       /* out-of-balance force relative to the largest force, at the last check; a linearised
-                             * step (max_newton 1): |b - A x| / |b| of its linear solve. Of several connected parts
-                             * that where it is largest */
-    int capped;             /* 1: an iteration cap was hit and the best state so far was taken */
-    double seconds_force;   /* with a clock, otherwise 0: rotations and internal forces, */
-    double seconds_tangent; /* assembly, */
-    double seconds_precond; /* preconditioner set-up, */
-    double seconds_solve;   /* conjugate gradients, */
-    double seconds_total;   /* and the whole call */
-    sb_error error;         /* result, message, element or node when the call failed */
+    int newton_iterations;    /* linear systems solved; an iteration whose exact tangent fails solves two */
+    int pcg_iterations;       /* of all of them together */
+    int substeps;             /* SB_CENTRAL_DIFFERENCE: explicit steps taken; parts of a step that contact made divide
+                               * itself (contact.h); otherwise 0 */
+    int load_steps;           /* static: load increments that converged; a time step: 1 */
+    sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
+    sb_real residual;         /* out-of-balance force relative to the largest force (in a static solve: as
+                               * sb_static_report.force), at the last check; a linearised
+                               * step (max_newton 1): |b - A x| / |b| of its linear solve. Of several connected parts
+                               * that where it is largest */
+    int capped;               /* 1: an iteration cap was hit and the best state so far was taken */
+    double seconds_force;     /* with a clock, otherwise 0: rotations and internal forces, */
+    double seconds_tangent;   /* assembly, */
+    double seconds_precond;   /* preconditioner set-up, */
+    double seconds_solve;     /* conjugate gradients, */
+    double seconds_total;     /* and the whole call */
+    sb_error error;           /* result, message, element or node when the call failed */
+    sb_static_report statics; /* of a static solve; 0 of a time step */
 } sb_step_info;
 
 /* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
@@ -72,14 +101,17 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
 typedef struct sb_static_options {
     int load_steps;     /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
                          * default 1 */
-    sb_real tolerance;  /* |out-of-balance force| / largest of load and reaction, (0, 1), in each connected part;
-                         * default 1e-6; what is below 64 epsilon counts as that */
+    sb_real tolerance;  /* of sb_static_report.force, (0, 1), in each connected part; its `energy` must be no more than
+                         * a hundredth of it, so that 1e-6 (default) stands for displacements within 1e-4 and 1e-2 for
+                         * 1 %; what is below 64 epsilon counts as that */
     int max_newton;     /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
                          * rotation per element converge linearly and take at least 300 */
     int max_iterations; /* of each linear solve, >= 1; default 20000 */
     int quasi_newton;   /* 1: the tangent SB_TANGENT_QUASI as long as each iteration halves the residual: of
                          * corotated tets several times cheaper to assemble, but convergence is linear, which
                          * pays where the tolerance is loose; default 0 */
+    int forces_only;    /* 1: the out-of-balance force alone decides, compared with all reactions, too: for one of many
+                         * solves between which loads change by more; default 0 */
     int keep_progress;  /* 1: on failure the body stays at the last converged increment; 0 (default): it
                          * returns to where it was */
     int instantaneous;  /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
@@ -91,7 +123,9 @@ typedef struct sb_static_options {
 
 SB_API sb_static_options sb_default_static_options(void);
 
-/* Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive
+/* Where rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info->statics.
+ *
+ * Finds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive
  * definite where it is not, a line search that refuses inverted elements, and adaptive load increments from the
  * loads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.
  *

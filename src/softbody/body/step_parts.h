@@ -84,6 +84,13 @@ typedef struct sbi_step {
     int energy_known;
     int cautious; /* 1: the last increment had to be cut short, so project the next tangent */
     int quasi;    /* 1: the quasi tangent, as long as each iteration halves the residual */
+
+    /* when a static increment is done: step_done.c */
+    int forces_only;    /* see sb_static_options */
+    sb_real held_scale; /* as scale, but with the reactions of supports that rest (N) */
+    sb_real rounding;   /* in the residual (N), as far as displacements and moduli tell */
+    sb_real least;      /* smallest sb_static_report.energy of the increment so far */
+    int stalls;         /* checks since it last fell to a half */
 } sbi_step;
 
 /* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent,
@@ -113,5 +120,9 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
 /* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. */
 SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
                                      sb_step_info *info);
+/* The same of a part of a step that its caller divides, from the share `begin` of it (0 in the first part) to the share
+ * `end` (1 in the last): supports and tools go so much of their ways. It is not divided any further. */
+SBI_API sb_result sbi_body_step_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_real begin, sb_real end, sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */

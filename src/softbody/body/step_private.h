@@ -6,6 +6,25 @@
 #include "step_parts.h"
 #include "step_touch.h"
 
+/* ---- step_way.c ---- */
+/* Connected parts: those of the matrix that is solved, where ties join what they tie. */
+SBI_API const sb_matrix *sbi_step_parts(const sb_body *body);
+/* Nodes of a part of the matrix; -1: all. rows NULL: 0, 1, ... */
+typedef struct sbi_static_nodes {
+    const int *rows;
+    int count;
+} sbi_static_nodes;
+SBI_API sbi_static_nodes sbi_static_part(const sb_body *body, int part);
+SB_INLINE int sbi_static_node(const sbi_static_nodes *nodes, int k) { return nodes->rows ? nodes->rows[k] : k; }
+/* |a_k b_k| summed over the axes k of a mask, and the largest |a_k|. */
+SBI_API double sbi_static_work(unsigned axes, sb_vec3 a, sb_vec3 b);
+SBI_API double sbi_static_largest(unsigned axes, sb_vec3 a);
+/* What a node has gone since the solve began (m). */
+SBI_API sb_vec3 sbi_static_way(const sb_body *body, int node);
+/* Work (J) of supports that move since the solve began, over the longest way that one of their axes has gone: what
+ * their motion is held up by (N). part: of the matrix; -1: of all. */
+SBI_API sb_real sbi_static_support_force(const sb_body *body, int part);
+
 /* ---- step_residual.c ---- */
 /* v and a at the present displacement. */
 SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i);
@@ -22,12 +41,28 @@ SBI_API sb_result sbi_step_keep_damping(sbi_step *step);
 SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out);
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
 SBI_API void sbi_step_residual(sbi_step *step);
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
+ * theirs. */
+SBI_API const sb_vec3 *sbi_step_unbalanced(const sbi_step *step);
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more
+ * than `rounding` (N). */
+SBI_API int sbi_step_parts_meet(sbi_step *step, sb_real rounding);
+/* What rounding may leave of the residual (N), as far as moduli and springs tell. */
+SBI_API sb_real sbi_step_rounding(const sbi_step *step);
 /* Forces, residual, and the tangent of a linearised step. */
 SBI_API sb_result sbi_step_evaluate(sbi_step *step);
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
 SBI_API int sbi_step_is_converged(sbi_step *step);
 /* 1 when all of the body's materials have an energy inside out. */
 SBI_API int sbi_step_allows_inversion(const sb_body *body);
+
+/* ---- step_done.c: of static solves ---- */
+/* An increment begins. */
+SBI_API void sbi_static_begin_report(sbi_step *step);
+/* 1 when the increment is done, by the residual, or as good as rounding lets it become. */
+SBI_API int sbi_static_is_done(sbi_step *step);
+/* 1 when a failing iteration has come as near as rounding, or as the reactions, can tell: it ends with success. */
+SBI_API int sbi_static_settles(sbi_step *step);
 
 /* ---- step_guest.c ---- */
 /* Takes the memory for these guests; all or nothing. */
@@ -79,13 +114,17 @@ SBI_API void sbi_step_commit_touch(sbi_step *step);
 SBI_API void sbi_step_undo_touch(sbi_step *step);
 
 /* ---- step_system.c ---- */
-/* Where the supports of node i should be at the present load factor; exact at the end of the way. */
+/* Where the supports of node i should be at the end of the step, which may be a part of its caller's. */
+SBI_API sb_vec3 sbi_step_target(const sbi_step *step, int i);
+/* And at the present load factor; exact at the end of the way. */
 SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
 SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* The same without a new first guess, guests and preconditioner: matrix and right-hand side. */
 SBI_API void sbi_step_fill_system(sbi_step *step);
+/* 1 when all materials are linear. */
+SBI_API int sbi_step_is_linear(const sb_body *body);
 /* Tolerance of this iteration's linear solve. */
 SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step);
 /* Once, as the matrix is; current: the preconditioner was made of this very matrix. */

@@ -6,7 +6,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "../solve/sparse_live.h"
 #include "live_private.h"
 #include "load.h"
 #include "step_private.h"
@@ -32,14 +31,6 @@ static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, sbi_step_axe
     for (int i = 0; i < body->domain.node_count; i++)
         sum += sbi_step_square(body, i, a[i], axes);
     return sb_sqrt((sb_real)sum);
-}
-
-/* Connected parts: those of the matrix that is solved, where ties join what they tie. */
-static const sb_matrix *sbi_step_parts(const sb_body *body)
-{
-    const sb_matrix *parts = body->elimination ? &body->elimination->matrix : &body->matrix;
-    sbi_matrix_list_parts(parts);
-    return parts;
 }
 
 /* The same of one part's nodes. */
@@ -222,14 +213,36 @@ static void sbi_step_add_touch_residual(sbi_step *step)
     sbi_step_raise_scale(step, b->work, SBI_STEP_ALL);
 }
 
-/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
- * theirs. */
-static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
+SBI_API const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
 {
     const sb_body *b = step->body;
     if (step->guests_begun)
         return (const sb_vec3 *)(const void *)sbi_pcg_guests(&b->pcg)->rest;
     return b->elimination ? b->elimination->reduced : b->residual;
+}
+
+/* What supports hold (N), as far as it is no more than ten times the loads: of thin bodies it is many times that. Where
+ * nothing loads, all of it. */
+static sb_real sbi_step_limit_reactions(const sbi_step *step, sb_real loads, sb_real reactions)
+{
+    return loads > 0 && !step->forces_only ? sb_max(loads, sb_min(10 * loads, reactions)) : sb_max(loads, reactions);
+}
+
+/* Loads before, supports that move, and reactions. */
+static void sbi_step_scale_statics(sbi_step *step)
+{
+    sb_body *b = step->body;
+    int parts = sbi_step_parts(b)->part_count;
+    sb_real held = sbi_step_norm(b, b->internal, SBI_STEP_HELD);
+    sbi_step_raise_scale(step, b->equilibrated, SBI_STEP_ALL);
+    step->scale = sb_max(step->scale, sbi_static_support_force(b, -1));
+    step->held_scale = sb_max(step->scale, held);
+    step->scale = sbi_step_limit_reactions(step, step->scale, held);
+    for (int c = 0; parts > 1 && c < parts; c++) {
+        b->part_scale[c] = sb_max(b->part_scale[c], sbi_static_support_force(b, c));
+        b->part_scale[c] =
+            sbi_step_limit_reactions(step, b->part_scale[c], sbi_step_part_norm(b, c, b->internal, SBI_STEP_HELD));
+    }
 }
 
 /* A norm with what guests add to it in this part of the matrix (-1: in all). */
@@ -250,7 +263,6 @@ SBI_API void sbi_step_residual(sbi_step *step)
     step->scale = 0;
     memset(b->part_scale, 0, (size_t)sbi_step_parts(b)->part_count * sizeof *b->part_scale);
     sbi_step_raise_scale(step, b->external, SBI_STEP_ALL);
-    sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
     if (b->load_count)
         sbi_step_add_loads(step);
     if (step->push > 0)
@@ -260,6 +272,8 @@ SBI_API void sbi_step_residual(sbi_step *step)
     if (step->dynamic) {
         sbi_step_raise_scale(step, b->internal, SBI_STEP_ALL);
         sbi_step_add_dynamics(step);
+    } else {
+        sbi_step_scale_statics(step);
     }
     step->last_norm = step->norm;
     if (b->elimination)
@@ -302,9 +316,7 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     return SB_OK;
 }
 
-/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more
- * than `rounding` (N). */
-static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
+SBI_API int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
 {
     const sb_body *b = step->body;
     int parts = sbi_step_parts(b)->part_count, meet = 1;
@@ -330,10 +342,15 @@ static int sbi_step_guests_meet(const sbi_step *step, sb_real rounding)
            sbi_step_lone_guests_meet(step, rounding);
 }
 
+SBI_API sb_real sbi_step_rounding(const sbi_step *step)
+{
+    return 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
+}
+
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
 SBI_API int sbi_step_is_converged(sbi_step *step)
 {
-    sb_real rounding = 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
+    sb_real rounding = sbi_step_rounding(step);
     int meet = sbi_step_parts_meet(step, step->iteration > 0 ? rounding : 0);
     if (!meet && step->iteration > 0 && sbi_step_is_exhausted(step->body))
         meet = sbi_step_guests_meet(step, rounding);

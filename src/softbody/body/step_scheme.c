@@ -109,7 +109,7 @@ static void sbi_step_scheme_alpha(sbi_step *step)
         sb_vec3 v0 = sb_v3_madd(sb_v3_scale(step->known_velocity[0], v), step->known_velocity[1], a);
         sb_vec3 a0 = sb_v3_madd(sb_v3_scale(step->known_acceleration[1], a), step->known_acceleration[0], v);
         if (b->fixed[i]) {
-            sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
+            sb_vec3 go = sb_v3_sub(sbi_step_target(step, i), b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
             sb_vec3 rate_now = sb_v3_madd(sb_v3_scale(1 - level, v), level, rate);
             sb_vec3 change_now = sb_v3_madd(sb_v3_scale(1 - inertia, a), inertia, change);
@@ -143,7 +143,7 @@ static void sbi_step_scheme_newmark(sbi_step *step)
             a0 = sb_v3_sub(sb_v3_scale(-4 / dt, v), b->acceleration[i]);
         }
         if (b->fixed[i]) {
-            sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
+            sb_vec3 go = sb_v3_sub(sbi_step_target(step, i), b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
             v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate, -step->cv, go), v0);
             a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change, -step->ca, go), a0);
@@ -178,7 +178,7 @@ static sb_result sbi_step_finish_alpha(sbi_step *step)
     sb_body *b = step->body;
     memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
     for (int i = 0; i < b->domain.node_count; i++)
-        b->displacement[i] = sbi_body_pick_axes(b->fixed[i], b->target[i],
+        b->displacement[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_target(step, i),
                                                 sbi_step_extrapolate(b->start[i], b->displacement[i], step->level));
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, 1);

@@ -50,7 +50,9 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
 /* One increment: to balance, and with contact until its pressures hold the surface where it belongs. */
 static sb_result sbi_static_iterate(sbi_step *step)
 {
-    sb_result result = sbi_step_iterate(step, sbi_step_linearise(step));
+    sb_result result;
+    sbi_static_begin_report(step);
+    result = sbi_step_iterate(step, sbi_step_linearise(step));
     for (int round = 1; result == SB_OK && step->touch; round++) {
         int again = sbi_step_balance_touch(step, round);
         if (again < 0)
@@ -63,6 +65,13 @@ static sb_result sbi_static_iterate(sbi_step *step)
         step->done = 0;
         result = sbi_step_iterate(step, sbi_step_linearise(step));
     }
+    if (result != SB_OK && result != SB_ERROR_INVERTED && sbi_static_settles(step)) {
+        sbi_step_forget_error(step->info);
+        result = SB_OK;
+    }
+    if (result != SB_OK)
+        step->info->statics.reason = SB_STOP_NONE;
+    step->info->statics.iterations = step->iteration;
     return result;
 }
 
@@ -137,7 +146,8 @@ static void sbi_static_commit(sbi_step *step)
 static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
 {
     const int ints[5] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress,
-                         (options->instantaneous != 0) + 2 * (options->quasi_newton != 0)};
+                         (options->instantaneous != 0) + 2 * (options->quasi_newton != 0) +
+                             4 * (options->forces_only != 0)};
     sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 5, &options->tolerance, 1);
 }
 
@@ -159,11 +169,13 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     duration = options->instantaneous ? 0 : (sb_real)INFINITY;
     memset(&step, 0, sizeof step);
     step.body = body;
+    step.part = 1;
     step.info = info;
     step.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
     step.max_newton = sbi_max_int(options->max_newton, 2);
     step.max_iterations = options->max_iterations;
     step.line_search = 1;
+    step.forces_only = options->forces_only;
     step.touch = body->touch;
     sbi_step_save(body);
     sbi_step_watch_knots(body, 0);

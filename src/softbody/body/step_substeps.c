@@ -14,25 +14,25 @@
 
 enum { SBI_SUBSTEPS_MOST = 16 };
 
-/* ---- room: a snapshot, and behind it the targets of supports ---- */
+/* ---- room for a snapshot ---- */
 
-static size_t sbi_substeps_aligned(size_t bytes) { return (bytes + 15) / 16 * 16; }
-
-/* 0: more than there can be. */
-static size_t sbi_substeps_size(const sb_body *b)
+/* Of a body whose mesh takes all the slots that there are by now, and half as much again once it has grown. */
+static size_t sbi_substeps_roomy(const sb_body *b, size_t needed)
 {
-    size_t snapshot = sbi_body_snapshot_size(b), size = sbi_substeps_aligned(snapshot);
-    return snapshot && sbi_size_add(&size, (size_t)b->domain.node_count, sizeof(sb_vec3)) ? size : 0;
+    size_t nodes = (size_t)sbi_max_int(1, b->domain.node_count), slots = (size_t)b->node_capacity;
+    size_t most = needed <= (size_t)-1 / (2 * slots) ? needed * slots / nodes : needed;
+    size_t grown = b->substep_room && needed <= (size_t)-1 / 2 ? needed + needed / 2 : needed;
+    return most > grown ? most : grown;
 }
 
 SBI_API sb_result sbi_body_reserve_substeps(sb_body *b, sb_error *error)
 {
-    size_t needed = sbi_substeps_size(b);
+    size_t needed = sbi_body_snapshot_size(b);
     unsigned char *room;
     if (needed && needed <= b->substep_room_size)
         return SB_OK;
-    if (b->substep_room && needed <= (size_t)-1 / 2) /* of a mesh that has grown: it may again */
-        needed += needed / 2;
+    if (b->live) /* its mesh may grow */
+        needed = sbi_substeps_roomy(b, needed);
     room = needed ? (unsigned char *)sbi_alloc(&b->allocator, needed, 1) : NULL;
     if (!room)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for what a divided step gives back");
@@ -44,28 +44,16 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *b, sb_error *error)
 
 /* ---- a divided step ---- */
 
-static void sbi_substeps_keep(sb_body *b, size_t snapshot)
+static void sbi_substeps_keep(sb_body *b)
 {
     sbi_body_snapshot(b, b->substep_room);
-    memcpy(b->substep_room + sbi_substeps_aligned(snapshot), b->target,
-           (size_t)b->domain.node_count * sizeof *b->target);
-    b->touch->keep(b->touch->user);
+    (void)b->touch->keep(b->touch->user, NULL); /* the step that was refused has followed the mesh */
 }
 
 static void sbi_substeps_rewind(sb_body *b, size_t snapshot)
 {
     (void)sbi_body_rewind(b, b->substep_room, snapshot, NULL); /* a step changes nothing that would need memory */
-    b->touch->rewind(b->touch->user);
-}
-
-/* Supports go this share of what is left of their ways. */
-static void sbi_substeps_aim(sb_body *b, const unsigned char *kept, sb_real part)
-{
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 goal;
-        memcpy(&goal, kept + (size_t)i * sizeof goal, sizeof goal);
-        b->target[i] = part < 1 ? sb_v3_madd(b->displacement[i], part, sb_v3_sub(goal, b->displacement[i])) : goal;
-    }
+    (void)b->touch->rewind(b->touch->user, NULL);              /* nor the mesh */
 }
 
 /* What all attempts together took. */
@@ -90,9 +78,8 @@ static int sbi_substeps_shorten(const sb_body *b, int length)
 }
 
 /* After the whole step was refused. sum: counts up; the rest is of the last part. */
-static sb_result sbi_substeps_run(sb_body *b, sb_real dt, size_t snapshot, sb_step_info *sum)
+static sb_result sbi_substeps_run(sb_body *b, sb_real dt, sb_step_info *sum)
 {
-    const unsigned char *kept = b->substep_room + sbi_substeps_aligned(snapshot);
     int length = sbi_substeps_shorten(b, SBI_SUBSTEPS_MOST), parts = 0;
     for (int left = SBI_SUBSTEPS_MOST; left > 0;) { /* in the shortest parts, as length */
         sb_real part = (sb_real)length / (sb_real)left, share = (sb_real)length / (sb_real)SBI_SUBSTEPS_MOST;
@@ -100,7 +87,6 @@ static sb_result sbi_substeps_run(sb_body *b, sb_real dt, size_t snapshot, sb_st
         sb_result result;
         b->touch->share = share;
         b->touch->is_last = length == 1;
-        sbi_substeps_aim(b, kept, part);
         result = sbi_step_whole(b, dt * share, NULL, 0, part, &info);
         sbi_substeps_count(&info, sum);
         *sum = info;
@@ -122,8 +108,8 @@ static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, s
     sb_step_info sum = *info;
     if (sbi_body_reserve_substeps(b, NULL) != SB_OK)
         return result;
-    sbi_substeps_keep(b, snapshot);
-    if (sbi_substeps_run(b, dt, snapshot, &sum) == SB_OK) {
+    sbi_substeps_keep(b);
+    if (sbi_substeps_run(b, dt, &sum) == SB_OK) {
         *info = sum;
         return SB_OK;
     }
@@ -137,16 +123,27 @@ static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, s
 
 /* ---- a step ---- */
 
-SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     sb_step_info *info)
+SBI_API sb_result sbi_body_step_part(sb_body *b, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_real begin, sb_real end, sb_step_info *info)
 {
-    sb_step_info own;
+    sb_real part = end < 1 ? (end - begin) / (1 - begin) : 1;
+    sbi_touch *touch = b ? b->touch : NULL;
     sb_result result;
-    double begun;
-    if (!body || !body->touch || !sbi_body_is_implicit(body) || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
-        return sbi_step_whole(body, dt, guests, guest_count, 1, info);
-    info = info ? info : &own;
-    begun = sbi_body_now(body);
+    if (!touch)
+        return sbi_step_whole(b, dt, guests, guest_count, part, info);
+    touch->mended = begin > 0 && touch->mended;
+    touch->share = end - begin;
+    touch->steady = begin > 0 || end < 1;
+    result = sbi_step_whole(b, dt, guests, guest_count, part, info);
+    touch->share = 1;
+    touch->steady = 0;
+    return result;
+}
+
+static sb_result sbi_substeps_step(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    double begun = sbi_body_now(body);
+    sb_result result;
     body->touch->refused = body->touch->is_last = body->touch->mended = 0;
     sbi_body_mute(body);
     result = sbi_step_whole(body, dt, NULL, 0, 1, info);
@@ -158,6 +155,15 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
     info->seconds_total = sbi_body_now(body) - begun;
     sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
     return result;
+}
+
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info)
+{
+    sb_step_info own;
+    if (!body || !body->touch || !sbi_body_is_implicit(body) || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
+        return sbi_body_step_part(body, dt, guests, guest_count, 0, 1, info);
+    return sbi_substeps_step(body, dt, info ? info : &own);
 }
 
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)

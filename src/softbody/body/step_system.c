@@ -5,13 +5,20 @@
 #include "constraint.h"
 #include "step_private.h"
 
-/* Where the supports of node i should be at the present load factor; exact at the end of the way. */
+/* A share of node i's way to the target of its supports; exact at its end. */
+static sb_vec3 sbi_step_go(const sb_body *b, int i, sb_real share, sb_vec3 target)
+{
+    return share == 1 ? target : sb_v3_madd(b->start[i], share, sb_v3_sub(target, b->start[i]));
+}
+
+SBI_API sb_vec3 sbi_step_target(const sbi_step *step, int i)
+{
+    return sbi_step_go(step->body, i, step->part, step->body->target[i]);
+}
+
 SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i)
 {
-    const sb_body *b = step->body;
-    if (step->load_factor == 1)
-        return b->target[i];
-    return sb_v3_madd(b->start[i], step->load_factor, sb_v3_sub(b->target[i], b->start[i]));
+    return sbi_step_go(step->body, i, step->load_factor, sbi_step_target(step, i));
 }
 
 /* What supported axes of node i still have to go. */
@@ -106,20 +113,25 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
         sbi_step_touch_reactions(step);
 }
 
+SBI_API int sbi_step_is_linear(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (!sb_material_is_linear(b->materials[i].model))
+            return 0;
+    return 1;
+}
+
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
  * progress (Eisenstat and Walker 1996, choice 2), never beyond what the residual's tolerance can notice. */
 SBI_API sb_real sbi_step_linear_tolerance(const sbi_step *step)
 {
     const sb_body *b = step->body;
     sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
-    int linear = 1;
     if (step->linear_tolerance > 0)
         return step->linear_tolerance;
-    for (int i = 0; i < b->material_count; i++)
-        linear = linear && sb_material_is_linear(b->materials[i].model);
     if (step->norm > 0)
         enough = (sb_real)0.1 * step->tolerance * step->scale / step->norm;
-    if (linear)
+    if (sbi_step_is_linear(b))
         return sb_max(sb_min((sb_real)0.1 * step->tolerance, enough), least);
     if (step->iteration > 0 && step->last_norm > 0) {
         sb_real ratio = step->norm / step->last_norm;

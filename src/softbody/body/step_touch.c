@@ -66,6 +66,23 @@ static sb_result sbi_step_couple_touch(sbi_step *step)
     return sbi_step_take_guests(step, b->step_guests, count);
 }
 
+SBI_API sb_real sbi_body_diagonal_mass(const sb_body *b, int node)
+{
+    return b->mass_blocks ? b->mass_blocks[b->matrix.diagonal[node]] : b->lumped_mass[node];
+}
+
+/* Accelerations go with 1 / dt^2, velocities with 1 / dt. */
+static void sbi_touch_tell_whole(const sbi_step *step, sbi_touch_step *told)
+{
+    const sb_body *b = step->body;
+    sb_real share = step->touch->share, mass = step->ca + b->damping_mass * step->cv;
+    told->whole_stiff = 1;
+    if (!step->touch->steady || !step->dynamic)
+        return;
+    told->whole_stiff = (1 + b->damping_stiffness * step->cv * share) / (1 + b->damping_stiffness * step->cv);
+    told->whole_mass = share * (step->ca * share + b->damping_mass * step->cv) - told->whole_stiff * mass;
+}
+
 SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
 {
     const sb_body *b = step->body;
@@ -81,6 +98,7 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
     told.part = step->dynamic ? step->part : 1;
+    sbi_touch_tell_whole(step, &told);
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;

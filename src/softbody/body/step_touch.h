@@ -25,11 +25,13 @@ typedef struct sbi_touch_step {
     const sb_vec3 *start; /* [rows] displacement at the start of the step, or of the increment of a static solve (m) */
     const sb_vec3 *velocity; /* [rows] at the start (m/s) */
     sb_real dt;              /* s; 0: static */
-    sb_real level;         /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
-    sb_real factor;        /* share of the way of a static solve; 1 in a time step */
-    int stage;             /* increments of a static solve that have converged before; 0 in a time step */
-    int tries;             /* how often this step was refused or failed already: each time it asks for less motion */
-    sb_real part;          /* share of what is left of a divided step, and of its motion; else 1 */
+    sb_real level;  /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    sb_real factor; /* share of the way of a static solve; 1 in a time step */
+    int stage;      /* increments of a static solve that have converged before; 0 in a time step */
+    int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+    sb_real whole_stiff, whole_mass; /* A of the caller's whole step, of which this is a part, is so much of A and of
+                                      * the mass (1/s^2); else 1 and 0 */
+    sb_real part;                    /* share of what is left of a divided step, and of its motion; else 1 */
     const sb_real *masses; /* [rows] of an explicit substep (kg), whose matrix is NULL; NULL: the step is implicit */
     sb_real rate; /* of one: 1/s^2, no pattern of motion may have more stiffness of contact than so much of its mass */
 } sbi_touch_step;
@@ -48,6 +50,7 @@ typedef struct sbi_touch {
     int apart;     /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
     int parts;     /* what begin would have a step divided into that it refuses; the owner's */
     sb_real share; /* of the caller's step that the one under way is; the step's */
+    int steady;    /* 1: the stiffness of contact is to be that of the caller's whole step; the step's */
     int mended;    /* 1: motion was taken out of a part of the caller's step; the step's */
     int is_last;   /* 1: what is refused now will not be divided (any further); the step's */
     sb_vec3 *force; /* on the nodes (N), at the last evaluation */
@@ -101,9 +104,13 @@ typedef struct sbi_touch {
     /* The step is done, or has failed: as before `begin`. Neither can fail. */
     void (*commit)(void *user);
     void (*undo)(void *user);
-    /* A step will be divided: keeps what steps that are done have changed; and goes back to it. Neither can fail. */
-    void (*keep)(void *user);
-    void (*rewind)(void *user);
+    /* Keeps what steps that are done have changed in a block of kept_size bytes (aligned as for doubles), which no
+     * step but a call that adds tools makes larger; and goes back to it. block NULL: one of its own, for static solves
+     * and for steps that a body divides. 0: no memory to follow a mesh that has changed since the last step, or since
+     * it was kept; it may be tried again. */
+    size_t (*kept_size)(const void *user);
+    int (*keep)(void *user, void *block);
+    int (*rewind)(void *user, const void *block);
 } sbi_touch;
 
 /* Room for what a divided step gives back: before something touches the body, and again where more loads or another
@@ -112,6 +119,7 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 /* From now on it takes part in all implicit steps and static solves of the body; NULL: nothing does. */
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
+SBI_API sb_real sbi_body_diagonal_mass(const sb_body *body, int node); /* kg, of the mass matrix */
 /* Takes beforehand what steps need for a coupling of so many nodes. SB_ERROR_MEMORY leaves the body as it was. */
 SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error);
 /* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,

@@ -87,10 +87,8 @@ static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
     p->region_count = (int *)sbi_arena_take(arena, regions, sizeof(int));
     p->entries = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->entries);
     p->spare = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->spare);
-    p->before = (sbi_pair_entry *)sbi_arena_take(arena, samples, sizeof *p->before);
     p->pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->pressures);
     p->spare_pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->spare_pressures);
-    p->before_pressures = (sbi_pair_pressure *)sbi_arena_take(arena, corners, sizeof *p->before_pressures);
 }
 
 /* Arrays that do not depend on the mesh. */
@@ -101,7 +99,6 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     size_t corners = (size_t)c->corner_room * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
-    c->kept_tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->kept_tools);
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
     c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
     c->region_sum = (sb_real *)sbi_arena_take(arena, tools * regions, sizeof(sb_real));
@@ -111,10 +108,8 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
         (sbi_contact_saved *)sbi_arena_take(arena, skin->source ? (size_t)skin->most_saved : pairs, sizeof *c->saved);
     c->entries = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->entries);
     c->spare = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->spare);
-    c->before = (sbi_contact_entry *)sbi_arena_take(arena, samples, sizeof *c->before);
     c->pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->pressures);
     c->spare_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->spare_pressures);
-    c->before_pressures = (sbi_contact_pressure *)sbi_arena_take(arena, corners, sizeof *c->before_pressures);
     if (c->pairs.kinds)
         sbi_contact_lay_out_lists(c, arena);
     if (!skin->source)
@@ -173,7 +168,7 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     c->pairs.friction = def->pair_friction;
     c->pairs.distance = def->pair_distance;
     c->pairs.slot_room = sbi_min_int(c->patch_room, c->faces->face_room);
-    if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c))
+    if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c) || !sbi_contact_reserve_kept(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
     if (c->skin.source)
         sbi_contact_faces_refit(c->faces, sbi_contact_points_now(c), NULL, 0);
@@ -189,6 +184,7 @@ static void sbi_contact_release(sb_contact *contact)
     sbi_contact_faces_destroy(contact->faces);
     sbi_contact_skin_free(contact);
     sbi_free(&allocator, contact->room_memory);
+    sbi_free(&allocator, contact->own_block);
     sbi_free(&allocator, contact->memory);
     sbi_free(&allocator, contact);
 }

@@ -168,10 +168,10 @@ typedef struct sbi_pairs {
     int link_count;
 
     /* of the last step */
-    sbi_pair_entry *entries, *spare, *before;
-    int entry_count, before_count;
-    sbi_pair_pressure *pressures, *spare_pressures, *before_pressures; /* [corners max_contacts] */
-    int pressure_count, before_pressure_count;
+    sbi_pair_entry *entries, *spare;
+    int entry_count;
+    sbi_pair_pressure *pressures, *spare_pressures; /* [corners max_contacts] */
+    int pressure_count;
 } sbi_pairs;
 
 /* A point of a face. */

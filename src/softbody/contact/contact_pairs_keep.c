@@ -197,29 +197,7 @@ SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_ve
     }
 }
 
-/* ---- undo of static solves, changes of the mesh ---- */
-
-SBI_API void sbi_pairs_keep_before(sb_contact *contact)
-{
-    sbi_pairs *pairs = &contact->pairs;
-    if (!pairs->kinds)
-        return;
-    pairs->before_count = pairs->entry_count;
-    memcpy(pairs->before, pairs->entries, (size_t)pairs->entry_count * sizeof *pairs->entries);
-    pairs->before_pressure_count = pairs->pressure_count;
-    memcpy(pairs->before_pressures, pairs->pressures, (size_t)pairs->pressure_count * sizeof *pairs->pressures);
-}
-
-SBI_API void sbi_pairs_take_before(sb_contact *contact)
-{
-    sbi_pairs *pairs = &contact->pairs;
-    if (!pairs->kinds)
-        return;
-    pairs->entry_count = pairs->before_count;
-    memcpy(pairs->entries, pairs->before, (size_t)pairs->before_count * sizeof *pairs->entries);
-    pairs->pressure_count = pairs->before_pressure_count;
-    memcpy(pairs->pressures, pairs->before_pressures, (size_t)pairs->pressure_count * sizeof *pairs->pressures);
-}
+/* ---- changes of the mesh ---- */
 
 SBI_API void sbi_pairs_follow_faces(sb_contact *contact)
 {

@@ -47,7 +47,8 @@ typedef struct sbi_contact_tool {
     sb_real friction;
     sb_pose reached, wanted; /* at the end of the last step; where it is sent */
     sb_pose next, balance;   /* of the step: at its end, and where its forces balance */
-    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance, *chain_kept;
+    sb_vec3 *chain_reached, *chain_wanted, *chain_next, *chain_balance;
+    sb_vec3 *chain_stage;        /* chain_next of the last increment of a static solve that was done */
     int face_count;              /* of its faces in sb_contact.near */
     sb_pose from;                /* at the start of the step, or of the increment of a static solve */
     sb_pose stage;               /* at the end of the last increment that was done */
@@ -161,14 +162,9 @@ struct sb_contact {
     int is_solved;                                     /* 1: entries are of the system that the body has solved last */
     sbi_contact_pressure *pressures, *spare_pressures; /* [corner_room max_contacts] of a tool together */
     int pressure_count, corner_room;                   /* corners that may remember of a contact */
-    sbi_contact_entry *before; /* [max_contacts] these two before a static solve or a divided step, for undo */
-    sbi_contact_pressure *before_pressures;
-    int before_count, before_pressure_count;
-    int kept;                     /* 1: a static solve is under way, and they are what it began with */
-    sbi_contact_tool *kept_tools; /* [max_tools] and what else a divided step gives back; chains: chain_kept, which
-                                   * holds those of the last increment that is done in a static solve */
-    sb_contact_info kept_info;
-    int kept_is_solved;
+    unsigned char *own_block; /* where a static solve, or a step that is divided, keeps what it gives back */
+    size_t own_room;          /* its bytes */
+    int kept;                 /* 1: a static solve is under way, and that is what it began with */
     void *memory;
 
     sbi_pairs pairs;
@@ -327,14 +323,20 @@ SBI_API void sbi_pairs_keep_entries(sb_contact *contact);
 /* Raises the two by those of pairs, see contact_step.c. */
 SBI_API void sbi_pairs_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed);
 SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_vec3 *out);
-SBI_API void sbi_pairs_keep_before(sb_contact *contact);
-SBI_API void sbi_pairs_take_before(sb_contact *contact);
 /* The faces have other numbers: what goes is forgotten. */
 SBI_API void sbi_pairs_follow_faces(sb_contact *contact);
 SBI_API void sbi_pairs_read_point(const sb_contact *contact, int number, sb_contact_point *point);
 SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes); /* N, [nodes] */
 #define SBI_PAIRS_PART "pairs"                                                 /* its name in its body's state */
 SBI_API sb_result sbi_pairs_join_state(sb_contact *contact, sb_error *error);
+
+/* ---- contact_keep.c ---- */
+/* As the calls of sbi_touch. */
+SBI_API size_t sbi_contact_kept_size(const void *user);
+SBI_API int sbi_contact_keep(void *user, void *memory);
+SBI_API int sbi_contact_rewind(void *user, const void *memory);
+/* Room for a block of its own with the tools that there are. 0: no memory. */
+SBI_API int sbi_contact_reserve_kept(sb_contact *contact);
 
 /* ---- contact_step.c ---- */
 /* What the body calls in its steps. */

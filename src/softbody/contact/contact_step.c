@@ -160,19 +160,23 @@ static int sbi_contact_find_patches(sb_contact *contact, const sbi_touch_step *s
 
 /* ---- stiffness ---- */
 
-/* tr A_aa / 3 (N/m) */
-static sb_real sbi_contact_trace(const sb_matrix *matrix, int node)
+/* tr A_aa / 3 (N/m), A of the whole step where this is a part of one: with the stiffness of a part, which is higher the
+ * shorter it is, the overlap that the part before has left would be felt as a blow. */
+static sb_real sbi_contact_trace(const sb_contact *contact, const sbi_touch_step *step, int node)
 {
-    const sb_real *a = matrix->blocks[sb_matrix_find(matrix, node, node)];
-    return (a[0] + a[4] + a[8]) / 3;
+    const sb_real *a = step->matrix->blocks[sb_matrix_find(step->matrix, node, node)];
+    sb_real trace = (a[0] + a[4] + a[8]) / 3;
+    if (step->whole_mass == 0)
+        return trace;
+    return step->whole_stiff * trace + step->whole_mass * sbi_body_diagonal_mass(contact->body, node);
 }
 
 /* The same of a skin's points: what a unit pressure everywhere would move them by, each node held alone, inverted. */
-static void sbi_contact_measure_points(sb_contact *contact, const sb_matrix *matrix)
+static void sbi_contact_measure_points(sb_contact *contact, const sbi_touch_step *step)
 {
     const sbi_contact_skin *skin = &contact->skin;
     for (int k = 0; k < skin->list_count; k++)
-        skin->loads[k] = sbi_contact_trace(matrix, skin->list[k]);
+        skin->loads[k] = sbi_contact_trace(contact, step, skin->list[k]);
     for (int k = 0; k < contact->node_count; k++) {
         const sbi_contact_row row = sbi_contact_skin_row(skin, contact->nodes[k]);
         sb_real way = 0;
@@ -185,15 +189,15 @@ static void sbi_contact_measure_points(sb_contact *contact, const sb_matrix *mat
 }
 
 /* tr A_aa / 3 over the node's area, by place; 0 where it has no area or no stiffness. */
-static void sbi_contact_measure_nodes(sb_contact *contact, const sb_matrix *matrix)
+static void sbi_contact_measure_nodes(sb_contact *contact, const sbi_touch_step *step)
 {
     if (contact->skin.source) {
-        sbi_contact_measure_points(contact, matrix);
+        sbi_contact_measure_points(contact, step);
         return;
     }
     for (int k = 0; k < contact->node_count; k++) {
         int node = contact->nodes[k];
-        sb_real trace = sbi_contact_trace(matrix, node), area = sbi_contact_node_area(contact->faces, node);
+        sb_real trace = sbi_contact_trace(contact, step, node), area = sbi_contact_node_area(contact->faces, node);
         contact->stiffness_by_node[k] = trace > 0 && area > 0 ? trace / area : 0;
     }
 }
@@ -219,9 +223,9 @@ static void sbi_contact_measure_regions(sb_contact *contact)
             contact->region_sum[i] *= contact->stiffness / (sb_real)contact->region_count[i];
 }
 
-static void sbi_contact_stiffen(sb_contact *contact, const sb_matrix *matrix)
+static void sbi_contact_stiffen(sb_contact *contact, const sbi_touch_step *step)
 {
-    sbi_contact_measure_nodes(contact, matrix);
+    sbi_contact_measure_nodes(contact, step);
     sbi_contact_measure_regions(contact);
     for (int i = 0; i < contact->sample_count; i++) {
         const sbi_contact_patch *patch = contact->patches + contact->samples[i].patch;
@@ -380,16 +384,6 @@ static void sbi_contact_remember(sb_contact *contact)
     }
 }
 
-/* A static solve replaces entries increment by increment: these are what it began with. */
-static void sbi_contact_keep_before(sb_contact *contact)
-{
-    contact->before_count = contact->entry_count;
-    memcpy(contact->before, contact->entries, (size_t)contact->entry_count * sizeof *contact->entries);
-    contact->before_pressure_count = contact->pressure_count;
-    memcpy(contact->before_pressures, contact->pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
-    sbi_pairs_keep_before(contact);
-}
-
 /* ---- begin ---- */
 
 static sb_result sbi_contact_begin(void *user, const sbi_touch_step *given, sb_error *error)
@@ -404,8 +398,8 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *given, sb_e
     own.velocity = sbi_contact_at_points(contact, given->velocity, contact->skin.velocity);
     contact->is_solved = contact->stopped = 0;
     contact->is_explicit = step->masses != NULL;
-    if (!(step->dt > 0) && !contact->kept) {
-        sbi_contact_keep_before(contact);
+    if (!(step->dt > 0) && !contact->kept) {   /* it replaces entries increment by increment */
+        (void)sbi_contact_keep(contact, NULL); /* its faces are up to date */
         contact->kept = 1;
     }
     result = sbi_contact_sweep(contact, step, error);
@@ -430,7 +424,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *given, sb_e
     if (contact->is_explicit)
         sbi_contact_stiffen_explicit(contact, step);
     else
-        sbi_contact_stiffen(contact, step->matrix);
+        sbi_contact_stiffen(contact, step);
     sbi_contact_remember(contact);
     if (!contact->is_explicit)
         sbi_contact_remember_pressures(contact);
@@ -764,7 +758,7 @@ static void sbi_contact_keep_stage(sb_contact *contact)
         sbi_contact_tool *tool = contact->tools + t;
         tool->stage = tool->balance;
         for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
-            tool->chain_kept[i] = tool->chain_next[i];
+            tool->chain_stage[i] = tool->chain_next[i];
     }
 }
 
@@ -775,7 +769,7 @@ static void sbi_contact_take_stage(sb_contact *contact)
         sbi_contact_tool *tool = contact->tools + t;
         tool->next = tool->balance = tool->stage;
         for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
-            tool->chain_next[i] = tool->chain_kept[i];
+            tool->chain_next[i] = tool->chain_stage[i];
     }
 }
 
@@ -840,54 +834,14 @@ static void sbi_contact_commit(void *user)
     sbi_contact_forget_nodes(contact);
 }
 
-/* What the last step remembers goes back to what was kept before. */
-static void sbi_contact_go_back(sb_contact *contact)
-{
-    contact->entry_count = contact->before_count;
-    memcpy(contact->entries, contact->before, (size_t)contact->before_count * sizeof *contact->entries);
-    contact->pressure_count = contact->before_pressure_count;
-    memcpy(contact->pressures, contact->before_pressures, (size_t)contact->pressure_count * sizeof *contact->pressures);
-    sbi_pairs_take_before(contact);
-}
-
 static void sbi_contact_undo(void *user)
 {
     sb_contact *contact = (sb_contact *)user;
     contact->touch.links = 0;
     if (contact->kept)
-        sbi_contact_go_back(contact);
+        (void)sbi_contact_rewind(contact, NULL); /* the mesh is the same */
     contact->kept = contact->is_solved = 0;
     sbi_contact_forget_nodes(contact);
-}
-
-/* ---- steps that are divided ---- */
-
-static void sbi_contact_keep(void *user)
-{
-    sb_contact *contact = (sb_contact *)user;
-    sbi_contact_keep_before(contact);
-    memcpy(contact->kept_tools, contact->tools, (size_t)contact->max_tools * sizeof *contact->tools);
-    for (int t = 0; t < contact->max_tools; t++) {
-        const sbi_contact_tool *tool = contact->tools + t;
-        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
-            tool->chain_kept[i] = tool->chain_reached[i];
-    }
-    contact->kept_info = contact->info;
-    contact->kept_is_solved = contact->is_solved;
-}
-
-static void sbi_contact_rewind(void *user)
-{
-    sb_contact *contact = (sb_contact *)user;
-    sbi_contact_go_back(contact);
-    memcpy(contact->tools, contact->kept_tools, (size_t)contact->max_tools * sizeof *contact->tools);
-    for (int t = 0; t < contact->max_tools; t++) {
-        const sbi_contact_tool *tool = contact->tools + t;
-        for (int i = 0; tool->shape && i < sbi_tool_point_count(tool->shape); i++)
-            tool->chain_reached[i] = tool->chain_kept[i];
-    }
-    contact->info = contact->kept_info;
-    contact->is_solved = contact->kept_is_solved;
 }
 
 SBI_API void sbi_contact_join(sb_contact *contact)
@@ -911,6 +865,7 @@ SBI_API void sbi_contact_join(sb_contact *contact)
     touch->add_done = sbi_contact_add_done;
     touch->commit = sbi_contact_commit;
     touch->undo = sbi_contact_undo;
+    touch->kept_size = sbi_contact_kept_size;
     touch->keep = sbi_contact_keep;
     touch->rewind = sbi_contact_rewind;
     sbi_body_set_touch(contact->body, touch);

@@ -19,7 +19,7 @@ static sb_result sbi_contact_take_chains(sb_contact *contact, sbi_contact_tool *
 {
     size_t count = (size_t)sbi_tool_point_count(tool->shape);
     sb_vec3 **chains[] = {&tool->chain_reached, &tool->chain_wanted, &tool->chain_next, &tool->chain_balance,
-                          &tool->chain_kept};
+                          &tool->chain_stage};
     size_t copies = sizeof chains / sizeof *chains;
     sb_vec3 *points;
     if (count == 0)
@@ -90,6 +90,8 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
     made->spring.hand = made->reached;
     if (result == SB_OK && sbi_contact_is_hung(made))
         result = sbi_body_reserve_coupling(contact->body, sbi_contact_body_room(contact), error);
+    if (result == SB_OK && !sbi_contact_reserve_kept(contact))
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for what a step that is taken back gives back");
     return result;
 }
 

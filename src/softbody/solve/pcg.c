@@ -20,15 +20,17 @@ SB_API sb_pcg_options sb_default_pcg_options(void)
 /* One connected part of the matrix, solved as if it were alone: its own step lengths, its own residual. What the rest
  * of the rows needs does not matter to it: a crumb beside an organ is as good as a crumb alone. */
 typedef struct sbi_pcg_part {
-    double rhs_square;     /* |rhs|^2 of its rows, */
-    double target;         /* what |r|^2 has to come down to, */
-    double goal;           /* and in the present round */
-    double square;         /* |r|^2 */
-    double before;         /* the same when the round began, */
-    double recurred;       /* and by the recurrence when it ended */
-    double alpha, last_rz; /* step along p, and r.z there */
-    double factor;         /* of the update at work */
-    double drift;          /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
+    double rhs_square;                /* |rhs|^2 of its rows, */
+    double target;                    /* what |r|^2 has to come down to, */
+    double goal;                      /* and in the present round */
+    double square;                    /* |r|^2 */
+    double before;                    /* the same when the round began, */
+    double recurred;                  /* and by the recurrence when it ended */
+    double alpha, last_rz;            /* step along p, and r.z there */
+    double factor;                    /* of the update at work */
+    double growth;                    /* r.z over that before; */
+    double softest, last_norm, cross; /* see sbi_pcg_watch */
+    double drift;                     /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
     int first_chunk;
     int head;            /* the first of the parts that guests join with this one: all of them are kept there as one */
     int next;            /* the next of them, or -1 */
@@ -54,14 +56,16 @@ SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allo
     entries = 3 * (size_t)row_count;
     parts = (size_t)sbi_matrix_most_parts(row_count);
     chunks = (size_t)sbi_row_chunks(row_count) + parts;
-    if (sbi_size_add(&bytes, chunks, 2 * sizeof(double)) && sbi_size_add(&bytes, parts + 1, sizeof(sbi_pcg_part)) &&
-        sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
+    if (sbi_size_add(&bytes, chunks, 2 * sizeof(double)) && sbi_size_add(&bytes, 1, sizeof(double)) &&
+        sbi_size_add(&bytes, parts + 1, sizeof(sbi_pcg_part)) && sbi_size_add(&bytes, entries, 5 * sizeof(sb_real)))
         made.memory = sbi_alloc(allocator, bytes, 1);
     if (!made.memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the vectors of %d rows", row_count);
     made.row_count = row_count;
     made.partial = (double *)made.memory;
-    made.parts = made.partial + 2 * chunks;
+    made.softest = made.partial + 2 * chunks;
+    *made.softest = 0;
+    made.parts = made.softest + 1;
     made.start = (sb_real *)(void *)((sbi_pcg_part *)made.parts + parts + 1);
     made.residual = made.start + entries;
     made.search = made.residual + entries;
@@ -100,6 +104,7 @@ typedef struct sbi_pcg_state {
     const sbi_pcg_extra *extra; /* NULL: nothing */
     int has_plain;              /* 1: parts are plain */
     double extra_sum;           /* p.Cp */
+    double softest;             /* largest of the parts' and rounds' */
     const sb_jobs *jobs;
 } sbi_pcg_state;
 
@@ -565,16 +570,37 @@ static sb_result sbi_pcg_turn(sbi_pcg_state *s, sb_preconditioner *preconditione
             continue;
         rz = sbi_pcg_sum(s, part, 0);
         part->factor = part->fresh ? 0 : -part->alpha * sbi_pcg_sum(s, part, 1) / part->last_rz;
+        part->growth = part->fresh ? 0 : rz / part->last_rz;
         part->last_rz = rz;
     }
     return SB_OK;
+}
+
+/* Follows the smallest eigenvalue of M^-1 A as the iteration sees it: step lengths and growths make the factor L^T of
+ * Lanczos' tridiagonal matrix, |L^-T|^2 is 1 over its smallest eigenvalue, and the vector z that L^-T stretches most is
+ * followed by its size, that of the last column q of L^-T, and z.q (Duff and Voemel 2002; Meurant and Tichy 2019). */
+static void sbi_pcg_watch(sbi_pcg_state *s, sbi_pcg_part *part, double last_alpha)
+{
+    if (part->fresh) {
+        part->softest = part->last_norm = part->cross = part->alpha;
+    } else {
+        double ratio = sqrt(part->growth * part->alpha / last_alpha), mixed = -ratio * part->cross;
+        double norm = ratio * ratio * part->last_norm + part->alpha, half = (part->softest - norm) / 2;
+        double root = sqrt(half * half + mixed * mixed), old = mixed, fresh = root - half, size;
+        size = sqrt(old * old + fresh * fresh);
+        part->softest = (part->softest + norm) / 2 + root;
+        part->cross = size > 0 ? (old * mixed + fresh * norm) / size : mixed;
+        part->last_norm = norm;
+    }
+    if (part->softest > s->softest)
+        s->softest = part->softest;
 }
 
 /* Takes the sums of p.q and sets how far to go along p. */
 static sb_result sbi_pcg_measure(sbi_pcg_state *s, sb_pcg_info *info)
 {
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
-        double pq;
+        double pq, last_alpha = part->alpha;
         if (part->done)
             continue;
         pq = sbi_pcg_sum(s, part, 0) + (part == s->parts ? s->extra_sum : 0);
@@ -585,6 +611,7 @@ static sb_result sbi_pcg_measure(sbi_pcg_state *s, sb_pcg_info *info)
             return SB_ERROR_INDEFINITE;
         }
         part->factor = part->alpha = part->last_rz / pq;
+        sbi_pcg_watch(s, part, last_alpha);
         part->fresh = 0;
     }
     return SB_OK;
@@ -975,6 +1002,7 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
         result = SB_ERROR_DIVERGED;
     else
         result = sbi_pcg_refine(&state, preconditioner, options, &report);
+    *workspace->softest = state.softest;
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
@@ -1299,5 +1327,6 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
         sbi_pcg_set_drifts(&state, options->tolerance);
     result =
         sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
+    *workspace->softest = state.softest;
     return sbi_pcg_finish(&state, result, &report, info);
 }
