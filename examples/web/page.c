@@ -1,6 +1,6 @@
-/* page: an organ that a browser page drags, palpates, cuts and needles (page.html, worker.js). Compiled to wasm as a reactor:
- * functions that are exported, and no main. One scene, for one page has one. Lengths in metres, in space, whatever the page's
- * units; calls return 1, or 0 with a sentence from page_message. */
+/* page: an organ that a browser page drags, palpates, cuts and needles (page.html, worker.js). Compiled to wasm as a
+ * reactor: functions that are exported, and no main. One scene, for one page has one. Lengths in metres, in space,
+ * whatever the page's units; calls return 1, or 0 with a sentence from page_message. */
 #define SB_IMPLEMENTATION
 #define SB_NO_FILES
 #define NDL_IMPLEMENTATION
@@ -20,10 +20,11 @@
 enum tool { DRAG = 0, PALPATE = 1, CUT = 2, NEEDLE = 3 };
 
 static const double young = 8000, poisson = 0.45, density = 1060, gravity = 9.81, toughness = 150; /* J/m^2 */
-static const double probe_radius = 0.008, probe_speed = 0.03, probe_depth = 0.015; /* m, m/s, m beyond where it touched */
-static const double blade_above = 0.02, blade_below = 0.045;                        /* m of the edge along the view */
-static const double hand_speed = 0.35;   /* m/s: a pointer that jumps is followed no faster */
-static const double needle_speed = 0.03; /* m/s */
+static const double probe_radius = 0.008, probe_speed = 0.03,
+                    probe_depth = 0.015;                          /* m, m/s, m beyond where it touched */
+static const double blade_above = 0.02, blade_below = 0.045;      /* m of the edge along the view */
+static const double hand_speed = 0.35;                            /* m/s: a pointer that jumps is followed no faster */
+static const double needle_speed = 0.03;                          /* m/s */
 static const double needle_deepest = 0.07, needle_outside = 0.06; /* m */
 
 static struct scene {
@@ -35,17 +36,17 @@ static struct scene {
     ndl_needle *needle;
     enum tool tool;
     int pressed;
-    int spring, node;            /* of a drag; -1: none */
-    int probe, stroke;           /* -1: none */
-    double pushed;               /* m that the probe has gone on along the view */
-    sb_vec3 pressed_at, view;    /* where the pointer met the organ, and along which direction */
-    sb_vec3 target, at;          /* where the pointer is, and the hand that follows it */
-    sb_vec3 force;               /* N that the hand feels */
-    float *vertices;             /* [vertex_room][8] position, normal, von Mises stress (Pa), tag */
-    uint32_t *triangles;         /* [triangle_room][3] */
-    float *line;                 /* [64][3] of the needle's shaft */
-    sb_real *stress, *sums;      /* [cells], [vertices] */
-    int *shares;                 /* [vertices] triangles in a sum */
+    int spring, node;         /* of a drag; -1: none */
+    int probe, stroke;        /* -1: none */
+    double pushed;            /* m that the probe has gone on along the view */
+    sb_vec3 pressed_at, view; /* where the pointer met the organ, and along which direction */
+    sb_vec3 target, at;       /* where the pointer is, and the hand that follows it */
+    sb_vec3 force;            /* N that the hand feels */
+    float *vertices;          /* [vertex_room][8] position, normal, von Mises stress (Pa), tag */
+    uint32_t *triangles;      /* [triangle_room][3] */
+    float *line;              /* [64][3] of the needle's shaft */
+    sb_real *stress, *sums;   /* [cells], [vertices] */
+    int *shares;              /* [vertices] triangles in a sum */
     int vertex_count, triangle_count, line_count, vertex_room, triangle_room, cell_room;
     char message[320];
 } scene;
@@ -299,11 +300,8 @@ static int begin_tool(sb_error *error)
         probe.friction = (sb_real)0.1;
         probe.pose = probe_at();
         return sb_contact_add_tool(scene.contact, &probe, &scene.probe, error) == SB_OK;
-    case CUT:
-        blade_at(scene.at, edge);
-        return sb_cut_begin(scene.cut, edge, 2, &scene.stroke, error) == SB_OK;
-    default:
-        return begin_needle(error);
+    case CUT: blade_at(scene.at, edge); return sb_cut_begin(scene.cut, edge, 2, &scene.stroke, error) == SB_OK;
+    default: return begin_needle(error);
     }
 }
 

@@ -1,4 +1,5 @@
-/* The script of tests/web/page.mjs by the native compiler: prints the hash of the state after each tool, and what it read. */
+/* The script of tests/web/page.mjs by the native compiler: prints the hash of the state after each tool, and what it
+ * read. */
 #include "../../examples/web/page.c"
 
 static void frames(int count)
