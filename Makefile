@@ -12,6 +12,7 @@
 #                                                    operations, divisions by 0 and overflows are signals
 #   make test-programs                               examples, README, fuzz corpus
 #   make shared     a library for other languages    make bindings   what calls it from Python and C#
+#   make page       an organ in a browser: build/page.html
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
@@ -59,8 +60,9 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: shared bindings test-bindings tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race \
-	benches lint fuzz test-corpus soak soak-cuts coverage format install clean FORCE
+.PHONY: shared bindings page test-page test-bindings tested all examples demo headers dev test check test-float test-cpp \
+	test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race benches lint fuzz \
+	test-corpus soak soak-cuts coverage format install clean FORCE
 
 all: examples
 
@@ -130,12 +132,21 @@ SHARED = build/libsoftbody.$(if $(filter Darwin,$(shell uname)),dylib,so)
 shared: $(SHARED)
 $(SHARED): examples/shared/softbody.c $(HEADERS) build/flags
 	$(CC) -std=c99 $(EXAMPLE_CFLAGS) -fPIC -shared -fvisibility=hidden -DSB_SHARED -I. $< -lm -o $@
+# The page of examples/web, in one file: clang, wasi-libc and lld.
+PAGE_CFLAGS = -O2
+WASI = $(CLANG) --target=wasm32-wasi --sysroot=/usr
+page: build/page.html
+build/page.wasm: examples/web/page.c $(HEADERS) build/flags
+	$(WASI) -mexec-model=reactor -std=c99 $(PAGE_CFLAGS) -DSB_ELEMENT=SB_TET4 -msimd128 -ffp-contract=off \
+	    -Wl,-z,stack-size=1048576 -Wl,--strip-all $< -lm -o $@
+build/page.html: build/page.wasm $(wildcard examples/web/*)
+	examples/web/join.sh $< >$@
 bindings: $(HEADERS)
 	CC='$(CC)' $(PYTHON) src/bindings.py
 
 # ---- tests -----------------------------------------------------------------------------------------------------
 # Holds the compilers and flags of the last build: objects follow when they change.
-BUILT_WITH = $(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS) $(LIBRARY)
+BUILT_WITH = $(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS) $(PAGE_CFLAGS) $(LIBRARY)
 build/flags: FORCE
 	@mkdir -p build
 	@echo '$(BUILT_WITH)' | cmp -s - $@ || echo '$(BUILT_WITH)' >$@
@@ -186,7 +197,7 @@ FLOAT_TESTS = $(TESTS)
 some = $(1:%=tests/test_%.c)
 OTHER_CFLAGS = -O1 # of the builds that differ in language or system only: they compile faster
 MINGW = x86_64-w64-mingw32-gcc
-WASM = $(CLANG) --target=wasm32-wasi --sysroot=/usr -D_WASI_EMULATED_PROCESS_CLOCKS
+WASM = $(WASI) -D_WASI_EMULATED_PROCESS_CLOCKS
 
 $(eval $(call suite,double,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS)))
 $(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float,,,$(FLOAT_TESTS)))
@@ -247,6 +258,8 @@ else
 test: build/double/tests
 	build/double/tests $(FILTER)
 endif
+test-page:
+	tests/total.sh "MAKE='$(MAKE)' CC='$(CC)' CLANG='$(CLANG)' tests/page.sh build/page_test"
 test-bindings: $(HEADERS)
 	tests/total.sh "CC='$(CC)' tests/bindings.sh build/bindings"
 test-programs: tested

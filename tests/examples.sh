@@ -538,6 +538,14 @@ if [ -n "$data" ] && [ -e "$case_of_liver/coarse_tet4.vtk" ]; then
     paste -d ' ' points.txt points.txt | head -n 2 >pairs.txt
     expect 0 "$last" register_liver "$case_of_liver/coarse_tet10.vtk" "$case_of_liver/partial_deformed_surface.obj" \
         --method nicp --partial --fix fixed.txt --landmarks pairs.txt
+    sure=' expected_mm=[0-9.]* expected_worst_mm=[0-9.]* prior=[a-z]*$'
+    part_of_liver=$case_of_liver/partial_deformed_surface.obj
+    expect 0 "${last%?}$sure" register_liver "$case_of_liver/coarse_tet4.vtk" "$part_of_liver" --method infer -o registered.vtk
+    check "infer: the error to expect of each node" grep -q '^SCALARS expected' registered.vtk
+    expect 4 'not to be trusted: the error to expect is above' register_liver "$case_of_liver/coarse_tet4.vtk" \
+        "$part_of_liver" --method infer --limit 0.1
+    expect 0 'not to be trusted: the error to expect is above' register_liver "$case_of_liver/coarse_tet4.vtk" \
+        "$part_of_liver" --method infer --limit 0.1 --force
     echo '1972' >bad.txt
     expect 2 'bad.txt:1: no node' register_liver "$case_of_liver/coarse_tet4.vtk" \
         "$case_of_liver/deformed_surface.obj" --fix bad.txt
