@@ -21,6 +21,8 @@
 #include "cut_scene.h"
 #include "options.h"
 
+#include "cut_options.h"
+
 #define REAL(x) ((sb_real)(x)) /* everything here computes in double, the body in sb_real */
 
 static const char *const program_name = "cautery";
@@ -29,9 +31,10 @@ static const double density = 1060; /* kg/m^3 */
 enum { MOST_LINE = 1024, MOST_PLACES = 1 << 20 };
 
 typedef struct settings {
-    const char *organ, *out, *path, *write_path;
-    double scale, young, poisson, radius, speed, passes_apart, rest, rate;
-    int lattice, cells, passes, frames, every, help;
+    cut_settings cut;
+    const char *path, *write_path;
+    double radius, speed, passes_apart, rest;
+    int passes, frames;
 } settings;
 
 /* Where the tip is at a time. */
@@ -65,11 +68,11 @@ static int make_mesh(work *w)
     organ *o = &w->c.scene;
     sb_error error;
     *o = organ_named(program_name);
-    if (s->organ) {
-        int status = organ_load(o, s->organ, s->scale);
+    if (s->cut.organ) {
+        int status = organ_load(o, s->cut.organ, s->cut.scale);
         return status ? status : organ_make_skin(o);
     }
-    if (sb_mesh_organ(SB_TET4, s->cells, NULL, &o->mesh, &error) != SB_OK)
+    if (sb_mesh_organ(SB_TET4, s->cut.cells, NULL, &o->mesh, &error) != SB_OK)
         return organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
     return organ_make_skin(o);
 }
@@ -82,10 +85,10 @@ static int make_scene(work *w)
     sb_static_options options = sb_default_static_options();
     sb_step_info info;
     int status;
-    def.material = sb_material_corotated(REAL(s->young), REAL(s->poisson), REAL(density));
+    def.material = sb_material_corotated(REAL(s->cut.young), REAL(s->cut.poisson), REAL(density));
     def.gravity = sb_v3(0, 0, REAL(-gravity));
     def.damping_stiffness = REAL(0.02);
-    status = cut_scene_make(&w->c, &def, s->lattice, SB_CUT_LAG, 0);
+    status = cut_scene_make(&w->c, &def, s->cut.lattice, SB_CUT_LAG, 0);
     if (!status)
         status = cut_scene_hold_below(&w->c, (double)o->low.x, (double)o->high.x);
     if (status)
@@ -226,7 +229,7 @@ static int plan_path(work *w)
         status = write_path(w);
     if (status)
         return status;
-    end = fmin(1e5, ceil((w->places[w->place_count - 1].time + w->set->rest) * w->set->rate));
+    end = fmin(1e5, ceil((w->places[w->place_count - 1].time + w->set->rest) * w->set->cut.rate));
     w->frame_count = w->set->frames > 0 ? w->set->frames : (int)fmax(1, end);
     w->frames = (frame *)calloc((size_t)w->frame_count, sizeof *w->frames);
     return w->frames ? 0 : organ_complain_memory(&w->c.scene);
@@ -278,12 +281,12 @@ static int run_frame(work *w, int i)
     int status;
     if (i > 0)
         f->volume = f[-1].volume, f->mass = f[-1].mass;
-    f->time = (i + 1) / w->set->rate;
+    f->time = (i + 1) / w->set->cut.rate;
     f->tip = tip_at(w, f->time);
-    status = burn_along(w, i / w->set->rate, f);
+    status = burn_along(w, i / w->set->cut.rate, f);
     f->burn_ms = 1e3 * (seconds_now() - start);
     if (!status)
-        status = organ_step(&w->c.scene, 1 / w->set->rate);
+        status = organ_step(&w->c.scene, 1 / w->set->cut.rate);
     if (status)
         return status;
     f->step_ms = 1e3 * w->c.scene.seconds;
@@ -291,8 +294,8 @@ static int run_frame(work *w, int i)
     status = cut_scene_look(&w->c);
     f->draw_ms = 1e3 * (seconds_now() - start);
     f->parts = w->c.part_count;
-    if (!status && w->set->every > 0 && (i + 1) % w->set->every == 0)
-        status = cut_scene_write_frame(&w->c, w->set->out);
+    if (!status && w->set->cut.every > 0 && (i + 1) % w->set->cut.every == 0)
+        status = cut_scene_write_frame(&w->c, w->set->cut.out);
     return status;
 }
 
@@ -307,7 +310,7 @@ static int run_frames(work *w)
     }
     progress_end();
     if (!status && w->c.scene.frames)
-        status = organ_write_series(&w->c.scene, w->set->out, w->set->every / w->set->rate);
+        status = organ_write_series(&w->c.scene, w->set->cut.out, w->set->cut.every / w->set->cut.rate);
     return status;
 }
 
@@ -317,7 +320,7 @@ static int write_table(work *w)
 {
     char path[ORGAN_PATH + 32];
     sb_output out;
-    snprintf(path, sizeof path, "%s.csv", w->set->out);
+    snprintf(path, sizeof path, "%s.csv", w->set->cut.out);
     if (sb_output_open(&out, path, NULL) != SB_OK)
         return organ_complain_file(&w->c.scene, path);
     fprintf(out.file, "time_s,on,tip_x_mm,tip_y_mm,tip_z_mm,removed_ml,removed_g,cells,nodes,crumbs,parts\n");
@@ -334,7 +337,7 @@ static int write_times(work *w)
 {
     char path[ORGAN_PATH + 32];
     sb_output out;
-    snprintf(path, sizeof path, "%s_times.csv", w->set->out);
+    snprintf(path, sizeof path, "%s_times.csv", w->set->cut.out);
     if (sb_output_open(&out, path, NULL) != SB_OK)
         return organ_complain_file(&w->c.scene, path);
     fprintf(out.file, "time_s,burn_ms,step_ms,surface_ms\n");
@@ -359,10 +362,10 @@ static int draw_picture(work *w)
     picture_length_bar(&p);
     snprintf(title, sizeof title, "%.2f g burnt in %.2f s", 1e3 * last->mass, last->time);
     snprintf(details, sizeof details, "%d tet4, radius %.3g mm, lattice %d", w->c.scene.mesh.element_count,
-             1e3 * w->set->radius, w->set->lattice);
+             1e3 * w->set->radius, w->set->cut.lattice);
     picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), title);
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
-    snprintf(path, sizeof path, "%s.png", w->set->out);
+    snprintf(path, sizeof path, "%s.png", w->set->cut.out);
     return organ_save_picture(&w->c.scene, &p, path);
 }
 
@@ -392,7 +395,7 @@ static int print_summary(work *w)
         crumbs += w->frames[i].crumbs;
         burns += w->frames[i].burns;
     }
-    printf("organ       %s: %d nodes, %d tet4, %.1f g\n", w->set->organ ? w->set->organ : "like a liver",
+    printf("organ       %s: %d nodes, %d tet4, %.1f g\n", w->set->cut.organ ? w->set->cut.organ : "like a liver",
            w->c.scene.mesh.node_count, w->c.scene.mesh.element_count, 1e3 * w->mass);
     printf("burnt       %.3f ml, %.3f g in %d balls of %.3g mm radius; %d crumbs among it\n", 1e6 * last->volume,
            1e3 * last->mass, burns, 1e3 * w->set->radius, crumbs);
@@ -402,10 +405,10 @@ static int print_summary(work *w)
     print_times(w, "step", &w->frames[0].step_ms, 0);
     print_times(w, "surface", &w->frames[0].draw_ms, 0);
     cut_scene_print_parts(&w->c);
-    printf("written     %s.csv, %s_times.csv, %s.png", w->set->out, w->set->out, w->set->out);
+    printf("written     %s.csv, %s_times.csv, %s.png", w->set->cut.out, w->set->cut.out, w->set->cut.out);
     if (w->c.scene.frames)
-        printf(", %s_0000.vtk to _%04d.vtk; ParaView opens %s.vtk.series", w->set->out, w->c.scene.frames - 1,
-               w->set->out);
+        printf(", %s_0000.vtk to _%04d.vtk; ParaView opens %s.vtk.series", w->set->cut.out, w->c.scene.frames - 1,
+               w->set->cut.out);
     printf("\nremoved_ml=%.4f removed_g=%.4f left_g=%.4f parts=%d frames=%d\n", 1e6 * last->volume, 1e3 * last->mass,
            1e3 * (double)sb_body_mass(w->c.scene.body), w->c.part_count, w->frame_count);
     return 0;
@@ -433,76 +436,55 @@ static settings default_settings(void)
 {
     settings s;
     memset(&s, 0, sizeof s);
-    s.out = program_name;
-    s.scale = 1;
-    s.young = 10000;
-    s.poisson = 0.4;
+    s.cut = cut_settings_default(program_name);
     s.radius = 0.006;
     s.speed = 0.05;
     s.passes_apart = 0.7;
     s.rest = 0.2;
-    s.rate = 60;
-    s.lattice = 4;
-    s.cells = 12;
+    s.cut.lattice = 4;
     s.passes = 3;
-    s.every = 10;
     return s;
 }
 
-enum { OPTION_COUNT = 18 };
-static void list_options(settings *s, option options[OPTION_COUNT])
+enum { OPTION_COUNT = 9 }; /* of its own */
+static int list_options(settings *s, option options[OPTION_COUNT + CUT_OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
-        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s->out, 0, 0, "files are NAME.csv, NAME_times.csv, NAME.png"},
+        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s->cut.out, 0, 0, "files are NAME.csv, NAME_times.csv, NAME.png"},
         {"--path", "FILE", OPTION_TEXT, NULL, NULL, &s->path, 0, 0, "way of the tip; without it one is made"},
         {"--write-path", "FILE", OPTION_TEXT, NULL, NULL, &s->write_path, 0, 0, "writes the way, to be edited"},
         {"--radius", "M", OPTION_NUMBER, NULL, &s->radius, NULL, 1e-5, 1, "that the tip burns to (m)"},
-        {"--lattice", "M", OPTION_INTEGER, &s->lattice, NULL, NULL, 1, 4,
-         "places along an element's edge that are taken out: 1, 2 or 4"},
         {"--frames", "N", OPTION_INTEGER, &s->frames, NULL, NULL, 0, 100000,
          "how many; 0 (default): to the end of the way, and --rest"},
         {"--rest", "S", OPTION_NUMBER, NULL, &s->rest, NULL, 0, 100, "time after the way (s)"},
-        {"--rate", "HZ", OPTION_NUMBER, NULL, &s->rate, NULL, 10, 10000, "frames a second"},
-        {"--every", "K", OPTION_INTEGER, &s->every, NULL, NULL, 0, 1e6,
-         "every K-th frame is written as NAME_0000.vtk and so on; 0: none"},
-        {"--scale", "X", OPTION_NUMBER, NULL, &s->scale, NULL, 1e-9, 1e9,
-         "multiplies the organ file's lengths; 0.001 for millimetres"},
-        {"--cells", "N", OPTION_INTEGER, &s->cells, NULL, NULL, 4, 60, "of the organ that is made, over its width"},
-        {"--young", "PA", OPTION_NUMBER, NULL, &s->young, NULL, 1, 1e9, "Young's modulus (Pa)"},
-        {"--poisson", "NU", OPTION_NUMBER, NULL, &s->poisson, NULL, 0, 0.49, "Poisson's ratio"},
         {"--passes", "N", OPTION_INTEGER, &s->passes, NULL, NULL, 1, 1000, "of the way that is made, to and fro"},
         {"--apart", "SHARE", OPTION_NUMBER, NULL, &s->passes_apart, NULL, 0, 10,
          "of the radius that each pass is lower than the one before"},
         {"--speed", "M/S", OPTION_NUMBER, NULL, &s->speed, NULL, 1e-4, 10, "of its tip"},
-        {"--help", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, "this text"},
-        {"-h", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, NULL},
     };
     memcpy(options, all, sizeof all);
+    return cut_options_add(&s->cut, options, OPTION_COUNT, "taken out");
 }
 
 static int check_settings(const settings *s)
 {
-    if (!organ_check_name(program_name, "-o", s->out) || !organ_check_name(program_name, "--path", s->path))
-        return 0;
-    if (s->lattice == 3)
-        return options_complain(program_name, "--lattice", "needs 1, 2 or 4");
-    return 1;
+    return cut_settings_check(program_name, &s->cut) && organ_check_name(program_name, "--path", s->path);
 }
 
 static int program(int argc, char **argv)
 {
     settings s = default_settings();
-    option options[OPTION_COUNT];
-    list_options(&s, options);
-    if (!options_parse(program_name, options, OPTION_COUNT, &s.organ, 1, argc, argv))
+    option options[OPTION_COUNT + CUT_OPTION_COUNT];
+    int count = list_options(&s, options);
+    if (!options_parse(program_name, options, count, &s.cut.organ, 1, argc, argv))
         return ORGAN_USAGE;
-    if (s.help) {
+    if (s.cut.help) {
         s = default_settings();
         list_options(&s, options);
         printf("usage: cautery [ORGAN] [OPTIONS]\n\n"
                "The tip of a cautery burns its way through an organ, and what it takes is weighed. ORGAN: a mesh of\n"
                "tet4 in metres (VTK, VTU, gmsh, Medit or TetGen); without it one like a liver is made.\n\n");
-        options_print(options, OPTION_COUNT);
+        options_print(options, count);
         printf(
             "\nA file with a way has lines of a time (s) and where the tip is (x y z, m), with later and later times;\n"
             "# begins a comment. The last line: what was taken, what is left of the organ, and its parts.\n");

@@ -16,6 +16,8 @@
 #include "cut_scene.h"
 #include "options.h"
 
+#include "cut_options.h"
+
 #define REAL(x) ((sb_real)(x)) /* everything here computes in double, the body in sb_real */
 
 static const char *const program_name = "cut_resect";
@@ -25,9 +27,9 @@ static const double settling = 0.4;   /* s, after the cut and after the lift */
 static const double lift_speed = 0.1; /* m/s */
 
 typedef struct settings {
-    const char *organ, *tumour, *out, *front;
-    double scale, young, poisson, ratio, size, depth, x, y, margin, angle, lift, rate;
-    int lattice, cells, quadratic, every, help;
+    cut_settings cut;
+    const char *tumour;
+    double ratio, size, depth, x, y, margin, angle, lift;
 } settings;
 
 /* What a frame ended with. */
@@ -62,12 +64,12 @@ static int make_mesh(work *w)
     sb_error error;
     int status = 0;
     *o = organ_named(program_name);
-    if (s->organ)
-        status = organ_load(o, s->organ, s->scale);
-    else if (sb_mesh_organ(SB_TET4, s->cells, NULL, &o->mesh, &error) != SB_OK)
+    if (s->cut.organ)
+        status = organ_load(o, s->cut.organ, s->cut.scale);
+    else if (sb_mesh_organ(SB_TET4, s->cut.cells, NULL, &o->mesh, &error) != SB_OK)
         status = organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
     if (!status)
-        status = cut_scene_raise(&w->c, s->quadratic);
+        status = cut_scene_raise(&w->c, s->cut.quadratic);
     if (!status)
         status = cut_scene_check(&w->c);
     return status ? status : organ_make_skin(o);
@@ -110,7 +112,7 @@ static int load_tumour(work *w)
     const char *file = w->set->tumour;
     sb_load_options options = sb_default_load_options();
     sb_error error;
-    options.scale = REAL(w->set->scale);
+    options.scale = REAL(w->set->cut.scale);
     if (sb_mesh_load(&w->tumour, file, &options, &error) != SB_OK)
         return organ_complain_of(&w->c.scene, file, &error, ORGAN_USAGE);
     if (w->tumour.element_type != SB_TRI3)
@@ -190,14 +192,14 @@ static int make_scene(work *w)
     sb_region_material stiff;
     sb_step_info info;
     int status;
-    def.material = sb_material_corotated(REAL(s->young), REAL(s->poisson), REAL(density));
+    def.material = sb_material_corotated(REAL(s->cut.young), REAL(s->cut.poisson), REAL(density));
     stiff.region = 1;
-    stiff.material = sb_material_corotated(REAL(s->young * s->ratio), REAL(s->poisson), REAL(density));
+    stiff.material = sb_material_corotated(REAL(s->cut.young * s->ratio), REAL(s->cut.poisson), REAL(density));
     def.region_materials = &stiff;
     def.region_material_count = has_stiff_element(&o->mesh);
     def.gravity = sb_v3(0, 0, REAL(-gravity));
     def.damping_stiffness = REAL(0.03);
-    status = cut_scene_make(&w->c, &def, s->lattice, strcmp(s->front, "glue") == 0 ? SB_CUT_GLUE : SB_CUT_LAG, 0);
+    status = cut_scene_make(&w->c, &def, s->cut.lattice, cut_settings_front(&s->cut), 0);
     if (!status)
         status = cut_scene_hold_below(&w->c, (double)o->low.x, (double)o->high.x);
     if (!status)
@@ -348,7 +350,7 @@ static int write_tumour(work *w)
     sb_mesh moved = w->tumour;
     sb_error error;
     moved.nodes = w->now;
-    snprintf(path, sizeof path, "%s_tumour_%04d.vtk", w->set->out, w->c.scene.frames);
+    snprintf(path, sizeof path, "%s_tumour_%04d.vtk", w->set->cut.out, w->c.scene.frames);
     return sb_mesh_save_vtk_binary(path, &moved, NULL, 0, &error) == SB_OK
                ? 0
                : organ_complain_of(&w->c.scene, path, &error, ORGAN_USAGE);
@@ -366,21 +368,21 @@ static int run_frame(work *w, int i, double lift)
         if (sb_body_place(body, &w->grip[k], 1, SB_XYZ, &to, &error) != SB_OK)
             return organ_complain_of(&w->c.scene, "the grasper", &error, ORGAN_FAILED);
     }
-    status = organ_step(&w->c.scene, 1 / w->set->rate);
+    status = organ_step(&w->c.scene, 1 / w->set->cut.rate);
     if (!status)
         status = cut_scene_look(&w->c);
     if (status)
         return status;
-    f->time = (i + 1) / w->set->rate;
+    f->time = (i + 1) / w->set->cut.rate;
     f->lift = lift;
     for (int k = 0; k < w->grip_count; k++)
         f->carried += (double)sb_body_reactions(body)[w->grip[k]].z;
     f->gape = cut_scene_gape(&w->c);
     sb_embedding_update(w->inside, sb_body_positions(body), w->now, NULL, NULL);
-    if (w->set->every > 0 && (i + 1) % w->set->every == 0) {
+    if (w->set->cut.every > 0 && (i + 1) % w->set->cut.every == 0) {
         status = write_tumour(w);
         if (!status)
-            status = cut_scene_write_frame(&w->c, w->set->out);
+            status = cut_scene_write_frame(&w->c, w->set->cut.out);
     }
     return status;
 }
@@ -388,7 +390,7 @@ static int run_frame(work *w, int i, double lift)
 static int lift_wedge(work *w)
 {
     const settings *s = w->set;
-    int rest = (int)ceil(settling * s->rate), way = (int)ceil(s->lift / lift_speed * s->rate), status = 0;
+    int rest = (int)ceil(settling * s->cut.rate), way = (int)ceil(s->lift / lift_speed * s->cut.rate), status = 0;
     w->frame_count = 2 * rest + way;
     w->frames = (frame *)calloc((size_t)w->frame_count, sizeof *w->frames);
     if (!w->frames)
@@ -403,10 +405,10 @@ static int lift_wedge(work *w)
     progress_end();
     if (!status && w->c.scene.frames) {
         char tumour[ORGAN_PATH + 16];
-        snprintf(tumour, sizeof tumour, "%s_tumour", s->out);
-        status = organ_write_series(&w->c.scene, s->out, s->every / s->rate);
+        snprintf(tumour, sizeof tumour, "%s_tumour", s->cut.out);
+        status = organ_write_series(&w->c.scene, s->cut.out, s->cut.every / s->cut.rate);
         if (!status)
-            status = organ_write_series(&w->c.scene, tumour, s->every / s->rate);
+            status = organ_write_series(&w->c.scene, tumour, s->cut.every / s->cut.rate);
     }
     return status;
 }
@@ -417,7 +419,7 @@ static int write_table(work *w)
 {
     char path[ORGAN_PATH + 32];
     sb_output out;
-    snprintf(path, sizeof path, "%s.csv", w->set->out);
+    snprintf(path, sizeof path, "%s.csv", w->set->cut.out);
     if (sb_output_open(&out, path, NULL) != SB_OK)
         return organ_complain_file(&w->c.scene, path);
     fprintf(out.file, "time_s,lift_mm,carried_N,gape_mm\n");
@@ -459,11 +461,11 @@ static int draw_picture(work *w)
     picture_length_bar(&p);
     snprintf(title, sizeof title, "%.1f ml resected, margin %.1f mm", 1e6 * (double)wedge->volume, 1e3 * w->margin);
     snprintf(details, sizeof details, "tumour of %.1f ml; %d %s, E %.4g kPa, lattice %d", 1e6 * w->volume,
-             w->c.scene.mesh.element_count, sb_element_name(w->c.scene.mesh.element_type), 1e-3 * w->set->young,
-             w->set->lattice);
+             w->c.scene.mesh.element_count, sb_element_name(w->c.scene.mesh.element_type), 1e-3 * w->set->cut.young,
+             w->set->cut.lattice);
     picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), title);
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
-    snprintf(path, sizeof path, "%s.png", w->set->out);
+    snprintf(path, sizeof path, "%s.png", w->set->cut.out);
     return organ_save_picture(&w->c.scene, &p, path);
 }
 
@@ -472,18 +474,19 @@ static int print_summary(work *w)
     const sb_part *wedge = w->c.parts + w->wedge;
     double weight = (double)wedge->mass * gravity, carried = w->frames[w->frame_count - 1].carried;
     printf("organ       %s: %d nodes, %d %s, E %.4g Pa, tumour %.3g times\n",
-           w->set->organ ? w->set->organ : "like a liver", w->c.scene.mesh.node_count, w->c.scene.mesh.element_count,
-           sb_element_name(w->c.scene.mesh.element_type), w->set->young, w->set->ratio);
+           w->set->cut.organ ? w->set->cut.organ : "like a liver", w->c.scene.mesh.node_count,
+           w->c.scene.mesh.element_count, sb_element_name(w->c.scene.mesh.element_type), w->set->cut.young,
+           w->set->ratio);
     printf("tumour      %s, %.2f ml; %s\n", w->set->tumour ? w->set->tumour : "below the skin", 1e6 * w->volume,
            w->astray ? "the cut goes through it, or touches it" : "whole in the wedge");
     printf("margin      %.2f mm at rest, %.2f mm planned\n", 1e3 * w->margin, 1e3 * w->set->margin);
     cut_scene_print_parts(&w->c);
     printf("grasper     holds %d nodes of part %d, carries %.3f N of %.3f N\n", w->grip_count, w->wedge, carried,
            weight);
-    printf("written     %s.csv, %s.png", w->set->out, w->set->out);
+    printf("written     %s.csv, %s.png", w->set->cut.out, w->set->cut.out);
     if (w->c.scene.frames)
-        printf(", %s_0000.vtk to _%04d.vtk and %s_tumour_...; ParaView opens %s.vtk.series", w->set->out,
-               w->c.scene.frames - 1, w->set->out, w->set->out);
+        printf(", %s_0000.vtk to _%04d.vtk and %s_tumour_...; ParaView opens %s.vtk.series", w->set->cut.out,
+               w->c.scene.frames - 1, w->set->cut.out, w->set->cut.out);
     printf("\nparts=%d resected_ml=%.2f resected_g=%.2f tumour_ml=%.2f margin_mm=%.2f carried=%.4f\n", w->c.part_count,
            1e6 * (double)wedge->volume, 1e3 * (double)wedge->mass, 1e6 * w->volume, 1e3 * w->margin, carried / weight);
     return 0;
@@ -522,11 +525,9 @@ static settings default_settings(void)
 {
     settings s;
     memset(&s, 0, sizeof s);
-    s.out = program_name;
-    s.front = "lag";
-    s.scale = 1;
-    s.young = 6000;
-    s.poisson = 0.4;
+    s.cut = cut_settings_default(program_name);
+    s.cut.front = "lag";
+    s.cut.young = 6000;
     s.ratio = 5;
     s.size = 0.012;
     s.depth = 0.024;
@@ -534,79 +535,50 @@ static settings default_settings(void)
     s.margin = 0.008;
     s.angle = 38;
     s.lift = 0.08;
-    s.rate = 60;
-    s.lattice = 2;
-    s.cells = 12;
-    s.every = 10;
     return s;
 }
 
-enum { OPTION_COUNT = 21 };
-static void list_options(settings *s, option options[OPTION_COUNT])
+enum { OPTION_COUNT = 10 }; /* of its own */
+static int list_options(settings *s, option options[OPTION_COUNT + CUT_OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
-        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s->out, 0, 0, "files are NAME.csv, NAME.png"},
+        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s->cut.out, 0, 0, "files are NAME.csv, NAME.png"},
         {"--tumour", "FILE", OPTION_TEXT, NULL, NULL, &s->tumour, 0, 0,
          "a closed surface of triangles in the organ; without it one is made"},
-        {"--scale", "X", OPTION_NUMBER, NULL, &s->scale, NULL, 1e-9, 1e9,
-         "multiplies the files' lengths; 0.001 for millimetres"},
         {"--margin", "M", OPTION_NUMBER, NULL, &s->margin, NULL, 0, 1, "of healthy tissue around the tumour (m)"},
         {"--angle", "DEG", OPTION_NUMBER, NULL, &s->angle, NULL, 10, 80, "of the wedge's sides from the vertical"},
         {"--lift", "M", OPTION_NUMBER, NULL, &s->lift, NULL, 0, 10, "how far the grasper lifts it (m)"},
-        {"--lattice", "M", OPTION_INTEGER, &s->lattice, NULL, NULL, 1, 4,
-         "places along an element's edge that are cut apart: 1, 2 or 4"},
-        {"--front", "KIND", OPTION_TEXT, NULL, NULL, &s->front, 0, 0,
-         "lag: elements hold until they are cut through; glue: what is cut in part is tied"},
         {"--size", "M", OPTION_NUMBER, NULL, &s->size, NULL, 1e-4, 1, "radius of the tumour that is made (m)"},
         {"--depth", "M", OPTION_NUMBER, NULL, &s->depth, NULL, 1e-4, 1, "of its middle below the skin (m)"},
         {"--x", "SHARE", OPTION_NUMBER, NULL, &s->x, NULL, 0, 1, "where it is in the organ's box"},
         {"--y", "SHARE", OPTION_NUMBER, NULL, &s->y, NULL, 0, 1, "likewise"},
-        {"--cells", "N", OPTION_INTEGER, &s->cells, NULL, NULL, 4, 60, "of the organ that is made, over its width"},
-        {"--quadratic", NULL, OPTION_FLAG, &s->quadratic, NULL, NULL, 0, 0, "tet10 in place of tet4"},
-        {"--young", "PA", OPTION_NUMBER, NULL, &s->young, NULL, 1, 1e9, "Young's modulus (Pa)"},
-        {"--poisson", "NU", OPTION_NUMBER, NULL, &s->poisson, NULL, 0, 0.49, "Poisson's ratio"},
         {"--ratio", "X", OPTION_NUMBER, NULL, &s->ratio, NULL, 0.01, 1e4, "how many times stiffer the tumour is"},
-        {"--rate", "HZ", OPTION_NUMBER, NULL, &s->rate, NULL, 10, 10000, "frames a second"},
-        {"--every", "K", OPTION_INTEGER, &s->every, NULL, NULL, 0, 1e6,
-         "every K-th frame is written as NAME_0000.vtk and so on; 0: none"},
-        {"--help", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, "this text"},
-        {"-h", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, NULL},
     };
     memcpy(options, all, sizeof all);
-}
-
-static int check_settings(const settings *s)
-{
-    if (!organ_check_name(program_name, "-o", s->out))
-        return 0;
-    if (s->lattice == 3)
-        return options_complain(program_name, "--lattice", "needs 1, 2 or 4");
-    if (strcmp(s->front, "lag") != 0 && strcmp(s->front, "glue") != 0)
-        return options_complain(program_name, "--front", "needs lag or glue");
-    return 1;
+    return cut_options_add(&s->cut, options, OPTION_COUNT, "cut apart");
 }
 
 static int program(int argc, char **argv)
 {
     settings s = default_settings();
-    option options[OPTION_COUNT];
-    list_options(&s, options);
-    if (!options_parse(program_name, options, OPTION_COUNT, &s.organ, 1, argc, argv))
+    option options[OPTION_COUNT + CUT_OPTION_COUNT];
+    int count = list_options(&s, options);
+    if (!options_parse(program_name, options, count, &s.cut.organ, 1, argc, argv))
         return ORGAN_USAGE;
-    if (s.help) {
+    if (s.cut.help) {
         s = default_settings();
         list_options(&s, options);
         printf("usage: cut_resect [ORGAN] [OPTIONS]\n\n"
                "A wedge with a tumour in it is cut out of an organ on a table and lifted out. ORGAN: a mesh of tet4 or "
                "tet10 in\n"
                "metres (VTK, VTU, gmsh, Medit or TetGen); without it one like a liver is made.\n\n");
-        options_print(options, OPTION_COUNT);
+        options_print(options, count);
         printf(
             "\nThe last line: parts, what was resected, the tumour, the least distance of what was laid open from it\n"
             "at rest, and what the grasper carries at the end over the wedge's weight.\n");
         return 0;
     }
-    return check_settings(&s) ? run(&s) : ORGAN_USAGE;
+    return cut_settings_check(program_name, &s.cut) ? run(&s) : ORGAN_USAGE;
 }
 
 int main(int argc, char **argv) { return finish(program_name, program(argc, argv), ORGAN_USAGE); }

@@ -21,6 +21,8 @@
 #include "cut_scene.h"
 #include "options.h"
 
+#include "cut_options.h"
+
 #define REAL(x) ((sb_real)(x)) /* everything here computes in double, the body in sb_real */
 
 static const char *const program_name = "cut_scalpel";
@@ -29,9 +31,10 @@ static const double density = 1060; /* kg/m^3 */
 enum { MOST_STROKES = 64, MOST_CORNERS = 8, MOST_LINE = 1024 };
 
 typedef struct settings {
-    const char *organ, *out, *stroke, *write_stroke, *front;
-    double scale, young, poisson, depth, speed, ridge, rest, rate;
-    int lattice, cells, quadratic, frames, every, help;
+    cut_settings cut;
+    const char *stroke, *write_stroke;
+    double depth, speed, ridge, rest;
+    int frames;
 } settings;
 
 /* Where a blade is at a time. */
@@ -71,12 +74,12 @@ static int make_mesh(work *w)
     sb_error error;
     int status = 0;
     *o = organ_named(program_name);
-    if (s->organ)
-        status = organ_load(o, s->organ, s->scale);
-    else if (sb_mesh_organ(SB_TET4, s->cells, NULL, &o->mesh, &error) != SB_OK)
+    if (s->cut.organ)
+        status = organ_load(o, s->cut.organ, s->cut.scale);
+    else if (sb_mesh_organ(SB_TET4, s->cut.cells, NULL, &o->mesh, &error) != SB_OK)
         status = organ_complain_of(o, "the organ", &error, ORGAN_USAGE);
     if (!status)
-        status = cut_scene_raise(&w->c, s->quadratic);
+        status = cut_scene_raise(&w->c, s->cut.quadratic);
     return status ? status : organ_make_skin(o);
 }
 
@@ -89,11 +92,10 @@ static int make_scene(work *w)
     sb_step_info info;
     double middle = 0.5 * (double)(o->low.x + o->high.x), half = 0.5 * s->ridge * (double)(o->high.x - o->low.x);
     int status;
-    def.material = sb_material_corotated(REAL(s->young), REAL(s->poisson), REAL(density));
+    def.material = sb_material_corotated(REAL(s->cut.young), REAL(s->cut.poisson), REAL(density));
     def.gravity = sb_v3(0, 0, REAL(-gravity));
     def.damping_stiffness = REAL(0.02);
-    status =
-        cut_scene_make(&w->c, &def, s->lattice, strcmp(s->front, "glue") == 0 ? SB_CUT_GLUE : SB_CUT_LAG, MOST_STROKES);
+    status = cut_scene_make(&w->c, &def, s->cut.lattice, cut_settings_front(&s->cut), MOST_STROKES);
     if (!status)
         status = cut_scene_hold_below(&w->c, middle - half, middle + half);
     if (status)
@@ -324,7 +326,7 @@ static int plan_strokes(work *w)
         return status;
     for (int i = 0; i < w->stroke_count; i++)
         end = fmax(end, w->poses[w->strokes[i].first + w->strokes[i].count - 1].time);
-    end = fmin(1e5, ceil((end + w->set->rest) * w->set->rate));
+    end = fmin(1e5, ceil((end + w->set->rest) * w->set->cut.rate));
     w->frame_count = w->set->frames > 0 ? w->set->frames : (int)fmax(1, end);
     w->frames = (frame *)calloc((size_t)w->frame_count, sizeof *w->frames);
     return w->frames ? 0 : organ_complain_memory(&w->c.scene);
@@ -375,15 +377,15 @@ static int move_stroke(work *w, stroke *s, double before, double now, frame *f)
 static int run_frame(work *w, int i)
 {
     frame *f = w->frames + i;
-    double before = i / w->set->rate, start = seconds_now();
+    double before = i / w->set->cut.rate, start = seconds_now();
     sb_energy energy;
     int status = 0;
-    f->time = (i + 1) / w->set->rate;
+    f->time = (i + 1) / w->set->cut.rate;
     for (int k = 0; k < w->stroke_count && !status; k++)
         status = move_stroke(w, w->strokes + k, before, f->time, f);
     f->move_ms = 1e3 * (seconds_now() - start);
     if (!status)
-        status = organ_step(&w->c.scene, 1 / w->set->rate);
+        status = organ_step(&w->c.scene, 1 / w->set->cut.rate);
     if (status)
         return status;
     f->step_ms = 1e3 * w->c.scene.seconds;
@@ -394,8 +396,8 @@ static int run_frame(work *w, int i)
     f->gape = cut_scene_gape(&w->c);
     if (sb_body_energy(w->c.scene.body, &energy) == SB_OK)
         f->kinetic = (double)energy.kinetic;
-    if (!status && w->set->every > 0 && (i + 1) % w->set->every == 0)
-        status = cut_scene_write_frame(&w->c, w->set->out);
+    if (!status && w->set->cut.every > 0 && (i + 1) % w->set->cut.every == 0)
+        status = cut_scene_write_frame(&w->c, w->set->cut.out);
     return status;
 }
 
@@ -410,7 +412,7 @@ static int run_frames(work *w)
     }
     progress_end();
     if (!status && w->c.scene.frames)
-        status = organ_write_series(&w->c.scene, w->set->out, w->set->every / w->set->rate);
+        status = organ_write_series(&w->c.scene, w->set->cut.out, w->set->cut.every / w->set->cut.rate);
     return status;
 }
 
@@ -420,7 +422,7 @@ static int write_table(work *w)
 {
     char path[ORGAN_PATH + 32];
     sb_output out;
-    snprintf(path, sizeof path, "%s.csv", w->set->out);
+    snprintf(path, sizeof path, "%s.csv", w->set->cut.out);
     if (sb_output_open(&out, path, NULL) != SB_OK)
         return organ_complain_file(&w->c.scene, path);
     fprintf(out.file, "time_s,links,ringed,cells,nodes,parts,gape_mm,kinetic_J\n");
@@ -436,7 +438,7 @@ static int write_times(work *w)
 {
     char path[ORGAN_PATH + 32];
     sb_output out;
-    snprintf(path, sizeof path, "%s_times.csv", w->set->out);
+    snprintf(path, sizeof path, "%s_times.csv", w->set->cut.out);
     if (sb_output_open(&out, path, NULL) != SB_OK)
         return organ_complain_file(&w->c.scene, path);
     fprintf(out.file, "time_s,move_ms,step_ms,surface_ms\n");
@@ -473,10 +475,11 @@ static int draw_picture(work *w)
     picture_length_bar(&p);
     snprintf(title, sizeof title, "Cut open by %.1f mm after %.2f s", 1e3 * last->gape, last->time);
     snprintf(details, sizeof details, "%d %s, E %.4g kPa, nu %.3g, lattice %d", w->c.scene.mesh.element_count,
-             sb_element_name(w->c.scene.mesh.element_type), 1e-3 * w->set->young, w->set->poisson, w->set->lattice);
+             sb_element_name(w->c.scene.mesh.element_type), 1e-3 * w->set->cut.young, w->set->cut.poisson,
+             w->set->cut.lattice);
     picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), title);
     picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), details);
-    snprintf(path, sizeof path, "%s.png", w->set->out);
+    snprintf(path, sizeof path, "%s.png", w->set->cut.out);
     return organ_save_picture(&w->c.scene, &p, path);
 }
 
@@ -507,19 +510,19 @@ static int print_summary(work *w)
         sum.cells += w->frames[i].info.cells;
         sum.nodes += w->frames[i].info.nodes;
     }
-    printf("organ       %s: %d nodes, %d %s, E %.4g Pa\n", w->set->organ ? w->set->organ : "like a liver",
+    printf("organ       %s: %d nodes, %d %s, E %.4g Pa\n", w->set->cut.organ ? w->set->cut.organ : "like a liver",
            w->c.scene.mesh.node_count, w->c.scene.mesh.element_count, sb_element_name(w->c.scene.mesh.element_type),
-           w->set->young);
+           w->set->cut.young);
     printf("cut         %d links (%d by the rule of rings), %d cells and %d nodes more\n", sum.links, sum.ringed,
            sum.cells, sum.nodes);
     print_times(w, "cutting", &w->frames[0].move_ms, 1);
     print_times(w, "step", &w->frames[0].step_ms, 0);
     print_times(w, "surface", &w->frames[0].draw_ms, 0);
     cut_scene_print_parts(&w->c);
-    printf("written     %s.csv, %s_times.csv, %s.png", w->set->out, w->set->out, w->set->out);
+    printf("written     %s.csv, %s_times.csv, %s.png", w->set->cut.out, w->set->cut.out, w->set->cut.out);
     if (w->c.scene.frames)
-        printf(", %s_0000.vtk to _%04d.vtk; ParaView opens %s.vtk.series", w->set->out, w->c.scene.frames - 1,
-               w->set->out);
+        printf(", %s_0000.vtk to _%04d.vtk; ParaView opens %s.vtk.series", w->set->cut.out, w->c.scene.frames - 1,
+               w->set->cut.out);
     printf("\nparts=%d gape_mm=%.2f links=%d cells=%d nodes=%d frames=%d\n", w->c.part_count, 1e3 * last->gape,
            sum.links, sum.cells, sum.nodes, w->frame_count);
     return 0;
@@ -547,76 +550,48 @@ static settings default_settings(void)
 {
     settings s;
     memset(&s, 0, sizeof s);
-    s.out = program_name;
-    s.front = "lag";
-    s.scale = 1;
-    s.young = 10000;
-    s.poisson = 0.4;
+    s.cut = cut_settings_default(program_name);
+    s.cut.front = "lag";
     s.depth = 0.6;
     s.speed = 0.15;
     s.ridge = 0.25;
     s.rest = 0.8;
-    s.rate = 60;
-    s.lattice = 2;
-    s.cells = 10;
-    s.every = 10;
+    s.cut.cells = 10;
     return s;
 }
 
-enum { OPTION_COUNT = 19 };
-static void list_options(settings *s, option options[OPTION_COUNT])
+enum { OPTION_COUNT = 8 }; /* of its own */
+static int list_options(settings *s, option options[OPTION_COUNT + CUT_OPTION_COUNT])
 {
     const option all[OPTION_COUNT] = {
-        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s->out, 0, 0, "files are NAME.csv, NAME_times.csv, NAME.png"},
+        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s->cut.out, 0, 0, "files are NAME.csv, NAME_times.csv, NAME.png"},
         {"--stroke", "FILE", OPTION_TEXT, NULL, NULL, &s->stroke, 0, 0, "strokes of the blade; without it one is made"},
         {"--write-stroke", "FILE", OPTION_TEXT, NULL, NULL, &s->write_stroke, 0, 0, "writes the strokes, to be edited"},
-        {"--lattice", "M", OPTION_INTEGER, &s->lattice, NULL, NULL, 1, 4,
-         "places along an element's edge that are cut apart: 1, 2 or 4"},
-        {"--front", "KIND", OPTION_TEXT, NULL, NULL, &s->front, 0, 0,
-         "lag: elements hold until they are cut through; glue: the cut opens with the blade"},
         {"--frames", "N", OPTION_INTEGER, &s->frames, NULL, NULL, 0, 100000,
          "how many; 0 (default): to the end of the strokes, and --rest"},
         {"--rest", "S", OPTION_NUMBER, NULL, &s->rest, NULL, 0, 100, "time after the last stroke (s)"},
-        {"--rate", "HZ", OPTION_NUMBER, NULL, &s->rate, NULL, 10, 10000, "frames a second"},
-        {"--every", "K", OPTION_INTEGER, &s->every, NULL, NULL, 0, 1e6,
-         "every K-th frame is written as NAME_0000.vtk and so on; 0: none"},
-        {"--scale", "X", OPTION_NUMBER, NULL, &s->scale, NULL, 1e-9, 1e9,
-         "multiplies the organ file's lengths; 0.001 for millimetres"},
-        {"--cells", "N", OPTION_INTEGER, &s->cells, NULL, NULL, 4, 60, "of the organ that is made, over its width"},
-        {"--quadratic", NULL, OPTION_FLAG, &s->quadratic, NULL, NULL, 0, 0, "tet10 in place of tet4"},
-        {"--young", "PA", OPTION_NUMBER, NULL, &s->young, NULL, 1, 1e9, "Young's modulus (Pa)"},
-        {"--poisson", "NU", OPTION_NUMBER, NULL, &s->poisson, NULL, 0, 0.49, "Poisson's ratio"},
         {"--ridge", "SHARE", OPTION_NUMBER, NULL, &s->ridge, NULL, 0.01, 1, "of the organ's width that it lies on"},
         {"--depth", "SHARE", OPTION_NUMBER, NULL, &s->depth, NULL, 0.01, 1,
          "of the thickness that the stroke made is deep; 1: through"},
         {"--speed", "M/S", OPTION_NUMBER, NULL, &s->speed, NULL, 1e-3, 10, "of its blade"},
-        {"--help", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, "this text"},
-        {"-h", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, NULL},
     };
     memcpy(options, all, sizeof all);
+    return cut_options_add(&s->cut, options, OPTION_COUNT, "cut apart");
 }
 
 static int check_settings(const settings *s)
 {
-    if (!organ_check_name(program_name, "-o", s->out))
-        return 0;
-    if (!organ_check_name(program_name, "--stroke", s->stroke))
-        return 0;
-    if (s->lattice == 3)
-        return options_complain(program_name, "--lattice", "needs 1, 2 or 4");
-    if (strcmp(s->front, "lag") != 0 && strcmp(s->front, "glue") != 0)
-        return options_complain(program_name, "--front", "needs lag or glue");
-    return 1;
+    return cut_settings_check(program_name, &s->cut) && organ_check_name(program_name, "--stroke", s->stroke);
 }
 
 static int program(int argc, char **argv)
 {
     settings s = default_settings();
-    option options[OPTION_COUNT];
-    list_options(&s, options);
-    if (!options_parse(program_name, options, OPTION_COUNT, &s.organ, 1, argc, argv))
+    option options[OPTION_COUNT + CUT_OPTION_COUNT];
+    int count = list_options(&s, options);
+    if (!options_parse(program_name, options, count, &s.cut.organ, 1, argc, argv))
         return ORGAN_USAGE;
-    if (s.help) {
+    if (s.cut.help) {
         s = default_settings();
         list_options(&s, options);
         printf(
@@ -624,7 +599,7 @@ static int program(int argc, char **argv)
             "A blade cuts an organ frame by frame, and the cut opens under its weight. ORGAN: a mesh of tet4 or tet10 "
             "in\n"
             "metres (VTK, VTU, gmsh, Medit or TetGen); without it one like a liver is made. It lies on a ridge.\n\n");
-        options_print(options, OPTION_COUNT);
+        options_print(options, count);
         printf(
             "\nA file of strokes has lines `stroke`, each followed by lines of a time (s) and 2 to 8 corners of the\n"
             "blade's edge (x y z each, m), with later and later times; # begins a comment.\n"
