@@ -1317,6 +1317,11 @@ typedef struct ndl_step_info {
  * ndl_needle_create, which takes the step back first, or until a saved state is loaded. Steps that do without memory
  * they asked for (info->blocked) are not repeated by a recording that has it.
  *
+ * A step is divided where a tip comes to an edge of a membrane or a command is fast. Supports and tools of an
+ * sb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever
+ * was tried before. In parts cut short by a membrane a tool that just comes to the tissue feels the parts' shorter
+ * time: up to 8 % of the force that it has later (measured in 8 scenes).
+ *
  * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its
  * tolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are
  * stepped by implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0,
