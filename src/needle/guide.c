@@ -305,9 +305,9 @@ static void ndli_guide_relax(ndli_guide_work *w, ndl_guide *guide, int k)
 static double ndli_guide_clearance(ndli_guide_work *w, const ndl_guide *guide, const ndli_guide_path *path,
                                    double least[NDL_GUIDE_PHASES])
 {
-    double nearest = SB_REAL_MAX;
+    double nearest = (double)SB_REAL_MAX;
     for (int k = 0; k < NDL_GUIDE_PHASES; k++)
-        least[k] = SB_REAL_MAX;
+        least[k] = (double)SB_REAL_MAX;
     for (int i = 0; i < NDLI_GUIDE_SCAN && w->def->obstacle_count > 0; i++) {
         ndli_v3 x = ndli_madd(path->entry, path->length * i / (NDLI_GUIDE_SCAN - 1), path->t);
         ndli_v3 X = ndli_sub(x, ndli_guide_moved(w, guide, -1, x)); /* X + u(X) = x by two steps */
