@@ -12,13 +12,15 @@
 #                                                    operations, divisions by 0 and overflows are signals
 #   make test-programs                               examples, README, fuzz corpus
 #   make shared     a library for other languages    make bindings   what calls it from Python and C#
+#   make page       an organ in a browser: build/page.html
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, SOAK_HOURS=24 per simulated hand, SOAK_SWEEPS=1000000 of tools through
-#                   bodies, SOAK_CUTS=200 sequences of cuts in livers, or SOAK_SECONDS=20 for all of each; SOAK_FIRST
-#                   and SOAK_SEED give other ones, so that processes and nights can share it
+#                   bodies, SOAK_CUTS=200 sequences of cuts in livers and 50 times as many strokes, or SOAK_SECONDS=20
+#                   for all of each; SOAK_FIRST and SOAK_SEED give other ones, so that processes and nights can share it
+#   make soak-cuts  what soak does of cuts alone
 #   make coverage   lines of the header that the suite runs, room by room
 #   make race       solvers against CHOLMOD, Eigen and hypre where they are installed: tests/bench/race.md and its plots
 #
@@ -58,8 +60,9 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: shared bindings test-bindings tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race \
-	benches lint fuzz test-corpus soak coverage format install clean FORCE
+.PHONY: shared bindings page test-page test-bindings tested all examples demo headers dev test check test-float test-cpp \
+	test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race benches lint fuzz \
+	test-corpus soak soak-cuts coverage format install clean FORCE
 
 all: examples
 
@@ -129,12 +132,21 @@ SHARED = build/libsoftbody.$(if $(filter Darwin,$(shell uname)),dylib,so)
 shared: $(SHARED)
 $(SHARED): examples/shared/softbody.c $(HEADERS) build/flags
 	$(CC) -std=c99 $(EXAMPLE_CFLAGS) -fPIC -shared -fvisibility=hidden -DSB_SHARED -I. $< -lm -o $@
+# The page of examples/web, in one file: clang, wasi-libc and lld.
+PAGE_CFLAGS = -O2
+WASI = $(CLANG) --target=wasm32-wasi --sysroot=/usr
+page: build/page.html
+build/page.wasm: examples/web/page.c $(HEADERS) build/flags
+	$(WASI) -mexec-model=reactor -std=c99 $(PAGE_CFLAGS) -DSB_ELEMENT=SB_TET4 -msimd128 -ffp-contract=off \
+	    -Wl,-z,stack-size=1048576 -Wl,--strip-all $< -lm -o $@
+build/page.html: build/page.wasm $(wildcard examples/web/*)
+	examples/web/join.sh $< >$@
 bindings: $(HEADERS)
 	CC='$(CC)' $(PYTHON) src/bindings.py
 
 # ---- tests -----------------------------------------------------------------------------------------------------
 # Holds the compilers and flags of the last build: objects follow when they change.
-BUILT_WITH = $(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS) $(LIBRARY)
+BUILT_WITH = $(CC) $(CXX) $(CFLAGS) $(EXAMPLE_CFLAGS) $(PAGE_CFLAGS) $(LIBRARY)
 build/flags: FORCE
 	@mkdir -p build
 	@echo '$(BUILT_WITH)' | cmp -s - $@ || echo '$(BUILT_WITH)' >$@
@@ -185,7 +197,7 @@ FLOAT_TESTS = $(TESTS)
 some = $(1:%=tests/test_%.c)
 OTHER_CFLAGS = -O1 # of the builds that differ in language or system only: they compile faster
 MINGW = x86_64-w64-mingw32-gcc
-WASM = $(CLANG) --target=wasm32-wasi --sysroot=/usr -D_WASI_EMULATED_PROCESS_CLOCKS
+WASM = $(WASI) -D_WASI_EMULATED_PROCESS_CLOCKS
 
 $(eval $(call suite,double,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS)))
 $(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float,,,$(FLOAT_TESTS)))
@@ -246,6 +258,8 @@ else
 test: build/double/tests
 	build/double/tests $(FILTER)
 endif
+test-page:
+	tests/total.sh "MAKE='$(MAKE)' CC='$(CC)' CLANG='$(CLANG)' tests/page.sh build/page_test"
 test-bindings: $(HEADERS)
 	tests/total.sh "CC='$(CC)' tests/bindings.sh build/bindings"
 test-programs: tested
@@ -446,8 +460,12 @@ soak: build/soak build/soak_haptic build/double/tests $(SWEEPS)
 	    "SOAK_HOURS='$(SOAK_HOURS)' SOAK_SECONDS='$(SOAK_SECONDS)' SOAK_SEED='$(SOAK_SEED)' build/soak_haptic" \
 	    "CHECK_SLOW=$$(($(or $(SOAK_SWEEPS),1000000) / $(SWEEP_KINDS) + 1)) CHECK_FIRST='$(SOAK_FIRST)' \
 	    CHECK_SECONDS='$(SOAK_SECONDS)' $(SWEEPS) contact_sweep" \
-	    "CHECK_SLOW='$(or $(SOAK_CUTS),200)' CHECK_FIRST='$(SOAK_FIRST)' CHECK_SECONDS='$(SOAK_SECONDS)' \
-	    build/double/tests cut_stress"
+	    "$(SOAK_CUT)"
+
+SOAK_CUT = CHECK_SLOW='$(or $(SOAK_CUTS),200)' CHECK_FIRST='$(SOAK_FIRST)' CHECK_SECONDS='$(SOAK_SECONDS)' \
+	build/double/tests cut_stress
+soak-cuts: build/double/tests
+	tests/total.sh "$(SOAK_CUT)"
 
 # gcc's counters; functions that every unit has of its own count as run when one of them was.
 COVERAGE_UNITS = $(TEST_UNITS:tests/%.c=build/coverage/%.o)

@@ -10,7 +10,11 @@
  * stretches, beside those of conforming tet10 meshes of up to 175,000 unknowns, extrapolated: 34.7 mm, 6.09 mm and
  * 3.79 N, each to half a percent. Errors below that are noise.
  *
- * Written are a table with the order of each curve, the same numbers as CSV and a chart (SVG); the same on every
+ * The second body is the edge-cracked plate, 1 x 2 with a crack of 0.5 from its side, pulled in plane strain: its
+ * stress intensity, from energies at cracks that are two elements shorter and longer, beside F sqrt(pi a) (Tada, Paris
+ * and Irwin). In single precision it is left out: differences of energies are lost there.
+ *
+ * Written are tables with the order of each curve, the same numbers as CSV and a chart (SVG); the same on every
  * machine. Exit status: 0, 2 wrong usage or a file that cannot be written, 3 a solve failed or memory is short. */
 #include "system.h"
 
@@ -26,6 +30,7 @@ static const char *const program_name = "cut_study";
 static const double beam_length = 0.2, beam_width = 0.03, beam_height = 0.06; /* m */
 static const double cut_at = 0.1, cut_to = 0.03;                              /* x, z of the front (m) */
 static const double stretch_by = 0.002;                                       /* m */
+static const double plate_height = 2, crack_length = 0.5;                     /* of the plate's width */
 enum { USAGE = 2, FAILED = 3, SERIES = 6, SIZES = 3, VALUES = 3, MOST_PATH = 900 };
 
 static const char *const value_names[VALUES] = {"sag", "opening", "force"};
@@ -48,7 +53,16 @@ typedef struct series {
     double nodes[SIZES], sizes[SIZES];                   /* sizes: h (mm) */
     double values[VALUES][SIZES], errors[VALUES][SIZES]; /* mm, mm, N; percent */
     int iterations[SIZES];                               /* of conjugate gradients, for the sag */
+    int plate_count;
+    double plate_nodes[SIZES], plate_cells[SIZES];      /* cells: across */
+    double intensities[SIZES], intensity_errors[SIZES]; /* of the sharp one; percent */
 } series;
+
+/* Where a body is cut: a plane across one axis, on one side of its front. */
+typedef struct cut_place {
+    int is_plate;
+    double front; /* z of the beam's, x of the plate's */
+} cut_place;
 
 typedef struct scene {
     sb_mesh mesh;
@@ -74,16 +88,26 @@ static void cells_of(const series *of, int size, int cells[3])
     memcpy(cells, of->kind == CONFORMING ? by_hand[size] : through[size], 3 * sizeof *cells);
 }
 
-static int is_in_cut(sb_vec3 x) { return fabs((double)x.x - cut_at) < 1e-9 && (double)x.z > cut_to + 1e-9; }
+static int is_in_cut(const cut_place *cut, sb_vec3 x)
+{
+    if (cut->is_plate)
+        return fabs((double)x.y - plate_height / 2) < 1e-9 && (double)x.x < cut->front - 1e-9;
+    return fabs((double)x.x - cut_at) < 1e-9 && (double)x.z > cut->front + 1e-9;
+}
+
+static int is_beyond_cut(const cut_place *cut, sb_vec3 x)
+{
+    return cut->is_plate ? (double)x.y > plate_height / 2 : (double)x.x > cut_at;
+}
 
 /* Doubles the nodes in the cut: elements beyond it take the copies. 0: no memory. */
-static int cut_by_hand(sb_mesh *mesh)
+static int cut_by_hand(sb_mesh *mesh, const cut_place *cut)
 {
     int width = sb_mesh_element_width(mesh), copies = 0;
     int *copy = (int *)calloc((size_t)mesh->node_count, sizeof(int));
     sb_vec3 *nodes;
     for (int i = 0; i < mesh->node_count && copy; i++)
-        copies += is_in_cut(mesh->nodes[i]);
+        copies += is_in_cut(cut, mesh->nodes[i]);
     nodes = (sb_vec3 *)realloc(mesh->nodes, (size_t)(mesh->node_count + copies) * sizeof *nodes);
     if (!copy || !nodes) {
         mesh->nodes = nodes ? nodes : mesh->nodes;
@@ -92,41 +116,47 @@ static int cut_by_hand(sb_mesh *mesh)
     }
     mesh->nodes = nodes;
     for (int i = 0, end = mesh->node_count; i < end; i++)
-        if (is_in_cut(nodes[i])) {
+        if (is_in_cut(cut, nodes[i])) {
             copy[i] = mesh->node_count++;
             nodes[copy[i]] = nodes[i];
         }
     for (int e = 0; e < mesh->element_count; e++) {
         int *element = mesh->elements + (size_t)e * (size_t)width;
-        double middle = 0;
+        sb_vec3 middle = sb_v3(0, 0, 0);
         for (int a = 0; a < 4; a++)
-            middle += (double)nodes[element[a]].x / 4;
-        for (int a = 0; a < width && middle > cut_at; a++)
-            if (is_in_cut(nodes[element[a]]) && copy[element[a]])
+            middle = sb_v3_madd(middle, REAL(0.25), nodes[element[a]]);
+        for (int a = 0; a < width && is_beyond_cut(cut, middle); a++)
+            if (is_in_cut(cut, nodes[element[a]]) && copy[element[a]])
                 element[a] = copy[element[a]];
     }
     free(copy);
     return 1;
 }
 
-/* A blade across the beam that comes down to the front; a hair off the middles of edges. */
-static int cut_through(scene *s, cut_kind kind, int lattice)
+/* Cuts with a blade's edge that goes from one place to another. */
+static int cut_through(scene *s, cut_kind kind, int lattice, const sb_vec3 from[2], const sb_vec3 to[2])
 {
     sb_cut_def def = sb_default_cut_def();
     sb_error error;
-    sb_vec3 edge[2];
     int stroke = -1;
     def.body = s->body;
     def.lattice = lattice;
     def.front = kind == GLUE ? SB_CUT_GLUE : SB_CUT_LAG;
-    edge[0] = sb_v3(REAL(cut_at + 2e-5), REAL(-0.01), REAL(beam_height + 0.005));
-    edge[1] = sb_v3(REAL(cut_at + 2e-5), REAL(beam_width + 0.01), REAL(beam_height + 0.005));
-    if (sb_cut_create(&def, &s->cut, &error) != SB_OK || sb_cut_begin(s->cut, edge, 2, &stroke, &error) != SB_OK)
-        return complain("the cut", error.message, FAILED);
-    edge[0].z = edge[1].z = REAL(cut_to);
-    if (sb_cut_move(s->cut, stroke, edge, NULL, &error) != SB_OK)
+    if (sb_cut_create(&def, &s->cut, &error) != SB_OK || sb_cut_begin(s->cut, from, 2, &stroke, &error) != SB_OK ||
+        sb_cut_move(s->cut, stroke, to, NULL, &error) != SB_OK)
         return complain("the cut", error.message, FAILED);
     return 0;
+}
+
+/* Across the beam, down to the front; a hair off the middles of edges. */
+static int cut_beam(scene *s, cut_kind kind, int lattice)
+{
+    sb_vec3 from[2], to[2];
+    from[0] = sb_v3(REAL(cut_at + 2e-5), REAL(-0.01), REAL(beam_height + 0.005));
+    from[1] = sb_v3(REAL(cut_at + 2e-5), REAL(beam_width + 0.01), REAL(beam_height + 0.005));
+    memcpy(to, from, sizeof to);
+    to[0].z = to[1].z = REAL(cut_to);
+    return cut_through(s, kind, lattice, from, to);
 }
 
 static int hold_plane(scene *s, double x, sb_real by, const char *what)
@@ -141,14 +171,16 @@ static int hold_plane(scene *s, double x, sb_real by, const char *what)
 static int make_scene(const settings *set, const series *of, int size, scene *s)
 {
     sb_body_def def = sb_default_body_def();
+    cut_place cut = {0, 0};
     sb_error error;
     int cells[3], status = 0;
+    cut.front = cut_to;
     cells_of(of, size, cells);
     memset(s, 0, sizeof *s);
     if (sb_mesh_beam(of->element, cells[0], cells[1], cells[2],
                      sb_v3(REAL(beam_length), REAL(beam_width), REAL(beam_height)), NULL, &s->mesh, &error) != SB_OK)
         return complain("the mesh", error.message, FAILED);
-    if (of->kind == CONFORMING && !cut_by_hand(&s->mesh))
+    if (of->kind == CONFORMING && !cut_by_hand(&s->mesh, &cut))
         return complain("the mesh", "no memory", FAILED);
     def.mesh = &s->mesh;
     def.material = sb_material_linear(REAL(300e3), REAL(0.35), 1000);
@@ -157,7 +189,7 @@ static int make_scene(const settings *set, const series *of, int size, scene *s)
     if (sb_body_create(&def, &s->body, &error) != SB_OK)
         return complain("the body", error.message, FAILED);
     status = hold_plane(s, 0, 0, "the clamped end");
-    return status || of->kind == CONFORMING ? status : cut_through(s, of->kind, set->lattice);
+    return status || of->kind == CONFORMING ? status : cut_beam(s, of->kind, set->lattice);
 }
 
 static void free_scene(scene *s)
@@ -270,6 +302,131 @@ static int measure(const settings *set, series *of, int size)
     return status;
 }
 
+/* ---- the edge-cracked plate ------------------------------------------------------------------------------------ */
+
+/* Cells across the plate; along it there are twice as many where the cut goes between them, one more where through. */
+static int plate_cells_of(const series *of, int size)
+{
+    static const int by_hand[SIZES] = {10, 16, 20}, through[SIZES] = {11, 15, 21};
+    return of->kind == CONFORMING ? by_hand[size] : through[size];
+}
+
+/* Pulls the ends of the plate apart by 1 N/m2. */
+static int pull_plate(scene *s)
+{
+    const sb_mesh *mesh = &s->mesh;
+    for (int e = 0; e < mesh->element_count; e++)
+        for (int face = 0; face < 4; face++) {
+            const int *element = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
+            int local[SB_MAX_FACE_NODES], nodes[3];
+            double y[3];
+            sb_element_face(SB_TET4, face, local, NULL);
+            for (int k = 0; k < 3; k++) {
+                nodes[k] = element[local[k]];
+                y[k] = (double)mesh->nodes[nodes[k]].y;
+            }
+            if (fabs(y[0] - y[1]) > 1e-9 || fabs(y[0] - y[2]) > 1e-9 ||
+                (fabs(y[0]) > 1e-9 && fabs(y[0] - plate_height) > 1e-9))
+                continue;
+            if (sb_body_add_traction(s->body, nodes, 1, 3, sb_v3(0, y[0] > 1 ? 1 : -1, 0), NULL) != SB_OK)
+                return complain("the plate", "is not pulled", FAILED);
+        }
+    return 0;
+}
+
+/* Plane strain, and nothing else held but motions of the whole. */
+static int hold_plate(scene *s)
+{
+    int status = 0;
+    for (int i = 0; i < s->mesh.node_count && !status; i++) {
+        double x = (double)s->mesh.nodes[i].x, y = (double)s->mesh.nodes[i].y, z = (double)s->mesh.nodes[i].z;
+        int at_corner = x > 1 - 1e-9 && z < 1e-9, axes = SB_Z;
+        if (at_corner && y < 1e-9)
+            axes |= SB_X | SB_Y;
+        if (at_corner && y > plate_height - 1e-9)
+            axes |= SB_X;
+        if (sb_body_fix_nodes(s->body, &i, 1, axes) != SB_OK)
+            status = complain("the plate", "is not held", FAILED);
+    }
+    return status;
+}
+
+static int make_plate(const settings *set, const series *of, int n, double crack, scene *s)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_error error;
+    double depth = 1.0 / n;
+    sb_vec3 from[2], to[2];
+    cut_place cut = {1, 0};
+    int status;
+    cut.front = crack;
+    memset(s, 0, sizeof *s);
+    if (sb_mesh_beam(of->element, n, of->kind == CONFORMING ? 2 * n : 2 * n + 1, 1,
+                     sb_v3(1, REAL(plate_height), REAL(depth)), NULL, &s->mesh, &error) != SB_OK)
+        return complain("the mesh", error.message, FAILED);
+    if (of->kind == CONFORMING && !cut_by_hand(&s->mesh, &cut))
+        return complain("the mesh", "no memory", FAILED);
+    def.mesh = &s->mesh;
+    def.material = sb_material_linear(1, REAL(0.3), 1);
+    def.slack = of->kind == CONFORMING ? 0 : 1;
+    if (sb_body_create(&def, &s->body, &error) != SB_OK)
+        return complain("the body", error.message, FAILED);
+    from[0] = sb_v3(REAL(-0.1), REAL(plate_height / 2), REAL(-0.1));
+    from[1] = sb_v3(REAL(-0.1), REAL(plate_height / 2), REAL(depth + 0.1));
+    memcpy(to, from, sizeof to);
+    to[0].x = to[1].x = REAL(crack);
+    status = hold_plate(s);
+    if (!status)
+        status = pull_plate(s);
+    return status || of->kind == CONFORMING ? status : cut_through(s, of->kind, set->lattice, from, to);
+}
+
+/* Elastic energy per thickness. */
+static int plate_energy(const settings *set, series *of, int size, double crack, double *found)
+{
+    int n = plate_cells_of(of, size), status;
+    sb_step_info info;
+    sb_energy energy;
+    scene s;
+    status = make_plate(set, of, n, crack, &s);
+    if (!status)
+        status = solve(&s, &info);
+    if (!status && sb_body_energy(s.body, &energy) != SB_OK)
+        status = complain("the plate", "has no energy", FAILED);
+    if (!status) {
+        *found = (double)energy.elastic * n;
+        of->plate_nodes[size] = sb_body_node_count(s.body);
+    }
+    free_scene(&s);
+    return status;
+}
+
+/* K^2 (1 - nu^2)/E at a crack of length a: K = F sqrt(pi a). */
+static double sharp_rate(double a)
+{
+    double f = 1.122 - 0.231 * a + 10.55 * a * a - 21.71 * a * a * a + 30.382 * a * a * a * a;
+    return f * f * 3.14159265358979 * a * (1 - 0.3 * 0.3);
+}
+
+/* The stress intensity over the sharp one, both as means over four elements. */
+static int measure_plate(const settings *set, series *of, int size)
+{
+    enum { PLACES = 100 };
+    double h = 1.0 / plate_cells_of(of, size), shorter = 0, longer = 0, sharp = 0;
+    int status = plate_energy(set, of, size, crack_length - 2 * h, &shorter);
+    if (!status)
+        status = plate_energy(set, of, size, crack_length + 2 * h, &longer);
+    if (status)
+        return status;
+    for (int i = 0; i < PLACES; i++)
+        sharp += sharp_rate(crack_length + 4 * h * ((i + 0.5) / (int)PLACES - 0.5)) / (int)PLACES;
+    of->plate_cells[size] = plate_cells_of(of, size);
+    of->intensities[size] = sqrt((longer - shorter) / (4 * h) / sharp);
+    of->intensity_errors[size] = 100 * fabs(of->intensities[size] - 1);
+    of->plate_count = size + 1;
+    return 0;
+}
+
 /* Power of h by which an error falls from the coarsest mesh to the finest. */
 static double order(const series *of, int value)
 {
@@ -287,6 +444,28 @@ static void print_series(const series *of)
                of->values[2][k], of->errors[2][k], of->iterations[k]);
     if (of->count > 1)
         printf("%-18s order         %16.2f  %16.2f  %16.2f\n", "", order(of, 0), order(of, 1), order(of, 2));
+}
+
+static void print_plate(const series *of)
+{
+    for (int k = 0; k < of->plate_count; k++)
+        printf("%-18s %5.0f %7.0f  %7.4f %6.2f %%\n", k ? "" : of->name, of->plate_cells[k], of->plate_nodes[k],
+               of->intensities[k], of->intensity_errors[k]);
+}
+
+static int write_plate(const settings *set, const series *curves)
+{
+    char path[MOST_PATH + 32];
+    sb_output out;
+    snprintf(path, sizeof path, "%s_plate.csv", set->out);
+    if (sb_output_open(&out, path, NULL) != SB_OK)
+        return complain(path, "cannot be written", USAGE);
+    fprintf(out.file, "cut,cells,nodes,intensity,error\n");
+    for (const series *c = curves; c < curves + SERIES; c++)
+        for (int k = 0; k < c->plate_count; k++)
+            fprintf(out.file, "%s,%.0f,%.0f,%.5f,%.5f\n", c->name, c->plate_cells[k], c->plate_nodes[k],
+                    c->intensities[k], c->intensity_errors[k] / 100);
+    return sb_output_close(&out, NULL) == SB_OK ? 0 : complain(path, "cannot be written", USAGE);
 }
 
 static int write_table(const settings *set, const series *curves)
@@ -311,12 +490,21 @@ static int draw_chart(const settings *set, const series *curves)
                                                "stretched by 2 mm: force"};
     char path[MOST_PATH + 32];
     plot p;
-    plot_begin(&p, "A beam cut to half of its height");
+    plot_begin(&p, "A beam cut to half of its height, and a plate with a crack");
     for (int v = 0; v < VALUES; v++) {
         plot_panel *panel = plot_add_panel(&p, titles[v], "nodes", "relative error (%)");
         panel->log_x = panel->log_y = 1;
         for (const series *c = curves; c < curves + SERIES; c++) {
             plot_curve *curve = plot_add_curve(panel, c->name, c->nodes, c->errors[v], c->count);
+            curve->markers = 1;
+            curve->dashed = c->kind == CONFORMING;
+        }
+    }
+    if (curves[0].plate_count) {
+        plot_panel *panel = plot_add_panel(&p, "edge-cracked plate: stress intensity", "nodes", "relative error (%)");
+        panel->log_x = panel->log_y = 1;
+        for (const series *c = curves; c < curves + SERIES; c++) {
+            plot_curve *curve = plot_add_curve(panel, c->name, c->plate_nodes, c->intensity_errors, c->plate_count);
             curve->markers = 1;
             curve->dashed = c->kind == CONFORMING;
         }
@@ -340,23 +528,37 @@ static void name_series(series curves[SERIES])
     }
 }
 
-static int run_all(const settings *set)
+static int measure_all(const settings *set, series curves[SERIES])
 {
-    series curves[SERIES];
-    int sizes = set->quick ? 2 : SIZES, status = 0;
-    name_series(curves);
+    int sizes = set->quick ? 2 : SIZES, status = 0, has_plate = sizeof(sb_real) == 8;
     for (int c = 0; c < SERIES; c++)
         for (int k = 0; k < sizes && !status; k++) {
             progress_show((double)(c * sizes + k) / ((int)SERIES * sizes), curves[c].name);
             status = measure(set, curves + c, k);
+            if (!status && has_plate)
+                status = measure_plate(set, curves + c, k);
         }
     progress_end();
+    return status;
+}
+
+static int run_all(const settings *set)
+{
+    series curves[SERIES];
+    int last = set->quick ? 1 : SIZES - 1, status;
+    name_series(curves);
+    status = measure_all(set, curves);
     if (status)
         return status;
     printf("cut                h/mm   nodes   sag/mm    error  opening    error  force/N    error  iterations\n");
     for (int c = 0; c < SERIES; c++)
         print_series(curves + c);
+    printf("\nplate            cells   nodes       K    error\n");
+    for (int c = 0; c < SERIES; c++)
+        print_plate(curves + c);
     status = write_table(set, curves);
+    if (!status && curves[0].plate_count)
+        status = write_plate(set, curves);
     if (!status)
         status = draw_chart(set, curves);
     if (status)
@@ -364,8 +566,9 @@ static int run_all(const settings *set)
     printf("written     %s.csv, %s.svg\n", set->out, set->out);
     for (int v = 0; v < VALUES; v++)
         printf("%s_order=%.2f ", value_names[v], order(curves + 5, v));
-    printf("sag_mm=%.3f opening_mm=%.3f force_N=%.3f\n", curves[5].values[0][sizes - 1], curves[5].values[1][sizes - 1],
-           curves[5].values[2][sizes - 1]);
+    printf("sag_mm=%.3f opening_mm=%.3f force_N=%.3f intensity=%.4f\n", curves[5].values[0][last],
+           curves[5].values[1][last], curves[5].values[2][last],
+           curves[5].plate_count ? curves[5].intensities[last] : 0);
     return 0;
 }
 
@@ -373,7 +576,7 @@ static int program(int argc, char **argv)
 {
     settings s = {program_name, 0, 2, 0};
     option options[] = {
-        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s.out, 0, 0, "files are NAME.csv and NAME.svg"},
+        {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s.out, 0, 0, "files are NAME.csv, NAME_plate.csv, NAME.svg"},
         {"--quick", NULL, OPTION_FLAG, &s.quick, NULL, NULL, 0, 0, "two sizes of each in place of three: seconds"},
         {"--lattice", "M", OPTION_INTEGER, &s.lattice, NULL, NULL, 1, 4,
          "places along an element's edge that are cut apart: 1, 2 or 4"},
@@ -384,9 +587,11 @@ static int program(int argc, char **argv)
     if (!options_parse(program_name, options, OPTIONS, NULL, 0, argc, argv))
         return USAGE;
     if (s.help) {
-        printf("usage: cut_study [OPTIONS]\n\n"
-               "A beam that is cut to half of its height, by hand between elements and through them: errors of its\n"
-               "sag, of how the cut opens and of the force that stretches it, over the number of nodes.\n\n");
+        printf(
+            "usage: cut_study [OPTIONS]\n\n"
+            "A beam that is cut to half of its height, by hand between elements and through them: errors of its\n"
+            "sag, of how the cut opens and of the force that stretches it, over the number of nodes; and the stress\n"
+            "intensity of a plate with a crack.\n\n");
         options_print(options, OPTIONS);
         printf("\nThe last line, of tet10 with a glued front: orders of the errors in h, and the values of the finest "
                "mesh.\n");

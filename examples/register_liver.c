@@ -18,7 +18,10 @@
  * start warns of is said by name. Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no
  * registration was found, or two that the target does not tell apart (--any takes the likelier one; better: --camera,
  * --seen-from or landmarks), 4 one was written that is not to be trusted: cut off by its time, of another size, or
- * still far from the target. A small distance does not tell how far off what was not seen is. */
+ * still far from the target (--force: 0 for these). A small distance does not tell how far off what was not seen is:
+ * --method infer does, after stop=REASON: expected_mm=E expected_worst_mm=W prior=KIND, mean and worst over the model's
+ * nodes, and as `expected` (m) of each node in the VTK file. It is the method for views of a part; from a whole surface
+ * pbsm is closer. Above --limit, or with less than 15 % of the organ seen, the status is 4. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -36,8 +39,8 @@ enum { EXIT_USAGE = 2, EXIT_FAILED = 3, EXIT_DOUBTFUL = 4 };
 
 typedef struct settings {
     const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out, *camera, *seen_from;
-    int linear, partial, aligned, any, noisy, plain, cells, steps, help;
-    double scale, young, poisson, seconds;
+    int linear, partial, aligned, any, noisy, plain, force, cells, steps, help;
+    double scale, young, poisson, seconds, limit;
 } settings;
 
 /* What lasts from the files to the results. Zeros: nothing yet. */
@@ -545,15 +548,24 @@ static int write_targets(const work *w)
     return status;
 }
 
-/* The model where it is now, with its displacement. */
+/* The model where it is now, with its displacement and, where it was inferred, the error to expect of each node (m). */
 static int write_model(const work *w, sb_vec3 *moved, const sb_vec3 *displacement)
 {
     sb_mesh mesh = w->model;
-    sb_field field = {"displacement", SB_FIELD_NODES, 3, NULL};
+    sb_field fields[2] = {{"displacement", SB_FIELD_NODES, 3, NULL}, {"expected", SB_FIELD_NODES, 1, NULL}};
+    sb_real *expected = (sb_real *)malloc((size_t)mesh.node_count * sizeof *expected);
     sb_error error;
+    sb_result result;
+    if (!expected)
+        return complain_memory();
     mesh.nodes = moved;
-    field.values = &displacement[0].x;
-    return sb_mesh_save_vtk(w->set->out, &mesh, &field, 1, &error) == SB_OK ? 0 : complain_error(w->set->out, &error);
+    fields[0].values = &displacement[0].x;
+    fields[1].values = expected;
+    if (w->out.infer)
+        (void)reg_infer_expected(w->out.infer, expected);
+    result = sb_mesh_save_vtk(w->set->out, &mesh, fields, w->out.infer ? 2 : 1, &error);
+    free(expected);
+    return result == SB_OK ? 0 : complain_error(w->set->out, &error);
 }
 
 static int write_all(const work *w)
@@ -563,7 +575,7 @@ static int write_all(const work *w)
     int status = 0;
     if (!moved)
         return complain_memory();
-    outcome_nodes(&w->out, moved);
+    outcome_nodes(&w->out, &w->model, moved);
     for (size_t i = 0; i < n; i++)
         moved[n + i] = sb_v3_sub(moved[i], w->model.nodes[i]);
     if (w->set->displacement)
@@ -630,8 +642,8 @@ static void tell_start(const work *w)
            1e3 * (double)sb_v3_norm(sb_v3_sub(reg_rigid_apply(start, centre), centre)), w->out.seconds_start);
 }
 
-/* What the rigid start warns of, by name. A turned target is reported by itself. */
-static void tell_warnings(const work *w)
+/* What the rigid start and an inference warn of, by name. A turned target is reported by itself. */
+static void tell_warnings(const work *w, const reg_quality *quality)
 {
     static const struct {
         reg_warning warning;
@@ -640,21 +652,25 @@ static void tell_warnings(const work *w)
         {REG_WARN_AMBIGUOUS, "another pose explains the target about as well"},
         {REG_WARN_MIXED_NORMALS, "normals point towards the camera and away from it"},
         {REG_WARN_SCALE, "the target's size does not fit the model's"},
-        {REG_WARN_VIEW_SMALL, "less than 15 % of the organ is seen"},
+        {REG_WARN_VIEW_SMALL, "less than 15 % of the organ is seen, or hardly what its loads did"},
         {REG_WARN_MANY_OUTLIERS, "over 30 % of the target is nowhere near the model"},
         {REG_WARN_LOW_CONTRAST, "what is seen leaves a turn or a shift open"},
         {REG_WARN_FREE_SPACE, "a part of the model hides what the camera saw"},
+        {REG_WARN_STRAIN, "the organ would be strained by more than 30 %"},
+        {REG_WARN_VOLUME, "its volume would change by more than 10 %"},
+        {REG_WARN_NOT_AT_REST, "the last round still moved it by more than the error to expect"},
     };
     const reg_icp_info *rigid = &w->out.rigid;
+    unsigned warnings = rigid->warnings | quality->warnings;
     for (int i = 0; i < (int)(sizeof all / sizeof all[0]); i++)
-        if (rigid->warnings & (unsigned)all[i].warning)
+        if (warnings & (unsigned)all[i].warning)
             fprintf(stderr, "register_liver: warning: %s: %s\n", reg_warning_string(all[i].warning), all[i].words);
     if (rigid->warnings & REG_WARN_SCALE)
         fprintf(stderr, "register_liver: times %.4g the target's lengths would fit\n", (double)rigid->scale_guess);
 }
 
 /* NULL, or why what was found is not to be trusted. A rigid start alone leaves what the organ was deformed by. */
-static const char *doubt(const work *w, double median)
+static const char *doubt(const work *w, const reg_quality *quality, double median)
 {
     const double far_off = 0.01; /* of the organ's size, beside noise */
     sb_vec3 low, high;
@@ -665,6 +681,10 @@ static const char *doubt(const work *w, double median)
         return "the target's size does not fit the model's (--scale)";
     if (strcmp(w->out.stop, "no_overlap") == 0 || strcmp(w->out.stop, "failed") == 0)
         return "the deformation ended early";
+    if (w->out.infer && 1e3 * (double)quality->expected > w->set->limit)
+        return "the error to expect is above the limit (--limit; landmarks or a larger view lower it)";
+    if (w->out.infer && quality->seen < REAL(0.15))
+        return "less than 15 % of the organ is seen";
     if (w->how != METHOD_ICP &&
         median > far_off * (double)sb_v3_norm(sb_v3_sub(high, low)) + 2 * (double)w->out.smooth.noise)
         return "half of the target is farther from the model than its noise explains";
@@ -677,6 +697,7 @@ static int run(work *w, double begun, const char *target)
     sb_error error;
     double distance = 0, median = 0, seconds;
     const char *why;
+    reg_quality quality;
     sb_result result;
     if (w->has_target && is_open(&w->target))
         given.partial = 1;
@@ -692,15 +713,22 @@ static int run(work *w, double begun, const char *target)
     if (w->out.is_turned)
         say_turned(target);
     tell_start(w);
-    tell_warnings(w);
+    memset(&quality, 0, sizeof quality);
+    if (w->out.infer)
+        (void)reg_infer_get_quality(w->out.infer, &quality);
+    tell_warnings(w, &quality);
     if (write_all(w))
         return EXIT_USAGE;
-    printf("iterations=%d steps_per_second=%.2f seconds=%.3f distance_mm=%.4f stop=%s\n", w->out.iterations,
+    printf("iterations=%d steps_per_second=%.2f seconds=%.3f distance_mm=%.4f stop=%s", w->out.iterations,
            w->out.seconds_run > 0 ? w->out.iterations / w->out.seconds_run : 0.0, seconds, 1e3 * distance, w->out.stop);
-    why = doubt(w, median);
+    if (w->out.infer)
+        printf(" expected_mm=%.2f expected_worst_mm=%.2f prior=%s", 1e3 * (double)quality.expected,
+               1e3 * (double)quality.expected_worst, reg_prior_string(quality.prior));
+    puts("");
+    why = doubt(w, &quality, median);
     if (why)
         fprintf(stderr, "register_liver: the result is not to be trusted: %s\n", why);
-    return why ? EXIT_DOUBTFUL : 0;
+    return why && !w->set->force ? EXIT_DOUBTFUL : 0;
 }
 
 static void free_work(work *w)
@@ -723,7 +751,7 @@ static int check_settings(const settings *set, const char *const files[2])
         return EXIT_USAGE;
     }
     if (method_find(set->method, strlen(set->method)) == METHOD_COUNT)
-        return complain(set->method, "is no method: pbsm, pbsm-laplace, nicp, icp or cpd");
+        return complain(set->method, "is no method: pbsm, pbsm-laplace, nicp, icp, cpd or infer");
     if (!set->targets != !set->targets_out) {
         fputs("register_liver: --targets and --targets-out go together\n", stderr);
         return EXIT_USAGE;
@@ -735,11 +763,12 @@ static int check_settings(const settings *set, const char *const files[2])
 
 static int program(int argc, char **argv)
 {
-    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0,
-                    0,      0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60};
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0,  0, 0,
+                    0,      0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60, 5};
     const char *files[2] = {NULL, NULL};
     const option options[] = {
-        {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0, "pbsm, pbsm-laplace, nicp, icp, cpd"},
+        {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0,
+         "pbsm, pbsm-laplace, nicp, icp, cpd; infer, which says what error to expect: for views"},
         {"--linear", NULL, OPTION_FLAG, &set.linear, NULL, NULL, 0, 0, "a linear material instead of a corotated one"},
         {"--partial", NULL, OPTION_FLAG, &set.partial, NULL, NULL, 0, 0,
          "the target is a part of the surface; an open surface always is"},
@@ -754,6 +783,10 @@ static int program(int argc, char **argv)
          "direction from the organ to the camera, in the model's frame, within some 30 degrees"},
         {"--any", NULL, OPTION_FLAG, &set.any, NULL, NULL, 0, 0,
          "of two poses that are about as likely take the likelier one, instead of exit status 3"},
+        {"--limit", "MM", OPTION_NUMBER, NULL, &set.limit, NULL, 1e-9, 1e9,
+         "infer only: an error to expect above this is exit status 4"},
+        {"--force", NULL, OPTION_FLAG, &set.force, NULL, NULL, 0, 0,
+         "exit status 0 for what is not to be trusted, too"},
         {"--surface", "FILE", OPTION_TEXT, NULL, NULL, &set.surface, 0, 0,
          "the fine surface that the model was made from: it is matched in place of the model's own"},
         {"--landmarks", "FILE", OPTION_TEXT, NULL, NULL, &set.landmarks, 0, 0, "lines x y z  X Y Z"},

@@ -9,10 +9,11 @@ typedef enum method {
     METHOD_NICP = 2,         /* non-rigid ICP on the elastic body */
     METHOD_ICP = 3,          /* the rigid start alone */
     METHOD_CPD = 4,          /* coherent point drift, which knows of no body */
-    METHOD_COUNT = 5
+    METHOD_INFER = 5,        /* loads and pose inferred, with the error to expect */
+    METHOD_COUNT = 6
 } method;
 
-static const char *const method_names[METHOD_COUNT] = {"pbsm", "pbsm-laplace", "nicp", "icp", "cpd"};
+static const char *const method_names[METHOD_COUNT] = {"pbsm", "pbsm-laplace", "nicp", "icp", "cpd", "infer"};
 
 /* METHOD_COUNT for no such name. */
 static inline method method_find(const char *name, size_t length)
@@ -63,6 +64,8 @@ typedef struct outcome {
     int is_placed;          /* 1: the fixed region was seen, and put in its place */
     sb_body *body;          /* of pbsm and nicp */
     reg_cpd *cpd;
+    reg_model *organ; /* of infer, */
+    reg_infer *infer; /* in the model's frame */
     int iterations;
     double seconds_start, seconds_setup, seconds_run; /* rigid start, what comes before iterations, iterations */
     const char *stop;
@@ -72,6 +75,8 @@ static inline void outcome_free(outcome *out)
 {
     sb_body_destroy(out->body);
     reg_cpd_destroy(out->cpd);
+    reg_infer_destroy(out->infer);
+    reg_model_destroy(out->organ);
     sb_mesh_free(&out->seen);
     sb_mesh_free(&out->target);
     reg_cloud_free(&out->cloud);
@@ -897,6 +902,87 @@ static inline sb_result task_cpd(const task *given, outcome *out, sb_error *erro
     return result;
 }
 
+/* ---- inference -------------------------------------------------------------------------------------------------- */
+
+static inline const char *infer_stop_name(reg_infer_stop stop)
+{
+    return stop == REG_INFER_CAPPED ? "time_cap" : reg_infer_stop_string(stop);
+}
+
+/* out->organ, of the model at rest and of the surface that is matched. */
+static inline sb_result task_make_organ(const task *given, outcome *out, sb_error *error)
+{
+    reg_model_def def = reg_default_model_def();
+    reg_rigid back = reg_rigid_inverse(&out->start);
+    sb_mesh rest;
+    sb_result result = sb_mesh_copy(&out->seen, NULL, &rest, error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < rest.node_count; i++)
+        rest.nodes[i] = reg_rigid_apply(&back, rest.nodes[i]);
+    def.mesh = given->model;
+    def.surface = &rest;
+    def.poisson = (sb_real)given->poisson;
+    def.fixed = given->fixed;
+    def.fixed_count = given->fixed_count;
+    result = reg_model_create(&def, &out->organ, error);
+    sb_mesh_free(&rest);
+    return result;
+}
+
+/* Landmarks are known to half a hundredth of the organ's size. */
+static inline reg_landmark *task_infer_landmarks(const task *given)
+{
+    reg_landmark *marks = (reg_landmark *)malloc((size_t)(given->landmark_count + 1) * sizeof *marks);
+    sb_vec3 low, high;
+    sb_mesh_bounds(given->model, &low, &high);
+    for (int i = 0; marks && i < given->landmark_count; i++) {
+        marks[i].model = given->landmarks[i];
+        marks[i].seen = given->landmark_targets[i];
+        marks[i].sd = (sb_real)0.005 * sb_v3_norm(sb_v3_sub(high, low));
+    }
+    return marks;
+}
+
+static inline sb_result task_infer(const task *given, outcome *out, sb_error *error)
+{
+    reg_infer_def def = reg_default_infer_def();
+    reg_landmark *marks = task_infer_landmarks(given);
+    reg_quality quality;
+    double begun = seconds_now();
+    sb_result result =
+        marks ? task_make_organ(given, out, error) : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    out->seconds_setup = seconds_now() - begun;
+    def.model = out->organ;
+    def.target.surface = given->target;
+    if (!given->target) {
+        def.target.points = given->cloud->points;
+        def.target.normals = given->cloud->normals;
+        def.target.count = given->cloud->count;
+    }
+    def.target.has_camera = given->camera != NULL;
+    if (given->camera)
+        def.target.camera = *given->camera;
+    def.landmarks = marks;
+    def.landmark_count = given->landmark_count;
+    def.start = out->start;
+    def.max_seconds = given->max_seconds;
+    def.clock = seconds_now;
+    begun = seconds_now();
+    task_show(given, 0, "inferring loads and pose");
+    if (result == SB_OK)
+        result = reg_infer_run(&def, &out->infer, error);
+    if (result == SB_OK)
+        result = reg_infer_get_quality(out->infer, &quality);
+    if (result == SB_OK) {
+        out->iterations = quality.rounds;
+        out->stop = infer_stop_name(quality.stop);
+    }
+    out->seconds_run = seconds_now() - begun;
+    free(marks);
+    return result;
+}
+
 /* ---- all of it ------------------------------------------------------------------------------------------------- */
 
 /* The target without noise and outliers, and with normals: *clean is the task with that. */
@@ -936,6 +1022,8 @@ static inline sb_result task_run(const task *given, method how, outcome *out, sb
         return result;
     if (how == METHOD_CPD)
         return task_cpd(&clean, out, error);
+    if (how == METHOD_INFER)
+        return task_infer(&clean, out, error);
     begun = seconds_now();
     result = task_make_body(&clean, out, error);
     out->seconds_setup = seconds_now() - begun;
@@ -951,6 +1039,8 @@ static inline sb_result outcome_carry(const outcome *out, const sb_vec3 *points,
     sb_embedding_def def = sb_default_embedding_def();
     sb_embedding *embedding = NULL;
     sb_result result;
+    if (out->infer && count > 0)
+        return reg_infer_covariance(out->infer, points, count, moved, NULL, error);
     for (int i = 0; i < count; i++)
         moved[i] = reg_rigid_apply(&out->start, points[i]);
     if (out->cpd)
@@ -970,9 +1060,15 @@ static inline sb_result outcome_carry(const outcome *out, const sb_vec3 *points,
 }
 
 /* Where the model's nodes are: moved[node_count]. Exactly the body's, where there is one. */
-static inline void outcome_nodes(const outcome *out, sb_vec3 *moved)
+static inline void outcome_nodes(const outcome *out, const sb_mesh *model, sb_vec3 *moved)
 {
     size_t bytes = (size_t)out->placed.node_count * sizeof *moved;
+    if (out->infer) {
+        (void)reg_infer_displacements(out->infer, moved);
+        for (int i = 0; i < model->node_count; i++)
+            moved[i] = sb_v3_add(model->nodes[i], moved[i]);
+        return;
+    }
     memcpy(moved, out->body ? sb_body_positions(out->body) : out->placed.nodes, bytes);
     if (out->cpd)
         reg_cpd_apply(out->cpd, moved, out->placed.node_count, moved);

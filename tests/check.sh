@@ -46,6 +46,7 @@ counted "tests in double, each with 128 kB of stack and bad operations as signal
 counted "examples, README, fuzz corpus" "$make test-programs"
 counted "tests in float" "CHECK_QUICK=1 CHECK_SHORT=1 $make test-float FILTER='\$(SLOW)'"
 counted "the headers from Python and C#" "$make test-bindings"
+counted "the page in a browser" "$make test-page PAGE_CFLAGS=-O1"
 counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1"
 # 38 of each kind are among the tests above: 10,008 in all.
 counted "10,000 random sweeps of tools through bodies" "CHECK_FIRST=38 CHECK_SLOW=796 $make test-host FILTER=contact_sweep"

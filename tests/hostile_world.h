@@ -111,6 +111,10 @@ typedef struct world {
     reg_match_def match_def;
     reg_nicp_def nicp_def;
     reg_loads_def loads_def;
+    reg_model_def organ_model_def;
+    reg_model *organ_model;
+    reg_infer_def infer_def;
+    reg_infer *infer;
     unsigned char *image;
     size_t image_bytes;
 } world;
@@ -1109,6 +1113,41 @@ static reg_loads_def *world_loads_def(world *w)
     return &w->loads_def;
 }
 
+static reg_model_def *world_organ_model_def(world *w)
+{
+    w->organ_model_def = reg_default_model_def();
+    w->organ_model_def.mesh = world_mesh(w);
+    w->organ_model_def.allocator = w->allocator;
+    return &w->organ_model_def;
+}
+
+static reg_model *world_organ_model(world *w)
+{
+    if (!w->organ_model)
+        CHECK_OK(reg_model_create(world_organ_model_def(w), &w->organ_model, NULL));
+    return w->organ_model;
+}
+
+static reg_infer_def *world_infer_def(world *w)
+{
+    w->infer_def = reg_default_infer_def();
+    w->infer_def.model = world_organ_model(w);
+    w->infer_def.target.surface = world_surface(w);
+    w->infer_def.target.has_camera = 1;
+    w->infer_def.target.camera = sb_v3(0, 0, 1);
+    w->infer_def.samples = 30;
+    w->infer_def.rounds = 1;
+    w->infer_def.clock = world_clock;
+    return &w->infer_def;
+}
+
+static reg_infer *world_infer(world *w)
+{
+    if (!w->infer)
+        CHECK_OK(reg_infer_run(world_infer_def(w), &w->infer, NULL));
+    return w->infer;
+}
+
 /* ---- all of it ---- */
 
 static unsigned long long world_mix(unsigned long long hash, const void *data, size_t bytes)
@@ -1189,6 +1228,8 @@ static unsigned long long world_go_on(world *w)
 
 static void world_free(world *w)
 {
+    reg_infer_destroy(w->infer);
+    reg_model_destroy(w->organ_model);
     reg_nicp_destroy(w->nicp);
     reg_match_destroy(w->match);
     reg_kdtree_destroy(w->tree);

@@ -3,6 +3,7 @@
 #define SB_SPLIT_BUILD
 #include "../src/softbody/base/bytes.h"
 
+#include "../src/softbody/body/state_part.h"
 #include "../src/softbody/body/step_private.h"
 #include "cut_blade.h"
 
@@ -362,6 +363,27 @@ static block pushed_block(sb_cut_front front, int *stroke)
     return b;
 }
 
+/* A step that is taken back leaves them, and is the same again. */
+static void test_taken_back(void)
+{
+    int stroke;
+    block b = pushed_block(SB_CUT_GLUE, &stroke);
+    size_t size = sbi_body_snapshot_size(b.body);
+    void *kept = malloc(size);
+    uint64_t before = sb_body_state_hash(b.body), after = 0;
+    sbi_body_snapshot(b.body, kept);
+    for (int k = 0; k < 3; k++) {
+        CHECK_OK(sb_body_step(b.body, REAL(0.001), NULL));
+        CHECK_INT(b.body->live->push_count, 0);
+        after = k ? after : sb_body_state_hash(b.body);
+        CHECK(sb_body_state_hash(b.body) == after && after != before);
+        CHECK_OK(sbi_body_rewind(b.body, kept, size, NULL));
+        CHECK(sb_body_state_hash(b.body) == before);
+    }
+    free(kept);
+    block_free(&b);
+}
+
 /* Forces wait for a time step that succeeds, through changes of the mesh; a static solve has none of them. */
 static void test_waiting(void)
 {
@@ -624,7 +646,8 @@ static void test_mistakes(void)
 CHECK_SUITE(cut_force, {"work of a straight cut", test_work}, {"push and slice", test_slice},
             {"a blade that turns", test_turning}, {"blade and tissue balance", test_balance},
             {"tissue against a blade at rest", test_resting}, {"tissue that gives way", test_giving},
-            {"no toughness, no force", test_none}, {"forces wait for a step", test_waiting}, {"states", test_states},
-            {"damaged states", test_bad_states}, {"recordings", test_recording}, {"threads", test_threads},
+            {"no toughness, no force", test_none}, {"forces wait for a step", test_waiting},
+            {"taken back", test_taken_back}, {"states", test_states}, {"damaged states", test_bad_states},
+            {"recordings", test_recording}, {"threads", test_threads},
             {"every allocation fails in turn", test_no_memory}, {"no allocation", test_no_allocation},
             {"mistakes are named", test_mistakes});

@@ -110,6 +110,45 @@ static void test_half_block(void)
     CHECK_NEAR(sag[1], sag[0], scene_tolerance(1e-8, 1e5) * -sag[0]);
 }
 
+/* Frequencies (Hz) of a block clamped at both ends; b.cut: both halves of the one that is cut have each of them. */
+static void find_frequencies(const block *b, sb_real *frequencies, int count)
+{
+    sb_modes_options options = sb_default_modes_options();
+    sb_error error;
+    options.tolerance = REAL(scene_tolerance(1e-6, 1e3));
+    if (!CHECK_OK(sb_body_modes(b->body, count, &options, frequencies, NULL, NULL, &error)))
+        printf("%s\n", error.message);
+}
+
+/* A block cut through the middles of its elements rings as halves do whose mesh ends there. */
+static void test_frequency(void)
+{
+    block_options options = quad_default(2, SB_CUT_LAG);
+    sb_body_def def = sb_default_body_def();
+    sb_real whole[2], half[1];
+    block b, by_hand;
+    options.nx = 5;
+    options.shake = 0;
+    b = block_make(&options);
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    scene_fix_plane(b.body, &b.mesh, 0, (double)block_size.x, SB_XYZ);
+    CHECK_INT(block_cut_plane(&b, sb_v3(block_size.x / 2, 0, 0), sb_v3(1, 0, 0)).parts, 2);
+    find_frequencies(&b, whole, 2);
+    memset(&by_hand, 0, sizeof by_hand);
+    by_hand.mesh = scene_box(SB_TET10, 3, 3, 3, sb_v3(block_size.x / 2, block_size.y, block_size.z), 0);
+    def.mesh = &by_hand.mesh;
+    def.material = sb_material_corotated(REAL(5000), REAL(0.4), 1000);
+    by_hand.body = scene_body(&def);
+    scene_fix_plane(by_hand.body, &by_hand.mesh, 0, 0, SB_XYZ);
+    find_frequencies(&by_hand, half, 1);
+    printf("   first frequency of halves %.4f and %.4f Hz, of one by hand %.4f Hz\n", (double)whole[0],
+           (double)whole[1], (double)half[0]);
+    for (int k = 0; k < 2; k++)
+        CHECK_NEAR(whole[k], half[0], 0.02 * (double)half[0]);
+    block_free(&by_hand);
+    block_free(&b);
+}
+
 /* Copies, those in the middle of edges as well, are held where their pieces keep some of a held face. */
 static void test_supports(void)
 {
@@ -566,6 +605,64 @@ static void test_no_memory(void)
     }
 }
 
+/* Steps allocate nothing, nor moves that part nothing: those that part make the body anew. */
+static void test_no_allocation(void)
+{
+    scene_memory memory = {0, 0, 0, 0};
+    block b = counted_block_of(&memory, SB_TET10, 4, 40, SB_CUT_GLUE, 0);
+    unsigned long long seed = 3;
+    int strokes = check_quick() ? 2 : 6, parted = 0, idle = 0;
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_step(&b, 1);
+    for (int k = 0; k < strokes; k++) {
+        blade of = blade_random(&seed);
+        int stroke;
+        of.along = sb_v3_scale(REAL(0.2), of.along);
+        stroke = begin(&b, &of);
+        for (int i = 1; i <= 15; i++) {
+            int calls = memory.calls, rebuilds = b.body->live->rebuilds;
+            move(&b, &of, stroke, -1 + 2 * i / 15.0);
+            if (b.body->live->rebuilds == rebuilds)
+                CHECK_INT(memory.calls, calls);
+            parted += b.body->live->rebuilds > rebuilds;
+            idle += b.body->live->rebuilds == rebuilds;
+            calls = memory.calls;
+            block_step(&b, 1);
+            CHECK_INT(memory.calls, calls);
+        }
+        sb_cut_end(b.cut, stroke);
+    }
+    CHECK(parted > 0 && idle > 0);
+    check_pieces(&b);
+    block_free(&b);
+}
+
+/* Central differences go on with what a cut leaves: nothing jumps, no energy comes from nowhere. */
+static void test_explicit(void)
+{
+    block_options options = quad_default(2, SB_CUT_LAG);
+    block b;
+    sb_real uncut = 0, cut = 0;
+    totals before, after;
+    options.integrator = SB_CENTRAL_DIFFERENCE;
+    b = block_make(&options);
+    CHECK_OK(sb_body_stable_step(b.body, &uncut, NULL));
+    block_shake_at(&b, 0.2);
+    block_step(&b, 2);
+    before = totals_of(&b);
+    block_cut_plane(&b, sb_v3(REAL(0.0277), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.3), REAL(0.1)));
+    after = totals_of(&b);
+    check_totals_but(&before, &after, 1e-3); /* of other points, see piece.h */
+    CHECK_OK(sb_body_stable_step(b.body, &cut, NULL));
+    printf("   stable step %.3f of the uncut one's\n", (double)(cut / uncut));
+    CHECK(cut > REAL(0.08) * uncut); /* cut.h says a tenth */
+    block_step(&b, check_quick() ? 10 : 40);
+    after = totals_of(&b);
+    CHECK(after.kinetic + after.elastic < 1.2 * (before.kinetic + before.elastic));
+    CHECK(after.kinetic > 0);
+    block_free(&b);
+}
+
 static sb_result try_create(sb_body_def *def, const sb_mesh *mesh, sb_error *error)
 {
     sb_cut_def cut = sb_default_cut_def();
@@ -635,9 +732,11 @@ static void test_pressure(void)
 
 CHECK_SUITE(cut_quad, {"double cantilever by peeling", test_peeling}, {"a plane parts a shaking block", test_plane},
             {"crossing planes", test_counts}, {"half a block is a block", test_half_block},
-            {"supports of copies", test_supports}, {"random cuts change no totals", test_random_cuts},
-            {"shaking blocks part in two", test_shaking}, {"states, recordings, threads", test_same_bits},
-            {"drawn surfaces are closed", test_drawing}, {"a ball is taken out", test_ball},
-            {"work of a blade", test_force}, {"half-cut beam", test_half}, {"edge-cracked plate", test_crack},
-            {"slivers", test_slivers}, {"every allocation fails in turn", test_no_memory},
+            {"halves ring alike", test_frequency}, {"supports of copies", test_supports},
+            {"random cuts change no totals", test_random_cuts}, {"shaking blocks part in two", test_shaking},
+            {"states, recordings, threads", test_same_bits}, {"drawn surfaces are closed", test_drawing},
+            {"a ball is taken out", test_ball}, {"work of a blade", test_force}, {"half-cut beam", test_half},
+            {"edge-cracked plate", test_crack}, {"slivers", test_slivers},
+            {"every allocation fails in turn", test_no_memory},
+            {"steps and idle moves allocate nothing", test_no_allocation}, {"explicit steps go on", test_explicit},
             {"mistakes are named", test_mistakes}, {"pressures on faces that are cut", test_pressure});

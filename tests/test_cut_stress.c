@@ -4,7 +4,8 @@
  * from saved states, and taken back.
  *
  * Ten short sequences of small organs here, three of quadratic elements. CHECK_SLOW=200 runs so many long ones, from
- * CHECK_FIRST on, or as many as CHECK_SECONDS of the processor allow; make soak does. */
+ * CHECK_FIRST on, or as many as CHECK_SECONDS of the processor allow, and 50 times as many strokes; make soak-cuts
+ * does. */
 #include "cut_drawing.h"
 #include "random_case.h"
 
@@ -374,6 +375,33 @@ static void test_livers(void) { run_sequences(SB_TET4, check_quick() ? 3 : check
 
 static void test_quadratic(void) { run_sequences(SB_TET10, check_quick() ? 1 : check_rounds(3)); }
 
+/* Strokes of a blade alone, ten to an organ, every fourth of quadratic elements. */
+static void test_strokes(void)
+{
+    enum { OF_ORGAN = 10, OF_SEQUENCE = 50 };
+    int count = (int)(OF_SEQUENCE * number_in("CHECK_SLOW", check_quick() ? 0.2 : 0.8)), done = 0, parted = 0;
+    double first = number_in("CHECK_FIRST", 0), seconds = number_in("CHECK_SECONDS", 0);
+    unsigned long long number = (unsigned long long)first;
+    clock_t begun = clock();
+    for (; done < count && !(seconds > 0 && (double)(clock() - begun) > seconds * (double)CLOCKS_PER_SEC); number++) {
+        stress s;
+        int failures = check.failures;
+        stress_make(&s, number % 4 == 3 ? SB_TET10 : SB_TET4, number, 4, 1);
+        for (int i = 0; i < OF_ORGAN && done < count; i++, done++) {
+            unsigned long long seed = 7919 * number + (unsigned)i + 5;
+            cut_stroke(&s, random_below(&seed, 3), &seed);
+            take_steps(&s, 1);
+            check_organ(&s);
+        }
+        parted += s.parted;
+        stress_free(&s);
+        if (check.failures > failures)
+            printf("in strokes of organ %llu\n", number);
+    }
+    printf("   %d strokes, organs %.0f to %llu: %d moves parted cells\n", done, first, number - 1, parted);
+    CHECK(parted > done / 2);
+}
+
 /* Crumbs that are all kept, down to nothing: long sequences after which a preconditioner in single precision was
  * indefinite on a crumb, and steps failed. */
 static void test_crumbs(void)
@@ -390,4 +418,4 @@ static void test_crumbs(void)
 }
 
 CHECK_SUITE(cut_stress, {"livers without mercy", test_livers}, {"quadratic livers", test_quadratic},
-            {"crumbs are kept", test_crumbs});
+            {"strokes", test_strokes}, {"crumbs are kept", test_crumbs});

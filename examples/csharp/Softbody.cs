@@ -328,6 +328,9 @@ public enum reg_icp_stop
 public enum reg_warning
 {
     REG_WARN_AMBIGUOUS = 1,
+    REG_WARN_STRAIN = 256,
+    REG_WARN_VOLUME = 512,
+    REG_WARN_NOT_AT_REST = 1024,
     REG_WARN_INVERTED = 2,
     REG_WARN_MIXED_NORMALS = 4,
     REG_WARN_SCALE = 8,
@@ -379,6 +382,19 @@ public enum reg_nicp_stop
     REG_NICP_TIME_CAP = 4,
     REG_NICP_NO_OVERLAP = 5,
     REG_NICP_FAILED = 6,
+}
+public enum reg_infer_stop
+{
+    REG_INFER_CONVERGED = 0,
+    REG_INFER_ROUNDS = 1,
+    REG_INFER_CAPPED = 2,
+}
+public enum reg_prior_kind
+{
+    REG_PRIOR_RIGID = 0,
+    REG_PRIOR_SMOOTH = 1,
+    REG_PRIOR_LOCAL = 2,
+    REG_PRIOR_GRAVITY = 3,
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_error
@@ -2134,6 +2150,81 @@ public unsafe struct reg_loads_info
     public double seconds_dense;
     public sb_error error;
 }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct reg_model_def
+{
+    public sb_mesh* mesh;
+    public sb_mesh* surface;
+    public double poisson;
+    public int* @fixed;
+    public int fixed_count;
+    public sb_allocator allocator;
+    public sb_jobs jobs;
+    public uint cookie;
+}
+public struct reg_model { }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct reg_points
+{
+    public sb_vec3* points;
+    public sb_vec3* normals;
+    public double* sd;
+    public double* weights;
+    public int count;
+    public sb_mesh* surface;
+    public int has_camera;
+    public sb_vec3 camera;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct reg_landmark
+{
+    public sb_vec3 model;
+    public sb_vec3 seen;
+    public double sd;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct reg_infer_def
+{
+    public reg_model* model;
+    public reg_points target;
+    public reg_landmark* landmarks;
+    public int landmark_count;
+    public reg_rigid start;
+    public double start_sd;
+    public double start_turn;
+    public int gravity;
+    public int samples;
+    public int rounds;
+    public double max_seconds;
+    public IntPtr clock;
+    public uint cookie;
+}
+public struct reg_infer { }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct reg_quality
+{
+    public reg_infer_stop stop;
+    public uint warnings;
+    public reg_prior_kind prior;
+    public double prior_margin;
+    public double seen;
+    public double used;
+    public double noise;
+    public double misfit;
+    public double residual;
+    public double residual_p95;
+    public double expected;
+    public double expected_worst;
+    public fixed double pose_sd[2];
+    public double largest_strain;
+    public double volume_ratio;
+    public double change;
+    public int rounds;
+    public double seconds;
+    public double seconds_response;
+    public double seconds_choice;
+    public double seconds_draws;
+}
 public static unsafe class Native
 {
     public const string Library = "softbody";
@@ -2184,6 +2275,7 @@ public static unsafe class Native
     public const int NDL_GUIDE_PLACES = 32;
     public const int NDL_MAX_NEEDLES = 16;
     public const int REG_ICP_POSES = 8;
+    public const int REG_INFER_DRAWS = 32;
     /// <summary>
     /// Name of a result, e.g. "SB_ERROR_MEMORY"; never NULL. Thread-safe, static storage.
     /// </summary>
@@ -5273,5 +5365,73 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_loads_run(reg_loads_def* def, sb_vec3* forces, reg_loads_info* info);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern reg_model_def reg_default_model_def();
+    /// <summary>
+    /// Makes a model; everything is copied. SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INDEX (a fixed node),
+    /// SB_ERROR_UNSUPPORTED (custom elements), what sb_body_create says of the mesh, sb_surface_create and
+    /// sb_embedding_create of the surface; SB_ERROR_MEMORY. *model is then untouched. One inference at a time may use a
+    /// model, and the model must outlive it.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_model_create(reg_model_def* def, reg_model** model, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void reg_model_destroy(reg_model* model);
+    /// <summary>
+    /// NULL is fine
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern int reg_model_node_count(reg_model* model);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern reg_infer_def reg_default_infer_def();
+    /// <summary>
+    /// Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),
+    /// SB_ERROR_NOT_FINITE (error-&gt;node: the point, or the landmark), what sb_surface_create says of a target surface,
+    /// SB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),
+    /// SB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of
+    /// threads, without a time limit.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_infer_run(reg_infer_def* def, reg_infer** infer, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void reg_infer_destroy(reg_infer* infer);
+    /// <summary>
+    /// displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
+    /// of the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too
+    /// little of the rest, and half of their difference is in the errors to expect.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_infer_displacements(reg_infer* infer, sb_vec3* displacements);
+    /// <summary>
+    /// forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_infer_forces(reg_infer* infer, sb_vec3* forces);
+    /// <summary>
+    /// expected[nodes]: root mean square error (m) to expect of each node.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_infer_expected(reg_infer* infer, double* expected);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_infer_draw(reg_infer* infer, int index, sb_vec3* displacements);
+    /// <summary>
+    /// Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);
+    /// either may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY
+    /// leave both untouched. From the draws, so that single covariances are known to a quarter.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_infer_covariance(reg_infer* infer, sb_vec3* points, int count, sb_vec3* moved, sb_mat3* covariances, sb_error* error);
+    /// <summary>
+    /// SB_ERROR_ARGUMENT.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result reg_infer_get_quality(reg_infer* infer, reg_quality* quality);
+    /// <summary>
+    /// "rigid", "smooth", "local", "gravity"; "converged", "rounds", "time".
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern byte* reg_prior_string(reg_prior_kind prior);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern byte* reg_infer_stop_string(reg_infer_stop stop);
 }
 }

@@ -115,7 +115,7 @@ REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, con
 /* ==== outliers ==================================================================================================== */
 
 /* Puts what belongs at `middle` there, nothing larger before it; the pivot is drawn, so that no order is slow. */
-static sb_real regi_cloud_select(sb_real *v, int count, int middle)
+REGI_API sb_real regi_cloud_select(sb_real *v, int count, int middle)
 {
     int low = 0, high = count - 1;
     uint32_t draw = 2463534242u;

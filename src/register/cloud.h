@@ -138,6 +138,8 @@ REGI_API sb_result regi_cloud_allocate(reg_cloud *cloud, int count, int with_nor
 REGI_API sb_vec3 regi_cloud_unit(sb_vec3 v);
 /* Normals of the nodes of a surface cut into triangles: the mean of those around, weighted by area; or 0. */
 REGI_API void regi_cloud_face_normals(const sbi_surface_cut *cut, sb_vec3 *normals);
+/* The value of rank `middle` among v[count], which is reordered. */
+REGI_API sb_real regi_cloud_select(sb_real *v, int count, int middle);
 /* At least one point, all finite; normals may be NULL. */
 REGI_API sb_result regi_cloud_check(const sb_vec3 *points, const sb_vec3 *normals, int count, sb_error *error);
 #endif

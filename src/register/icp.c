@@ -42,6 +42,9 @@ REG_API const char *reg_warning_string(reg_warning warning)
     case REG_WARN_MANY_OUTLIERS: return "many outliers";
     case REG_WARN_LOW_CONTRAST: return "low contrast";
     case REG_WARN_FREE_SPACE: return "free space";
+    case REG_WARN_STRAIN: return "strain";
+    case REG_WARN_VOLUME: return "volume";
+    case REG_WARN_NOT_AT_REST: return "not at rest";
     }
     return "unknown";
 }

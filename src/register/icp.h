@@ -79,7 +79,11 @@ typedef enum reg_icp_stop {
 
 /* What to know before an alignment is used. */
 typedef enum reg_warning {
-    REG_WARN_AMBIGUOUS = 1,      /* another pose is nearly as likely: info.poses[1] */
+    REG_WARN_AMBIGUOUS = 1, /* another pose is nearly as likely: info.poses[1] */
+    /* of an inference, which has VIEW_SMALL, MANY_OUTLIERS and LOW_CONTRAST, too: */
+    REG_WARN_STRAIN = 256,       /* an element has a principal stretch that differs from 1 by more than 0.3 */
+    REG_WARN_VOLUME = 512,       /* the organ's volume changed by more than 0.1 */
+    REG_WARN_NOT_AT_REST = 1024, /* the last round moved a node farther than the error to expect */
     REG_WARN_INVERTED = 2,       /* normals pointed inwards and were taken the other way round */
     REG_WARN_MIXED_NORMALS = 4,  /* normals pointed towards the camera and away from it: they were fitted anew */
     REG_WARN_SCALE = 8,          /* the sizes do not fit: info.scale_guess */

@@ -83,6 +83,21 @@
 #define reg_nicp_get_source reg_nicp_get_source_f32
 #define reg_default_loads_def reg_default_loads_def_f32
 #define reg_loads_run reg_loads_run_f32
+#define reg_default_model_def reg_default_model_def_f32
+#define reg_model_create reg_model_create_f32
+#define reg_model_destroy reg_model_destroy_f32
+#define reg_model_node_count reg_model_node_count_f32
+#define reg_default_infer_def reg_default_infer_def_f32
+#define reg_infer_run reg_infer_run_f32
+#define reg_infer_destroy reg_infer_destroy_f32
+#define reg_infer_displacements reg_infer_displacements_f32
+#define reg_infer_forces reg_infer_forces_f32
+#define reg_infer_expected reg_infer_expected_f32
+#define reg_infer_draw reg_infer_draw_f32
+#define reg_infer_covariance reg_infer_covariance_f32
+#define reg_infer_get_quality reg_infer_get_quality_f32
+#define reg_prior_string reg_prior_string_f32
+#define reg_infer_stop_string reg_infer_stop_string_f32
 #endif
 #endif
 

@@ -240,6 +240,9 @@ REG_ICP_CONVERGED = 0
 REG_ICP_ITERATIONS = 1
 REG_ICP_TIME = 2
 REG_WARN_AMBIGUOUS = 1
+REG_WARN_STRAIN = 256
+REG_WARN_VOLUME = 512
+REG_WARN_NOT_AT_REST = 1024
 REG_WARN_INVERTED = 2
 REG_WARN_MIXED_NORMALS = 4
 REG_WARN_SCALE = 8
@@ -274,6 +277,14 @@ REG_NICP_STEP_CAP = 3
 REG_NICP_TIME_CAP = 4
 REG_NICP_NO_OVERLAP = 5
 REG_NICP_FAILED = 6
+REG_INFER_DRAWS = 32
+REG_INFER_CONVERGED = 0
+REG_INFER_ROUNDS = 1
+REG_INFER_CAPPED = 2
+REG_PRIOR_RIGID = 0
+REG_PRIOR_SMOOTH = 1
+REG_PRIOR_LOCAL = 2
+REG_PRIOR_GRAVITY = 3
 
 class sb_error(Structure): pass
 class sb_allocator(Structure): pass
@@ -434,6 +445,13 @@ class reg_nicp_info(Structure): pass
 class reg_nicp_source(Structure): pass
 class reg_loads_def(Structure): pass
 class reg_loads_info(Structure): pass
+class reg_model_def(Structure): pass
+class reg_model(Structure): pass
+class reg_points(Structure): pass
+class reg_landmark(Structure): pass
+class reg_infer_def(Structure): pass
+class reg_infer(Structure): pass
+class reg_quality(Structure): pass
 
 sb_error._fields_ = [
     ("result", c_int),
@@ -1891,6 +1909,69 @@ reg_loads_info._fields_ = [
     ("seconds_dense", c_double),
     ("error", sb_error),
 ]
+reg_model_def._fields_ = [
+    ("mesh", POINTER(sb_mesh)),
+    ("surface", POINTER(sb_mesh)),
+    ("poisson", c_double),
+    ("fixed", POINTER(c_int)),
+    ("fixed_count", c_int),
+    ("allocator", sb_allocator),
+    ("jobs", sb_jobs),
+    ("cookie", c_uint),
+]
+reg_points._fields_ = [
+    ("points", POINTER(sb_vec3)),
+    ("normals", POINTER(sb_vec3)),
+    ("sd", POINTER(c_double)),
+    ("weights", POINTER(c_double)),
+    ("count", c_int),
+    ("surface", POINTER(sb_mesh)),
+    ("has_camera", c_int),
+    ("camera", sb_vec3),
+]
+reg_landmark._fields_ = [
+    ("model", sb_vec3),
+    ("seen", sb_vec3),
+    ("sd", c_double),
+]
+reg_infer_def._fields_ = [
+    ("model", POINTER(reg_model)),
+    ("target", reg_points),
+    ("landmarks", POINTER(reg_landmark)),
+    ("landmark_count", c_int),
+    ("start", reg_rigid),
+    ("start_sd", c_double),
+    ("start_turn", c_double),
+    ("gravity", c_int),
+    ("samples", c_int),
+    ("rounds", c_int),
+    ("max_seconds", c_double),
+    ("clock", CFUNCTYPE(c_double)),
+    ("cookie", c_uint),
+]
+reg_quality._fields_ = [
+    ("stop", c_int),
+    ("warnings", c_uint),
+    ("prior", c_int),
+    ("prior_margin", c_double),
+    ("seen", c_double),
+    ("used", c_double),
+    ("noise", c_double),
+    ("misfit", c_double),
+    ("residual", c_double),
+    ("residual_p95", c_double),
+    ("expected", c_double),
+    ("expected_worst", c_double),
+    ("pose_sd", c_double * 2),
+    ("largest_strain", c_double),
+    ("volume_ratio", c_double),
+    ("change", c_double),
+    ("rounds", c_int),
+    ("seconds", c_double),
+    ("seconds_response", c_double),
+    ("seconds_choice", c_double),
+    ("seconds_draws", c_double),
+]
 
 
 FUNCTIONS = {  # name: (what it returns, parameters)
@@ -2404,6 +2485,21 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "reg_nicp_get_source": (c_int, (POINTER(reg_nicp), c_int, POINTER(reg_nicp_source), )),
     "reg_default_loads_def": (reg_loads_def, ()),
     "reg_loads_run": (c_int, (POINTER(reg_loads_def), POINTER(sb_vec3), POINTER(reg_loads_info), )),
+    "reg_default_model_def": (reg_model_def, ()),
+    "reg_model_create": (c_int, (POINTER(reg_model_def), POINTER(POINTER(reg_model)), POINTER(sb_error), )),
+    "reg_model_destroy": (None, (POINTER(reg_model), )),
+    "reg_model_node_count": (c_int, (POINTER(reg_model), )),
+    "reg_default_infer_def": (reg_infer_def, ()),
+    "reg_infer_run": (c_int, (POINTER(reg_infer_def), POINTER(POINTER(reg_infer)), POINTER(sb_error), )),
+    "reg_infer_destroy": (None, (POINTER(reg_infer), )),
+    "reg_infer_displacements": (c_int, (POINTER(reg_infer), POINTER(sb_vec3), )),
+    "reg_infer_forces": (c_int, (POINTER(reg_infer), POINTER(sb_vec3), )),
+    "reg_infer_expected": (c_int, (POINTER(reg_infer), POINTER(c_double), )),
+    "reg_infer_draw": (c_int, (POINTER(reg_infer), c_int, POINTER(sb_vec3), )),
+    "reg_infer_covariance": (c_int, (POINTER(reg_infer), POINTER(sb_vec3), c_int, POINTER(sb_vec3), POINTER(sb_mat3), POINTER(sb_error), )),
+    "reg_infer_get_quality": (c_int, (POINTER(reg_infer), POINTER(reg_quality), )),
+    "reg_prior_string": (c_char_p, (c_int, )),
+    "reg_infer_stop_string": (c_char_p, (c_int, )),
 }
 
 DOCUMENTATION = {
@@ -2797,4 +2893,13 @@ DOCUMENTATION = {
     'reg_nicp_surface_count': "Where the surface is now: points[reg_nicp_surface_count] (m), the vertices of def.surface, or the boundary's nodes in\nthe order of sb_mesh_boundary; untouched when the body's mesh has changed. Through the grid's mapping for bodies in\ngrids.",
     'reg_nicp_get_source': 'SB_ERROR_INDEX for no such source; *source is then untouched.',
     'reg_loads_run': 'Moves the body of a match to where loads on little of its surface bring it.\nforces  [nodes of the body] found (N), 0 inside and where nodes are held; or NULL\ninfo    or NULL\nReturns SB_ERROR_ARGUMENT (a field, named), SB_ERROR_UNSUPPORTED (a Laplacian match; a body with pressures, springs,\nmappings or constraints), SB_ERROR_STATE (its mesh has changed since the match was made), SB_ERROR_INVERTED (element\nnamed), SB_ERROR_INDEFINITE,\nSB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED (nothing of the surface is near the target), SB_ERROR_MEMORY; the\nbody is then as before and forces are untouched. All memory is taken at the beginning and released at the end.\nDeterministic.',
+    'reg_model_create': 'Makes a model; everything is copied. SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INDEX (a fixed node),\nSB_ERROR_UNSUPPORTED (custom elements), what sb_body_create says of the mesh, sb_surface_create and\nsb_embedding_create of the surface; SB_ERROR_MEMORY. *model is then untouched. One inference at a time may use a\nmodel, and the model must outlive it.',
+    'reg_model_node_count': 'NULL is fine',
+    'reg_infer_run': "Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),\nSB_ERROR_NOT_FINITE (error->node: the point, or the landmark), what sb_surface_create says of a target surface,\nSB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),\nSB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of\nthreads, without a time limit.",
+    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too\nlittle of the rest, and half of their difference is in the errors to expect.",
+    'reg_infer_forces': "forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included.",
+    'reg_infer_expected': 'expected[nodes]: root mean square error (m) to expect of each node.',
+    'reg_infer_covariance': 'Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);\neither may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY\nleave both untouched. From the draws, so that single covariances are known to a quarter.',
+    'reg_infer_get_quality': 'SB_ERROR_ARGUMENT.',
+    'reg_prior_string': '"rigid", "smooth", "local", "gravity"; "converged", "rounds", "time".',
 }

@@ -743,15 +743,7 @@ SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance)
 
 /* ---- lumped masses ---- */
 
-/* One entry of T in the row of a slave axis. */
-typedef struct sbi_constraint_entry {
-    int dof; /* of the master */
-    sb_real weight;
-    int is_free;
-} sbi_constraint_entry;
-
-/* Entry `k` of the row of (node, axis), from 0; 0 past the end. */
-static int sbi_constraint_entry_of(const sb_body *b, int node, int axis, int k, sbi_constraint_entry *entry)
+SBI_API int sbi_constraint_entry_of(const sb_body *b, int node, int axis, int k, sbi_constraint_entry *entry)
 {
     const sbi_elimination *e = b->elimination;
     int block = e->first[node] + k / 3;

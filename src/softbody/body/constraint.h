@@ -96,6 +96,14 @@ SBI_API void sbi_constraint_scheme(sb_body *body, sb_real cv, sb_real ca, sb_rea
 /* Condenses the residual's reactions: multipliers, and body->reaction from the force that everything but supports and
  * constraints leaves over at each node. `out_of_balance` is overwritten. */
 SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance);
+/* One entry of T in the row of a slave axis. */
+typedef struct sbi_constraint_entry {
+    int dof; /* 3 node + axis of the master */
+    sb_real weight;
+    int is_free; /* 1: the weight is not 0 and the master's axis is not supported */
+} sbi_constraint_entry;
+/* Entry `k` of the row of (node, axis), from 0; returns 0 past the end. */
+SBI_API int sbi_constraint_entry_of(const sb_body *body, int node, int axis, int k, sbi_constraint_entry *entry);
 /* Whether the rows of T^T M T can be lumped: a slave with several free masters needs weights >= 0 for positive masses.
  * SB_ERROR_UNSUPPORTED names node and axis. */
 SBI_API sb_result sbi_constraint_explicit_check(const sb_body *body, sb_error *error);

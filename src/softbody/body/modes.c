@@ -12,6 +12,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "../base/eigen.h"
 #include "body_private.h"
 #include "constraint.h"
 #include "load.h"
@@ -60,130 +61,6 @@ SB_API sb_modes_options sb_default_modes_options(void)
     options.max_iterations = 100;
     options.cookie = SBI_MODES_COOKIE;
     return options;
-}
-
-/* ---- small symmetric eigenproblem: Householder, then QL with implicit shifts (Wilkinson and Reinsch 1971) ---- */
-
-/* Reduces a[n][n] to the diagonal d and the neighbours e[0 .. n-2], reflections on the way left below the diagonal;
- * scale[k] is 2/v.v of reflection k. */
-static void sbi_modes_tridiagonalise(double *a, int n, double *d, double *e, double *scale)
-{
-    for (int k = 0; k < n - 1; k++) {
-        double norm = 0, along = 0, *w = d; /* d is free below */
-        for (int i = k + 1; i < n; i++)
-            norm += a[i * n + k] * a[i * n + k];
-        norm = sqrt(norm);
-        scale[k] = 0;
-        e[k] = a[(k + 1) * n + k];
-        if (k == n - 2 || !(norm > 0))
-            continue;
-        e[k] = e[k] > 0 ? -norm : norm;
-        a[(k + 1) * n + k] -= e[k];
-        scale[k] = 1 / (-e[k] * a[(k + 1) * n + k]);
-        for (int i = k + 1; i < n; i++) {
-            double sum = 0;
-            for (int j = k + 1; j < n; j++)
-                sum += (j <= i ? a[i * n + j] : a[j * n + i]) * a[j * n + k];
-            w[i] = scale[k] * sum;
-            along += w[i] * a[i * n + k];
-        }
-        for (int i = k + 1; i < n; i++)
-            w[i] -= 0.5 * scale[k] * along * a[i * n + k];
-        for (int i = k + 1; i < n; i++)
-            for (int j = k + 1; j <= i; j++)
-                a[i * n + j] -= a[i * n + k] * w[j] + w[i] * a[j * n + k];
-    }
-    for (int i = 0; i < n; i++)
-        d[i] = a[i * n + i];
-}
-
-/* Row j of z: the reflections applied to unit vector j. */
-static void sbi_modes_accumulate(const double *a, int n, const double *scale, double *z)
-{
-    memset(z, 0, (size_t)n * (size_t)n * sizeof *z);
-    for (int j = 0; j < n; j++) {
-        double *row = z + (size_t)j * (size_t)n;
-        row[j] = 1;
-        for (int k = n - 3; k >= 0; k--) {
-            double sum = 0;
-            for (int i = k + 1; i < n; i++)
-                sum += a[i * n + k] * row[i];
-            for (int i = k + 1; i < n; i++)
-                row[i] -= scale[k] * sum * a[i * n + k];
-        }
-    }
-}
-
-/* One sweep on the unreduced part l .. m of the tridiagonal matrix; turns the rows of z along. */
-static void sbi_modes_ql_sweep(double *d, double *e, int l, int m, double *z, int n)
-{
-    double g = (d[l + 1] - d[l]) / (2 * e[l]), r = sqrt(g * g + 1), s = 1, c = 1, p = 0;
-    g = d[m] - d[l] + e[l] / (g + (g < 0 ? -r : r));
-    for (int i = m - 1; i >= l; i--) {
-        double f = s * e[i], b = c * e[i], *low = z + (size_t)i * (size_t)n, *high = low + n;
-        r = sqrt(f * f + g * g);
-        e[i + 1] = r;
-        if (!(r > 0)) { /* the matrix falls apart here: the next sweep finds that */
-            d[i + 1] -= p;
-            e[m] = 0;
-            return;
-        }
-        s = f / r;
-        c = g / r;
-        g = d[i + 1] - p;
-        r = (d[i] - g) * s + 2 * c * b;
-        p = s * r;
-        d[i + 1] = g + p;
-        g = c * r - b;
-        for (int k = 0; k < n; k++) {
-            f = high[k];
-            high[k] = s * low[k] + c * f;
-            low[k] = c * low[k] - s * f;
-        }
-    }
-    d[l] -= p;
-    e[l] = g;
-    e[m] = 0;
-}
-
-/* Eigenvalues d ascending and eigenvectors, the rows of z, of the symmetric a[n][n], which is overwritten; its lower
- * triangle is read. scratch: [2 n]. Returns 0 when an entry is not finite. */
-static int sbi_modes_eigen(double *a, int n, double *d, double *z, double *scratch)
-{
-    double *e = scratch, *scale = scratch + n;
-    sbi_modes_tridiagonalise(a, n, d, e, scale);
-    sbi_modes_accumulate(a, n, scale, z);
-    e[n - 1] = 0;
-    for (int l = 0, sweeps = 0; l < n;) {
-        int m = l;
-        while (m < n - 1 && !(fabs(e[m]) <= 2.2e-16 * (fabs(d[m]) + fabs(d[m + 1]))))
-            m++;
-        if (m == l) {
-            l++;
-            sweeps = 0;
-            continue;
-        }
-        if (++sweeps > 60) /* two are usual; NaN never ends */
-            return 0;
-        sbi_modes_ql_sweep(d, e, l, m, z, n);
-    }
-    for (int i = 0; i < n; i++) { /* few are out of order: insertion */
-        int least = i;
-        for (int j = i + 1; j < n; j++)
-            if (d[j] < d[least])
-                least = j;
-        if (least != i) {
-            double value = d[i];
-            d[i] = d[least];
-            d[least] = value;
-            for (int k = 0; k < n; k++) {
-                value = z[(size_t)i * (size_t)n + (size_t)k];
-                z[(size_t)i * (size_t)n + (size_t)k] = z[(size_t)least * (size_t)n + (size_t)k];
-                z[(size_t)least * (size_t)n + (size_t)k] = value;
-            }
-        }
-    }
-    return 1;
 }
 
 /* ---- vectors ---- */
@@ -362,7 +239,7 @@ static sb_result sbi_modes_project(sbi_modes *m)
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++)
             a[i * n + j] = m->projected[(size_t)i * (size_t)m->capacity + (size_t)j];
-    if (!sbi_modes_eigen(a, n, m->values, m->vectors, m->scratch))
+    if (!sbi_symmetric_eigen(a, n, m->values, m->vectors, m->scratch))
         return sbi_fail(m->error, SB_ERROR_DIVERGED, "the projected stiffness is not finite");
     return SB_OK;
 }

@@ -1576,8 +1576,9 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body)
     return walk.hash;
 }
 
-/* The mesh's version stands behind a snapshot: it tells without memory that the mesh is still the same. */
-enum { SBI_SNAPSHOT_TAIL = 4 };
+/* Behind a snapshot stand the mesh's version, which tells without memory that the mesh is still the same, and how many
+ * pushes wait: a step forgets that, but leaves them where they are. */
+enum { SBI_SNAPSHOT_VERSION = 4, SBI_SNAPSHOT_TAIL = SBI_SNAPSHOT_VERSION + 4 };
 
 SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
 {
@@ -1594,7 +1595,8 @@ SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
     walk.plain = 1;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
-    sbi_put_bytes(walk.out + walk.used, (uint64_t)sb_body_mesh_version(body), SBI_SNAPSHOT_TAIL);
+    sbi_put_bytes(walk.out + walk.used, (uint64_t)sb_body_mesh_version(body), SBI_SNAPSHOT_VERSION);
+    sbi_put_bytes(walk.out + walk.used + SBI_SNAPSHOT_VERSION, (uint64_t)(body->live ? body->live->push_count : 0), 4);
 }
 
 /* Tells a recording what was loaded. */
@@ -1696,13 +1698,19 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
 SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    const unsigned char *tail;
+    sb_result result;
     int same;
     walk.plain = 1;
     walk.in = (const unsigned char *)snapshot;
     walk.size = size - SBI_SNAPSHOT_TAIL;
     walk.error = error;
-    same = sbi_get_bytes(walk.in + walk.size, SBI_SNAPSHOT_TAIL) == (uint32_t)sb_body_mesh_version(body);
-    return same ? sbi_state_pass_image(body, body, &walk, error) : sbi_state_pass_live(body, &walk, error);
+    tail = walk.in + walk.size;
+    same = sbi_get_bytes(tail, SBI_SNAPSHOT_VERSION) == (uint32_t)sb_body_mesh_version(body);
+    result = same ? sbi_state_pass_image(body, body, &walk, error) : sbi_state_pass_live(body, &walk, error);
+    if (result == SB_OK && body->live)
+        body->live->push_count = sbi_int_of(sbi_get_bytes(tail + SBI_SNAPSHOT_VERSION, 4));
+    return result;
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)

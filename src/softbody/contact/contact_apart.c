@@ -322,6 +322,31 @@ static sb_vec3 sbi_apart_mass(const sb_body *body, int node)
     return body->elimination ? body->elimination->reduced[node] : sb_v3(m, m, m);
 }
 
+/* 1: a slave axis of which supports hold all masters, so that they hold it. */
+static int sbi_apart_is_led(const sb_body *body, int node, int axis)
+{
+    sbi_constraint_entry entry;
+    for (int k = 0; sbi_constraint_entry_of(body, node, axis, k, &entry); k++)
+        if (entry.is_free)
+            return 0;
+    return 1;
+}
+
+/* 1: an axis has no mass with what slaves hand on by weights below 0. Then nodes' ways have no mean, but organs' do. */
+static int sbi_apart_lacks_mass(sb_body *body)
+{
+    const sbi_elimination *e = body->elimination;
+    if (!e)
+        return 0;
+    sbi_constraint_masses(body);
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3; axis++)
+            if (!(sbi_body_held(body, i) >> axis & 1) && body->lumped_mass[i] > 0 &&
+                !(sbi_elimination_get(e->reduced, 3 * i + axis) > 0))
+                return 1;
+    return 0;
+}
+
 /* Slaves of constraints go along with their masters, from the ways that elimination->work has. */
 static void sbi_apart_follow(const sb_body *body, sb_vec3 *ways)
 {
@@ -358,8 +383,9 @@ static void sbi_apart_even_out(sb_contact *contact, int whole, sb_vec3 *ways)
             key = sbi_apart_root(pairs->zones, key);
             w = pairs->zone_ways + key, m = pairs->zone_masses + key, h = pairs->zone_held + key;
             for (int axis = 0; axis < 3; axis++) {
-                int is_held = held >> axis & 1;
-                if (slave >> axis & 1)
+                int is_slave = slave >> axis & 1;
+                int is_held = (held >> axis & 1) || (is_slave && sbi_apart_is_led(body, i, axis));
+                if (is_slave && !is_held)
                     continue;
                 if (pass == 0)
                     sbi_apart_add(is_held, sbi_elimination_get(&mass, axis), sbi_elimination_get(way, axis),
@@ -375,7 +401,17 @@ static void sbi_apart_even_out(sb_contact *contact, int whole, sb_vec3 *ways)
         sbi_apart_follow(body, ways);
 }
 
-/* What a slave of a constraint in a zone follows becomes a part of the zone. */
+/* What a slave axis of a node follows becomes a part of its zone, but for what supports hold. */
+static void sbi_apart_join_axis(sbi_apart_look *look, int node, int axis)
+{
+    const sb_body *body = look->contact->body;
+    sbi_constraint_entry entry;
+    for (int k = 0; sbi_constraint_entry_of(body, node, axis, k, &entry); k++)
+        if (entry.is_free)
+            sbi_apart_join(look, look->whole ? body->node_component[node] : node,
+                           look->whole ? body->node_component[entry.dof / 3] : entry.dof / 3);
+}
+
 static void sbi_apart_join_masters(sbi_apart_look *look)
 {
     const sb_body *body = look->contact->body;
@@ -384,11 +420,9 @@ static void sbi_apart_join_masters(sbi_apart_look *look)
         look->joined = 0;
         for (int i = 0; e && i < body->domain.node_count; i++) {
             int key = look->whole ? body->node_component[i] : i;
-            for (int k = e->first[i]; key >= 0 && look->contact->pairs.zones[key] >= 0 && k < e->first[i + 1]; k++) {
-                int master = look->whole ? body->node_component[e->master[k]] : e->master[k];
-                if (master >= 0)
-                    sbi_apart_join(look, key, master);
-            }
+            for (int axis = 0; key >= 0 && look->contact->pairs.zones[key] >= 0 && axis < 3; axis++)
+                if (e->slave[i] >> axis & 1)
+                    sbi_apart_join_axis(look, i, axis);
         }
     } while (look->joined);
 }
@@ -415,7 +449,7 @@ SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole)
     memset(&look, 0, sizeof look);
     look.contact = contact;
     look.joins = 1;
-    look.whole = whole;
+    look.whole = whole || sbi_apart_lacks_mass(contact->body);
     sbi_apart_set_ways(contact, u);
     sbi_apart_forget_zones(contact);
     for (int round = 0; !sbi_apart_look_around(&look); round++) {

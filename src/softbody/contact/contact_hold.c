@@ -39,26 +39,72 @@ static void sbi_hold_sides(const sb_contact *contact, const sbi_pair_sample *s, 
     sides[1].sign = -1;
 }
 
+/* ---- slaves of constraints: in a field [rows] only their masters are kept up to date, samples read slaves by them */
+
+/* A node's value, of slaves' axes by masters and what contact->moved has beyond them. */
+static sb_vec3 sbi_hold_at(const sb_contact *contact, const sb_vec3 *field, int node)
+{
+    const sb_body *body = contact->body;
+    sb_vec3 value = field[node];
+    for (int axis = 0; body->elimination && axis < 3; axis++) {
+        sb_real sum = sbi_elimination_get(contact->moved, 3 * node + axis);
+        sbi_constraint_entry entry;
+        if (!(body->elimination->slave[node] >> axis & 1))
+            continue;
+        for (int k = 0; sbi_constraint_entry_of(body, node, axis, k, &entry); k++)
+            sum += entry.weight * sbi_elimination_get(field, entry.dof);
+        *sbi_elimination_at(&value, axis) = sum;
+    }
+    return value;
+}
+
+/* contact->moved of slaves = what a field has there beyond masters. */
+static void sbi_hold_begin(sb_contact *contact, const sb_vec3 *field)
+{
+    const sbi_elimination *e = contact->body->elimination;
+    if (!e)
+        return;
+    sbi_constraint_masses(contact->body);
+    for (int i = 0; i < contact->body->domain.node_count; i++)
+        if (e->slave[i]) {
+            contact->moved[i] = sb_v3(0, 0, 0);
+            contact->moved[i] = sb_v3_sub(field[i], sbi_hold_at(contact, field, i));
+        }
+}
+
+/* Slaves follow. */
+static void sbi_hold_end(const sb_contact *contact, sb_vec3 *field)
+{
+    const sbi_elimination *e = contact->body->elimination;
+    for (int i = 0; e && i < contact->body->domain.node_count; i++)
+        if (e->slave[i])
+            field[i] = sbi_hold_at(contact, field, i);
+}
+
+/* ---- one sample ---- */
+
 /* What x - y has along the normal of a field v [rows]. */
-static sb_real sbi_hold_jump(const sbi_pair_sample *s, const sbi_hold_side sides[2], const sb_vec3 *v)
+static sb_real sbi_hold_jump(const sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2],
+                             const sb_vec3 *v)
 {
     sb_real sum = 0;
     for (int k = 0; k < 2; k++)
         for (int a = 0; a < sides[k].count; a++)
-            sum += sides[k].sign * sides[k].weights[a] * sb_v3_dot(s->normal, v[sides[k].nodes[a]]);
+            sum +=
+                sides[k].sign * sides[k].weights[a] * sb_v3_dot(s->normal, sbi_hold_at(contact, v, sides[k].nodes[a]));
     return sum;
 }
 
-/* How far x - y goes along the normal at displacements u [rows], over the whole step (m). */
+/* How far x - y goes along the normal at displacements u [rows], over the whole step (m). is_whole: u has slaves. */
 static sb_real sbi_hold_way(const sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2],
-                            const sb_vec3 *u)
+                            const sb_vec3 *u, int is_whole)
 {
     const sb_vec3 *rest = sb_body_rest_positions(contact->body), *x = sb_body_positions(contact->body);
     sb_real sum = 0;
     for (int k = 0; k < 2; k++)
         for (int a = 0; a < sides[k].count; a++) {
             int node = sides[k].nodes[a];
-            sb_vec3 way = sb_v3_sub(sb_v3_add(rest[node], u[node]), x[node]);
+            sb_vec3 way = sb_v3_sub(sb_v3_add(rest[node], is_whole ? u[node] : sbi_hold_at(contact, u, node)), x[node]);
             sum += sides[k].sign * sides[k].weights[a] * sb_v3_dot(s->normal, way);
         }
     return sum / contact->level;
@@ -67,48 +113,75 @@ static sb_real sbi_hold_way(const sb_contact *contact, const sbi_pair_sample *s,
 /* Least share of what both sides could move if nothing held them: with less, a push goes to what hardly touches. */
 #define SBI_HOLD_LOOSE ((sb_real)1e-3)
 
-/* push [rows] = what a force along the normal at x, against one at y, is to the masters of constraints. */
-static void sbi_hold_load(const sb_body *body, const sbi_pair_sample *s, const sbi_hold_side sides[2], sb_vec3 *push)
+/* A pass over what a force along the normal at x, against one at y, loads: axes of nodes, of slaves their masters'.
+ * Each may come several times; elimination->work has its force. */
+typedef enum sbi_hold_stage { SBI_HOLD_CLEAR, SBI_HOLD_LOAD, SBI_HOLD_MEASURE, SBI_HOLD_MOVE } sbi_hold_stage;
+typedef struct sbi_hold_pass {
+    sbi_hold_stage stage;
+    sb_real sum, all; /* (1/kg) of what can move, and of what could without supports */
+    int lacks_mass;   /* 1: an axis has none, by weights below 0: no share of it would keep the momentum */
+    sb_real share;
+    sb_vec3 *v;
+} sbi_hold_pass;
+
+static void sbi_hold_pass_axis(const sb_body *body, sbi_hold_pass *pass, int dof, int is_free, sb_real load)
 {
-    memset(push, 0, (size_t)body->domain.node_count * sizeof *push);
-    for (int k = 0; k < 2; k++)
-        for (int a = 0; a < sides[k].count; a++) {
-            sb_vec3 *at = push + sides[k].nodes[a];
-            *at = sb_v3_madd(*at, sides[k].sign * sides[k].weights[a], s->normal);
-        }
-    sbi_elimination_reduce(body->elimination, push, push, NULL);
+    const sbi_elimination *e = body->elimination;
+    sb_real *force = sbi_elimination_at(e->work, dof);
+    sb_real mass = is_free ? sbi_elimination_get(e->reduced, dof) : body->lumped_mass[dof / 3];
+    sb_real motion = mass > 0 ? *force / mass : 0;
+    if (pass->stage == SBI_HOLD_CLEAR || pass->stage == SBI_HOLD_MOVE)
+        *force = 0; /* what moves does so once */
+    if (pass->stage == SBI_HOLD_LOAD)
+        *force += load;
+    if (pass->stage == SBI_HOLD_MEASURE) {
+        pass->all += load * motion;
+        pass->sum += is_free ? load * motion : 0;
+        pass->lacks_mass |= is_free && load != 0 && !(mass > 0);
+    }
+    if (pass->stage == SBI_HOLD_MOVE && is_free)
+        *sbi_elimination_at(pass->v, dof) += pass->share * motion;
 }
 
-/* Replaces a force on a node by the motion that it makes of the mass of each axis, 0 where supports hold it. Adds their
- * product to *sum, and to *all what it were without supports. */
-static void sbi_hold_give_way(const sb_body *body, int node, sb_vec3 *push, sb_real *sum, sb_real *all)
+static void sbi_hold_pass_node(const sb_body *body, sbi_hold_pass *pass, int node, sb_vec3 force)
 {
     for (int axis = 0; axis < 3; axis++) {
-        int is_fixed = body->fixed[node] >> axis & 1;
-        sb_real *at = sbi_elimination_at(push, 3 * node + axis), force = *at;
-        sb_real mass =
-            is_fixed ? body->lumped_mass[node] : sbi_elimination_get(body->elimination->reduced, 3 * node + axis);
-        sb_real motion = force != 0 && mass > 0 ? force / mass : 0;
-        *all += force * motion;
-        *sum += is_fixed ? 0 : force * motion;
-        *at = is_fixed ? 0 : motion;
+        sb_real load = sbi_elimination_get(&force, axis);
+        sbi_constraint_entry entry;
+        if (!(body->elimination->slave[node] >> axis & 1)) {
+            sbi_hold_pass_axis(body, pass, 3 * node + axis, !(body->fixed[node] >> axis & 1), load);
+            continue;
+        }
+        for (int k = 0; sbi_constraint_entry_of(body, node, axis, k, &entry); k++)
+            if (entry.weight != 0)
+                sbi_hold_pass_axis(body, pass, entry.dof, entry.is_free, entry.weight * load);
     }
 }
 
-/* sbi_hold_push of a body with constraints, whose masses are in elimination->reduced. */
+static void sbi_hold_run_pass(const sb_body *body, sbi_hold_pass *pass, sbi_hold_stage stage, const sbi_pair_sample *s,
+                              const sbi_hold_side sides[2])
+{
+    pass->stage = stage;
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < sides[k].count; a++)
+            sbi_hold_pass_node(body, pass, sides[k].nodes[a],
+                               sb_v3_scale(sides[k].sign * sides[k].weights[a], s->normal));
+}
+
+/* sbi_hold_push of a body with constraints, whose masses are in elimination->reduced; of v without slaves. */
 static int sbi_hold_push_tied(const sb_body *body, const sbi_pair_sample *s, const sbi_hold_side sides[2], sb_real way,
                               sb_vec3 *v)
 {
-    sb_vec3 *push = body->elimination->work;
-    sb_real sum = 0, all = 0;
-    sbi_hold_load(body, s, sides, push);
-    for (int i = 0; i < body->domain.node_count; i++)
-        sbi_hold_give_way(body, i, push, &sum, &all);
-    if (!(sum > SBI_HOLD_LOOSE * all))
+    sbi_hold_pass pass;
+    memset(&pass, 0, sizeof pass);
+    pass.v = v;
+    sbi_hold_run_pass(body, &pass, SBI_HOLD_CLEAR, s, sides);
+    sbi_hold_run_pass(body, &pass, SBI_HOLD_LOAD, s, sides);
+    sbi_hold_run_pass(body, &pass, SBI_HOLD_MEASURE, s, sides);
+    if (pass.lacks_mass || !(pass.sum > SBI_HOLD_LOOSE * pass.all))
         return 0;
-    sbi_elimination_expand(body->elimination, push, 0);
-    for (int i = 0; i < body->domain.node_count; i++)
-        v[i] = sb_v3_madd(v[i], way / sum, push[i]);
+    pass.share = way / pass.sum;
+    sbi_hold_run_pass(body, &pass, SBI_HOLD_MOVE, s, sides);
     return 1;
 }
 
@@ -141,11 +214,11 @@ static int sbi_hold_push(const sb_contact *contact, const sbi_pair_sample *s, co
 
 /* How much too deep a sample ends (m). */
 static sb_real sbi_hold_excess(sb_contact *contact, const sbi_pair_sample *s, const sbi_hold_side sides[2],
-                               const sb_vec3 *u)
+                               const sb_vec3 *u, int is_whole)
 {
     sb_real before = -sb_v3_dot(s->normal, s->start);
     sb_real most = sb_max(before, SBI_HOLD_FROM * sbi_pairs_safe_depth(contact, s->other));
-    return before - sbi_hold_way(contact, s, sides, u) - most;
+    return before - sbi_hold_way(contact, s, sides, u, is_whole) - most;
 }
 
 /* Whether two faces overlap is sure of those of two organs only. */
@@ -157,8 +230,7 @@ static int sbi_hold_takes(const sb_contact *contact, const sbi_pair_sample *s)
 SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
 {
     int changed = 0, again = 1;
-    if (contact->body->elimination)
-        sbi_constraint_masses(contact->body);
+    sbi_hold_begin(contact, u);
     for (int round = 0; again && round < SBI_HOLD_ROUNDS; round++) {
         again = 0;
         for (int i = 0; i < contact->pairs.sample_count; i++) {
@@ -168,19 +240,20 @@ SBI_API int sbi_pairs_hold(sb_contact *contact, sb_vec3 *u)
             if (!sbi_hold_takes(contact, s))
                 continue;
             sbi_hold_sides(contact, s, sides);
-            excess = sbi_hold_excess(contact, s, sides, u);
+            excess = sbi_hold_excess(contact, s, sides, u, 0);
             if (excess > slack && sbi_hold_push(contact, s, sides, contact->level * excess, u))
                 again = changed = 1;
         }
     }
+    if (changed)
+        sbi_hold_end(contact, u);
     return changed;
 }
 
 SBI_API void sbi_pairs_brake_held(sb_contact *contact, const sb_vec3 *u, sb_vec3 *v)
 {
-    int again = 1;
-    if (contact->body->elimination)
-        sbi_constraint_masses(contact->body);
+    int again = 1, changed = 0;
+    sbi_hold_begin(contact, v);
     for (int round = 0; again && round < SBI_HOLD_ROUNDS; round++) {
         again = 0;
         for (int i = 0; i < contact->pairs.sample_count; i++) {
@@ -190,10 +263,12 @@ SBI_API void sbi_pairs_brake_held(sb_contact *contact, const sb_vec3 *u, sb_vec3
             if (!sbi_hold_takes(contact, s))
                 continue;
             sbi_hold_sides(contact, s, sides);
-            speed = -sbi_hold_jump(s, sides, v);
-            if (speed > 0 && sbi_hold_excess(contact, s, sides, u) > -slack &&
+            speed = -sbi_hold_jump(contact, s, sides, v);
+            if (speed > 0 && sbi_hold_excess(contact, s, sides, u, 1) > -slack &&
                 sbi_hold_push(contact, s, sides, speed, v))
-                again = 1;
+                again = changed = 1;
         }
     }
+    if (changed)
+        sbi_hold_end(contact, v);
 }

@@ -1,0 +1,391 @@
+/* gauss: see gauss.h. Inner loops add one row to another, so that they need no reordering of sums to be fast. */
+#include "gauss.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "../softbody/base/eigen.h"
+
+enum { REGI_GAUSS_SCALES = 67 }; /* of the grid */
+
+static void regi_gauss_layout(regi_gauss *g, sbi_arena *arena)
+{
+    size_t m = (size_t)g->most, real = sizeof(double), rank = REGI_GAUSS_RANK;
+    g->columns = (double *)sbi_arena_take(arena, (size_t)g->most_loads, m * real);
+    g->resultants = (double *)sbi_arena_take(arena, (size_t)g->most_loads, REGI_GAUSS_EXACT * real);
+    g->pose = (double *)sbi_arena_take(arena, m, REGI_GAUSS_POSES * real);
+    g->gap = (double *)sbi_arena_take(arena, m, real);
+    g->variance = (double *)sbi_arena_take(arena, m, real);
+    g->gram = (double *)sbi_arena_take(arena, m, m * real);
+    g->system = (double *)sbi_arena_take(arena, m, m * real);
+    g->multiplier = (double *)sbi_arena_take(arena, m, real);
+    g->low = (double *)sbi_arena_take(arena, m, rank * real);
+    g->small = (double *)sbi_arena_take(arena, rank, rank * real);
+    g->diagonal = (double *)sbi_arena_take(arena, rank, real);
+    g->beside = (double *)sbi_arena_take(arena, rank, real);
+    g->along = (double *)sbi_arena_take(arena, rank, real);
+    g->scratch = (double *)sbi_arena_take(arena, m + 2 * rank, real);
+}
+
+REGI_API sb_result regi_gauss_create(int most, int most_loads, const sb_allocator *allocator, regi_gauss *gauss,
+                                     sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    regi_gauss g;
+    memset(&g, 0, sizeof g);
+    g.most = most;
+    g.most_loads = most_loads;
+    if (allocator)
+        g.allocator = *allocator;
+    regi_gauss_layout(&g, &arena);
+    g.memory = arena.overflow ? NULL : sbi_alloc_zeroed(&g.allocator, 1, arena.used);
+    if (!g.memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d data of %d loads", most, most_loads);
+    arena.base = (unsigned char *)g.memory;
+    arena.used = 0;
+    regi_gauss_layout(&g, &arena);
+    *gauss = g;
+    return SB_OK;
+}
+
+REGI_API void regi_gauss_free(regi_gauss *gauss)
+{
+    sbi_free(&gauss->allocator, gauss->memory);
+    memset(gauss, 0, sizeof *gauss);
+}
+
+/* ---- dense ---- */
+
+static double regi_gauss_dot(const double *a, const double *b, int n)
+{
+    double sum = 0;
+    for (int i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+static void regi_gauss_add(double *SB_RESTRICT to, double factor, const double *SB_RESTRICT from, int n)
+{
+    for (int i = 0; i < n; i++)
+        to[i] += factor * from[i];
+}
+
+/* to += sum of four rows: one pass over `to` for four. */
+static void regi_gauss_add_four(double *SB_RESTRICT to, const double f[4], const double *SB_RESTRICT from,
+                                size_t stride, int n)
+{
+    const double *a = from, *b = a + stride, *c = b + stride, *d = c + stride;
+    for (int i = 0; i < n; i++)
+        to[i] += f[0] * a[i] + f[1] * b[i] + f[2] * c[i] + f[3] * d[i];
+}
+
+/* upper += rows^T rows of rows[count][stride]. */
+static void regi_gauss_add_squares(double *upper, int n, const double *rows, int count, size_t stride)
+{
+    int k = 0;
+    for (; k + 4 <= count; k += 4)
+        for (int i = 0; i < n; i++) {
+            const double *at = rows + (size_t)k * stride + i;
+            const double f[4] = {at[0], at[stride], at[2 * stride], at[3 * stride]};
+            regi_gauss_add_four(upper + (size_t)i * stride + i, f, at, stride, n - i);
+        }
+    for (; k < count; k++)
+        for (int i = 0; i < n; i++) {
+            const double *at = rows + (size_t)k * stride + i;
+            regi_gauss_add(upper + (size_t)i * stride + i, *at, at, n - i);
+        }
+}
+
+REGI_API int regi_gauss_cholesky(double *a, int n, size_t stride)
+{
+    for (int k = 0; k < n; k++) {
+        double *row = a + (size_t)k * stride, scale;
+        if (!(row[k] > 0))
+            return 0;
+        scale = 1 / sqrt(row[k]);
+        for (int j = k; j < n; j++)
+            row[j] *= scale;
+        for (int i = k + 1; i < n; i++)
+            regi_gauss_add(a + (size_t)i * stride + i, -row[i], row + i, n - i);
+    }
+    return 1;
+}
+
+/* r <- U^-T r */
+static void regi_gauss_forward(const double *u, int n, size_t stride, double *r)
+{
+    for (int k = 0; k < n; k++) {
+        const double *row = u + (size_t)k * stride;
+        r[k] /= row[k];
+        regi_gauss_add(r + k + 1, -r[k], row + k + 1, n - k - 1);
+    }
+}
+
+/* r <- U^-1 r */
+static void regi_gauss_backward(const double *u, int n, size_t stride, double *r)
+{
+    for (int k = n - 1; k >= 0; k--) {
+        const double *row = u + (size_t)k * stride;
+        r[k] = (r[k] - regi_gauss_dot(row + k + 1, r + k + 1, n - k - 1)) / row[k];
+    }
+}
+
+REGI_API void regi_gauss_substitute(const double *u, int n, size_t stride, double *r)
+{
+    regi_gauss_forward(u, n, stride, r);
+    regi_gauss_backward(u, n, stride, r);
+}
+
+/* ---- resultants ---- */
+
+/* Makes the rows of B orthonormal; those that are sums of the ones before become 0. */
+static void regi_gauss_orthogonalise(regi_gauss *g)
+{
+    for (int e = 0; e < g->exact; e++) {
+        double *row = g->resultants + (size_t)e * (size_t)g->most_loads, before, after;
+        before = sqrt(regi_gauss_dot(row, row, g->loads));
+        for (int twice = 0; twice < 2; twice++)
+            for (int k = 0; k < e; k++) {
+                const double *other = g->resultants + (size_t)k * (size_t)g->most_loads;
+                regi_gauss_add(row, -regi_gauss_dot(row, other, g->loads), other, g->loads);
+            }
+        after = sqrt(regi_gauss_dot(row, row, g->loads));
+        for (int b = 0; b < g->loads; b++)
+            row[b] = after > 1e-9 * before ? row[b] / after : 0;
+    }
+}
+
+REGI_API void regi_gauss_bind(regi_gauss *g)
+{
+    size_t m = (size_t)g->most;
+    regi_gauss_orthogonalise(g);
+    for (int e = 0; e < g->exact; e++) {
+        const double *row = g->resultants + (size_t)e * (size_t)g->most_loads;
+        memset(g->scratch, 0, (size_t)g->count * sizeof(double));
+        for (int b = 0; b < g->loads; b++)
+            regi_gauss_add(g->scratch, row[b], g->columns + (size_t)b * m, g->count);
+        for (int b = 0; b < g->loads; b++)
+            regi_gauss_add(g->columns + (size_t)b * m, -row[b], g->scratch, g->count);
+    }
+}
+
+REGI_API void regi_gauss_balance(const regi_gauss *g, double *c)
+{
+    for (int e = 0; e < g->exact; e++) {
+        const double *row = g->resultants + (size_t)e * (size_t)g->most_loads;
+        regi_gauss_add(c, -regi_gauss_dot(row, c, g->loads), row, g->loads);
+    }
+}
+
+REGI_API void regi_gauss_multiply(regi_gauss *g)
+{
+    size_t m = (size_t)g->most;
+    for (int i = 0; i < g->count; i++)
+        memset(g->gram + (size_t)i * m, 0, (size_t)g->count * sizeof(double));
+    regi_gauss_add_squares(g->gram, g->count, g->columns, g->loads, m);
+}
+
+/* ---- posterior ---- */
+
+REGI_API int regi_gauss_solve(regi_gauss *g)
+{
+    size_t m = (size_t)g->most;
+    for (int i = 0; i < g->count; i++) {
+        double *row = g->system + (size_t)i * m;
+        for (int j = i; j < g->count; j++)
+            row[j] = g->scale * g->scale * g->gram[(size_t)i * m + (size_t)j];
+        row[i] += g->variance[i];
+    }
+    regi_gauss_add_squares(g->system, g->count, g->pose, g->poses, m);
+    if (!regi_gauss_cholesky(g->system, g->count, m))
+        return 0;
+    memcpy(g->multiplier, g->gap, (size_t)g->count * sizeof(double));
+    regi_gauss_apply_inverse(g, g->multiplier);
+    return 1;
+}
+
+REGI_API void regi_gauss_whiten(const regi_gauss *g, double *r)
+{
+    regi_gauss_forward(g->system, g->count, (size_t)g->most, r);
+}
+
+REGI_API void regi_gauss_apply_inverse(const regi_gauss *g, double *r)
+{
+    regi_gauss_substitute(g->system, g->count, (size_t)g->most, r);
+}
+
+REGI_API void regi_gauss_explain(const regi_gauss *g, const double *y, double *c, double *p)
+{
+    for (int b = 0; b < g->loads; b++)
+        c[b] = g->scale * g->scale * regi_gauss_dot(g->columns + (size_t)b * (size_t)g->most, y, g->count);
+    for (int k = 0; k < g->poses; k++)
+        p[k] = regi_gauss_dot(g->pose + (size_t)k * (size_t)g->most, y, g->count);
+}
+
+REGI_API void regi_gauss_predict(const regi_gauss *g, const double *c, const double *p, double *out)
+{
+    memset(out, 0, (size_t)g->count * sizeof(double));
+    for (int b = 0; b < g->loads; b++)
+        regi_gauss_add(out, c[b], g->columns + (size_t)b * (size_t)g->most, g->count);
+    for (int k = 0; k < g->poses; k++)
+        regi_gauss_add(out, p[k], g->pose + (size_t)k * (size_t)g->most, g->count);
+}
+
+REGI_API void regi_gauss_condition(const regi_gauss *g, double *c, double *p, double *e)
+{
+    size_t m = (size_t)g->most;
+    for (int b = 0; b < g->loads; b++)
+        regi_gauss_add(e, c[b], g->columns + (size_t)b * m, g->count);
+    for (int k = 0; k < g->poses; k++)
+        regi_gauss_add(e, p[k], g->pose + (size_t)k * m, g->count);
+    regi_gauss_apply_inverse(g, e);
+    for (int b = 0; b < g->loads; b++)
+        c[b] -= g->scale * g->scale * regi_gauss_dot(g->columns + (size_t)b * m, e, g->count);
+    for (int k = 0; k < g->poses; k++)
+        p[k] -= regi_gauss_dot(g->pose + (size_t)k * m, e, g->count);
+}
+
+/* ---- evidence ---- */
+
+REGI_API void regi_gauss_reduce(regi_gauss *g)
+{
+    size_t m = (size_t)g->most;
+    double first = 0, *left = g->scratch; /* diagonal of what is left of gram */
+    for (int i = 0; i < g->count; i++) {
+        left[i] = g->gram[(size_t)i * m + (size_t)i];
+        first = left[i] > first ? left[i] : first;
+    }
+    for (g->rank = 0; g->rank < REGI_GAUSS_RANK && g->rank < g->count; g->rank++) {
+        double *row = g->low + (size_t)g->rank * m;
+        int at = 0;
+        for (int i = 1; i < g->count; i++)
+            at = left[i] > left[at] ? i : at;
+        if (!(left[at] > 1e-8 * first)) /* a ten-thousandth of the motion that the prior holds for likely */
+            break;
+        for (int i = 0; i < g->count; i++)
+            row[i] = i < at ? g->gram[(size_t)i * m + (size_t)at] : g->gram[(size_t)at * m + (size_t)i];
+        for (int k = 0; k < g->rank; k++)
+            regi_gauss_add(row, -g->low[(size_t)k * m + (size_t)at], g->low + (size_t)k * m, g->count);
+        for (int i = 0, n = g->count; i < n; i++) {
+            row[i] /= sqrt(left[at]);
+            if (i != at)
+                left[i] -= row[i] * row[i];
+        }
+        left[at] = 0;
+    }
+}
+
+/* The variance that stands for one in the evidence: data that are met exactly count as met to a thousandth of the least
+ * deviation of the others. */
+static double regi_gauss_floor(const regi_gauss *g)
+{
+    double least = 0;
+    for (int i = 0; i < g->count; i++)
+        if (g->variance[i] > 0 && (!(least > 0) || g->variance[i] < least))
+            least = g->variance[i];
+    return least > 0 ? 1e-6 * least : 1e-300;
+}
+
+/* weighted[i] = row[i] / variance[i] */
+static void regi_gauss_weigh(const regi_gauss *g, double floor, const double *row, double *weighted)
+{
+    for (int i = 0; i < g->count; i++)
+        weighted[i] = row[i] / (g->variance[i] > floor ? g->variance[i] : floor);
+}
+
+/* What the pose takes of an inner product in D^-1, D = diag(variance): Sigma^-1 = D^-1 - D^-1 R K^-1 R^T D^-1 with
+ * K = I + R^T D^-1 R = U^T U. parts holds U^-T R^T D^-1 x for each x. */
+typedef struct regi_gauss_pose {
+    double u[REGI_GAUSS_POSES * REGI_GAUSS_POSES];
+    double log_det;
+} regi_gauss_pose;
+
+static int regi_gauss_weigh_pose(const regi_gauss *g, double floor, regi_gauss_pose *pose)
+{
+    size_t m = (size_t)g->most;
+    pose->log_det = 0;
+    for (int k = 0; k < g->poses; k++) {
+        regi_gauss_weigh(g, floor, g->pose + (size_t)k * m, g->scratch);
+        for (int l = k; l < g->poses; l++)
+            pose->u[k * REGI_GAUSS_POSES + l] =
+                (k == l) + regi_gauss_dot(g->scratch, g->pose + (size_t)l * m, g->count);
+    }
+    if (!regi_gauss_cholesky(pose->u, g->poses, REGI_GAUSS_POSES))
+        return 0;
+    for (int k = 0; k < g->poses; k++)
+        pose->log_det += 2 * sbi_dense_log(pose->u[k * REGI_GAUSS_POSES + k]);
+    return 1;
+}
+
+/* part[poses] = U^-T R^T weighted */
+static void regi_gauss_pose_part(const regi_gauss *g, const regi_gauss_pose *pose, const double *weighted, double *part)
+{
+    for (int k = 0; k < g->poses; k++)
+        part[k] = regi_gauss_dot(g->pose + (size_t)k * (size_t)g->most, weighted, g->count);
+    regi_gauss_forward(pose->u, g->poses, REGI_GAUSS_POSES, part);
+}
+
+REGI_API int regi_gauss_spectrum(regi_gauss *g)
+{
+    size_t m = (size_t)g->most;
+    double floor = regi_gauss_floor(g), gap_part[REGI_GAUSS_POSES];
+    double parts[REGI_GAUSS_RANK][REGI_GAUSS_POSES];
+    regi_gauss_pose pose;
+    if (!regi_gauss_weigh_pose(g, floor, &pose))
+        return 0;
+    regi_gauss_weigh(g, floor, g->gap, g->scratch);
+    regi_gauss_pose_part(g, &pose, g->scratch, gap_part);
+    g->rigid_misfit = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(gap_part, gap_part, g->poses);
+    g->rigid_volume = pose.log_det;
+    for (int i = 0; i < g->count; i++)
+        g->rigid_volume += sbi_dense_log(g->variance[i] > floor ? g->variance[i] : floor);
+    for (int a = 0; a < g->rank; a++) {
+        regi_gauss_weigh(g, floor, g->low + (size_t)a * m, g->scratch);
+        regi_gauss_pose_part(g, &pose, g->scratch, parts[a]);
+        g->along[a] = regi_gauss_dot(g->scratch, g->gap, g->count) - regi_gauss_dot(parts[a], gap_part, g->poses);
+        for (int b = 0; b <= a; b++)
+            g->small[(size_t)a * (size_t)g->rank + (size_t)b] =
+                regi_gauss_dot(g->scratch, g->low + (size_t)b * m, g->count) -
+                regi_gauss_dot(parts[a], parts[b], g->poses);
+    }
+    if (g->rank > 0) {
+        sbi_symmetric_tridiagonalise(g->small, g->rank, g->diagonal, g->beside, g->scratch, g->scratch + g->rank);
+        sbi_symmetric_turn(g->small, g->rank, g->scratch, g->along);
+    }
+    return fabs(g->rigid_misfit) < 1e300 && (g->rank == 0 || fabs(g->diagonal[g->rank - 1]) < 1e300); /* not NaN */
+}
+
+/* |I + scale^2 T| and b^T (I + scale^2 T)^-1 b of the tridiagonal T, by elimination. */
+REGI_API double regi_gauss_evidence(const regi_gauss *g, double scale)
+{
+    double square = scale * scale, misfit = g->rigid_misfit, volume = g->rigid_volume, pivot = 1, part = 0;
+    for (int k = 0; k < g->rank; k++) {
+        double beside = k > 0 ? square * g->beside[k - 1] : 0, ratio = beside / pivot;
+        pivot = 1 + square * g->diagonal[k] - ratio * beside;
+        pivot = pivot > 1 ? pivot : 1; /* T has no negative eigenvalues but for rounding */
+        part = g->along[k] - ratio * part;
+        misfit -= square * part * part / pivot;
+        volume += sbi_dense_log(pivot);
+    }
+    return -0.5 * (misfit + volume);
+}
+
+REGI_API double regi_gauss_best_scale(const regi_gauss *g, double *evidence)
+{
+    double gaps = 0, trace = 0, best = 0, most = 0, middle;
+    for (int i = 0; i < g->count; i++) {
+        gaps += g->gap[i] * g->gap[i];
+        trace += g->gram[(size_t)i * (size_t)g->most + (size_t)i];
+    }
+    middle = trace > 0 && gaps > 0 ? sqrt(gaps / trace) : 1;
+    for (int k = 0; k < REGI_GAUSS_SCALES; k++) {
+        double scale = middle * sbi_dense_exp(2.302585092994046 * (k - REGI_GAUSS_SCALES / 2) / 10);
+        double found = regi_gauss_evidence(g, scale);
+        if (k == 0 || found > most) {
+            most = found;
+            best = scale;
+        }
+    }
+    *evidence = most;
+    return best;
+}

@@ -1,0 +1,287 @@
+/* infer_prior: which loads explain what is seen: weight, misfit, scale and places, by their evidence. */
+#include "infer_private.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { REGI_INFER_GRAVITIES = 4, REGI_INFER_MISFITS = 5, REGI_INFER_LOCAL = 4 };
+
+/* Length of the tractions, in shares of the size: about that of tools and hands. Longer ones, which evidence may well
+ * prefer, need so large a scale for what is local that the organ bends by far too much where it is not seen. */
+#define REGI_INFER_LENGTH 0.06
+
+/* Places of their own must explain more than loads everywhere by so many nats, tempered. */
+static const double regi_infer_earned = 3;
+
+REGI_API void regi_infer_set_misfit(reg_infer *f, double misfit)
+{
+    for (int i = 0; i < f->gauss.count; i++)
+        f->gauss.variance[i] = f->averaged[i] + (f->patch_of[i] < 0 ? 0 : misfit * misfit);
+}
+
+/* ---- columns ---- */
+
+/* columns of tractions for the root at hand, with the resultants below the data. */
+static void regi_infer_fill_tractions(reg_infer *f)
+{
+    int c = f->model->prior.control_count, rows = f->gauss.count + f->gauss.exact;
+    size_t m = (size_t)f->gauss.most;
+    for (int k = 0; k < c; k++)
+        for (int axis = 0; axis < 3; axis++) {
+            double *column = f->gauss.columns + (size_t)(3 * k + axis) * m;
+            memset(column, 0, (size_t)rows * sizeof *column);
+            for (int j = k; j < c; j++) {
+                double weight = f->root[(size_t)j * (size_t)c + (size_t)k];
+                const double *raw = f->raw + (size_t)(3 * j + axis) * m;
+                for (int i = 0; i < rows; i++)
+                    column[i] += weight * raw[i];
+            }
+        }
+}
+
+static void regi_infer_fill_weight(reg_infer *f, double gravity)
+{
+    int first = f->loads - REGI_INFER_WEIGHT, rows = f->gauss.count + f->gauss.exact;
+    size_t m = (size_t)f->gauss.most;
+    for (int axis = 0; axis < REGI_INFER_WEIGHT; axis++)
+        for (int i = 0; i < rows; i++)
+            f->gauss.columns[(size_t)(first + axis) * m + (size_t)i] =
+                gravity * f->model->prior.area * f->raw[(size_t)(first + axis) * m + (size_t)i];
+}
+
+/* The columns of a choice; loads without resultants. */
+REGI_API int regi_infer_set_prior(reg_infer *f, const regi_infer_choice *choice)
+{
+    regi_gauss *g = &f->gauss;
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, choice->is_local ? f->local : NULL, f->root))
+        return 0;
+    g->loads = f->loads;
+    regi_infer_fill_tractions(f);
+    regi_infer_fill_weight(f, choice->gravity);
+    for (int e = 0; e < g->exact; e++)
+        for (int b = 0; b < g->loads; b++)
+            g->resultants[(size_t)e * (size_t)g->most_loads + (size_t)b] =
+                g->columns[(size_t)b * (size_t)g->most + (size_t)(g->count + e)];
+    regi_gauss_bind(g);
+    regi_gauss_multiply(g);
+    regi_infer_set_misfit(f, choice->misfit);
+    g->scale = choice->scale;
+    return 1;
+}
+
+REGI_API void regi_infer_unfold(const reg_infer *f, const double *loads, sb_vec3 *tractions, sb_vec3 *weight)
+{
+    int c = f->model->prior.control_count;
+    double unit = f->choice.gravity * f->model->prior.area;
+    const double *w = loads + 3 * c;
+    for (int j = 0; j < c; j++) {
+        double sum[3] = {0, 0, 0};
+        for (int k = 0; k <= j; k++)
+            for (int axis = 0; axis < 3; axis++)
+                sum[axis] += f->root[(size_t)j * (size_t)c + (size_t)k] * loads[3 * k + axis];
+        tractions[j] = sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]);
+    }
+    *weight = sb_v3((sb_real)(unit * w[0]), (sb_real)(unit * w[1]), (sb_real)(unit * w[2]));
+}
+
+/* ---- evidence on the grid ---- */
+
+/* extended: the gram of tractions, resultants included. */
+static int regi_infer_extend(reg_infer *f)
+{
+    regi_gauss *g = &f->gauss;
+    int count = g->count, rows = count + g->exact;
+    if (!regi_prior_root(&f->model->prior, REGI_INFER_LENGTH, NULL, f->root))
+        return 0;
+    regi_infer_fill_tractions(f);
+    g->count = rows;
+    g->loads = f->loads - REGI_INFER_WEIGHT;
+    regi_gauss_multiply(g);
+    g->count = count;
+    g->loads = f->loads;
+    memcpy(f->extended, g->gram, (size_t)rows * (size_t)g->most * sizeof(double));
+    return 1;
+}
+
+/* gram: that of `extended` and a weight, among loads without resultants: its last rows are eliminated. */
+static void regi_infer_weigh_gram(reg_infer *f, double gravity)
+{
+    regi_gauss *g = &f->gauss;
+    size_t m = (size_t)g->most;
+    int rows = g->count + g->exact;
+    regi_infer_fill_weight(f, gravity);
+    memcpy(g->gram, f->extended, (size_t)rows * m * sizeof(double));
+    for (int axis = 0; axis < REGI_INFER_WEIGHT; axis++) {
+        const double *w = g->columns + (size_t)(f->loads - REGI_INFER_WEIGHT + axis) * m;
+        for (int i = 0; i < rows; i++)
+            for (int j = i; j < rows; j++)
+                g->gram[(size_t)i * m + (size_t)j] += w[i] * w[j];
+    }
+    for (int e = rows - 1; e >= g->count; e--) {
+        double pivot = g->gram[(size_t)e * m + (size_t)e];
+        for (int i = 0; i < e && pivot > 0; i++) {
+            double share = g->gram[(size_t)i * m + (size_t)e] / pivot;
+            for (int j = i; j < e; j++)
+                g->gram[(size_t)i * m + (size_t)j] -= share * g->gram[(size_t)j * m + (size_t)e];
+        }
+    }
+}
+
+/* Scale and evidence of the gram at hand for a misfit; 0: there is none. */
+static int regi_infer_weigh_misfit(reg_infer *f, regi_infer_choice *choice)
+{
+    regi_infer_set_misfit(f, choice->misfit);
+    if (!regi_gauss_spectrum(&f->gauss))
+        return 0;
+    choice->scale = regi_gauss_best_scale(&f->gauss, &choice->evidence);
+    return 1;
+}
+
+/* The best misfit for the gram at hand, which has been reduced. */
+static int regi_infer_search_misfit(reg_infer *f, regi_infer_choice *best)
+{
+    /* of organs of 280 mm: 0.3 to 0.85 mm; a coarse model is off by that, and with less its errors look like loads */
+    static const double shares[REGI_INFER_MISFITS] = {1.02e-3, 1.06e-3, 1.23e-3, 1.74e-3, 3.03e-3};
+    regi_infer_choice trial = *best;
+    for (int k = 0; k < REGI_INFER_MISFITS; k++) {
+        trial.misfit = shares[k] * (double)f->model->size;
+        if (!regi_infer_weigh_misfit(f, &trial))
+            return 0;
+        if (k == 0 || trial.evidence > best->evidence)
+            *best = trial;
+    }
+    return 1;
+}
+
+/* Weight and misfit: the misfit without a weight, then the weight. */
+static int regi_infer_search(reg_infer *f, regi_infer_choice *best)
+{
+    static const double gravities[REGI_INFER_GRAVITIES] = {0, 1, 10, 100};
+    regi_infer_choice trial;
+    memset(best, 0, sizeof *best);
+    if (!regi_infer_extend(f))
+        return 0;
+    for (int k = 0; k < (f->def->gravity ? REGI_INFER_GRAVITIES : 1); k++) {
+        trial = *best;
+        trial.gravity = gravities[k];
+        regi_infer_weigh_gram(f, trial.gravity);
+        regi_gauss_reduce(&f->gauss);
+        if (!(k == 0 ? regi_infer_search_misfit(f, &trial) : regi_infer_weigh_misfit(f, &trial)))
+            return 0;
+        if (k == 0 || trial.evidence > best->evidence)
+            *best = trial;
+    }
+    return 1;
+}
+
+/* ---- local scale ---- */
+
+/* energy[c]: |tau|^2 to expect, of the mean and of what it leaves open. The gauss is solved. */
+static void regi_infer_expect_energy(reg_infer *f)
+{
+    regi_gauss *g = &f->gauss;
+    int c = f->model->prior.control_count;
+    double square = g->scale * g->scale;
+    sb_vec3 weight;
+    regi_gauss_explain(g, g->multiplier, f->c, f->next);
+    regi_infer_unfold(f, f->c, f->tractions, &weight);
+    for (int j = 0; j < c; j++) {
+        const double *root = f->root + (size_t)j * (size_t)c;
+        double left = 0;
+        for (int axis = 0; axis < 3; axis++) {
+            memset(f->datum, 0, (size_t)g->count * sizeof(double));
+            for (int k = 0; k <= j; k++) {
+                const double *column = g->columns + (size_t)(3 * k + axis) * (size_t)g->most;
+                left += root[k] * root[k];
+                for (int i = 0; i < g->count; i++)
+                    f->datum[i] += root[k] * column[i];
+            }
+            for (int e = 0; e < g->exact; e++) {
+                const double *row = g->resultants + (size_t)e * (size_t)g->most_loads;
+                double along = 0;
+                for (int k = 0; k <= j; k++)
+                    along += root[k] * row[3 * k + axis];
+                left -= along * along;
+            }
+            regi_gauss_whiten(g, f->datum);
+            for (int i = 0; i < g->count; i++)
+                left -= square * f->datum[i] * f->datum[i];
+        }
+        f->energy[j] = (double)sb_v3_dot(f->tractions[j], f->tractions[j]) + square * (left > 0 ? left : 0);
+    }
+}
+
+/* Loads of some places, while the evidence for them rises. */
+static int regi_infer_localise(reg_infer *f)
+{
+    size_t bytes = (size_t)f->model->prior.control_count * sizeof(double);
+    for (int pass = 0; pass < REGI_INFER_LOCAL; pass++) {
+        regi_infer_choice before = f->choice, trial = before;
+        if (!regi_gauss_solve(&f->gauss))
+            return 0;
+        regi_infer_expect_energy(f);
+        memcpy(f->trial_local, f->local, bytes);
+        regi_prior_localise(&f->model->prior, REGI_INFER_LENGTH, f->energy, f->local);
+        trial.is_local = 1;
+        if (!regi_infer_set_prior(f, &trial))
+            return 0;
+        regi_gauss_reduce(&f->gauss);
+        if (!regi_infer_weigh_misfit(f, &trial))
+            return 0;
+        if (f->temper * (trial.evidence - before.evidence) > (before.is_local ? 0.5 : regi_infer_earned)) {
+            f->choice = trial;
+            f->gauss.scale = trial.scale;
+            continue;
+        }
+        memcpy(f->local, f->trial_local, bytes);
+        return regi_infer_set_prior(f, &before);
+    }
+    return 1;
+}
+
+/* ---- the choice ---- */
+
+/* Share of the evidence that counts: neighbouring patches whose residuals are alike are not two data. */
+static double regi_infer_find_temper(const reg_infer *f)
+{
+    const regi_gauss *g = &f->gauss;
+    double products = 0, squares = 0, way = 0, length;
+    int count = 0;
+    for (int i = 0; i < g->count && f->patch_of[i] >= 0; i++, count++) {
+        sb_real nearest = SB_REAL_MAX;
+        int other = i;
+        for (int j = 0; j < g->count && f->patch_of[j] >= 0; j++) {
+            sb_vec3 d =
+                sb_v3_sub(f->points[f->patch_start[f->patch_of[i]]].at, f->points[f->patch_start[f->patch_of[j]]].at);
+            sb_real square = sb_v3_dot(d, d);
+            if (j != i && square < nearest) {
+                nearest = square;
+                other = j;
+            }
+        }
+        way += other == i ? 0 : (double)sb_sqrt(nearest);
+        squares += g->variance[i] * g->variance[i] * g->multiplier[i] * g->multiplier[i];
+        products += g->variance[i] * g->multiplier[i] * g->variance[other] * g->multiplier[other];
+    }
+    if (!(products > 0) || !(squares > 0) || products >= squares || count < 2)
+        return 1;
+    way /= count;
+    length = -way / sbi_dense_log(products / squares);
+    return way * way < 3.141592653589793 * length * length ? way * way / (3.141592653589793 * length * length) : 1;
+}
+
+REGI_API int regi_infer_choose(reg_infer *f)
+{
+    if (!regi_infer_search(f, &f->choice) || !regi_infer_set_prior(f, &f->choice))
+        return 0;
+    regi_gauss_reduce(&f->gauss);
+    if (!regi_infer_search_misfit(f, &f->choice))
+        return 0;
+    regi_infer_set_misfit(f, f->choice.misfit);
+    f->gauss.scale = f->choice.scale;
+    if (!regi_infer_localise(f) || !regi_gauss_solve(&f->gauss) || !regi_gauss_spectrum(&f->gauss))
+        return 0;
+    f->temper = regi_infer_find_temper(f);
+    f->quality.prior_margin = (sb_real)(f->temper * (f->choice.evidence - regi_gauss_evidence(&f->gauss, 0)));
+    return 1;
+}

@@ -1,0 +1,609 @@
+/* Tests of inference: bumpy organs at random under loads that the model is not told, of another mesh and law, seen as a
+ * whole and in part; what is to be expected of the answer; landmarks, frames, threads, caps, refusals, failing
+ * allocations. */
+#include "check.h"
+#include "scene.h"
+
+#include "register.h"
+
+/* An organ, what it was deformed to by a finer body, and a coarse model of it. */
+typedef struct organ {
+    sb_mesh outline, fine, coarse;
+    sb_mesh seen;   /* the deformed surface, of other triangles than the outline's */
+    sb_vec3 *truth; /* [fine nodes] displacements (m) */
+    double size;
+    reg_model *model;
+} organ;
+
+/* A sphere: the six sides of a cube, n x n squares each, cut into triangles. */
+static sb_mesh make_sphere(int n)
+{
+    sb_mesh mesh;
+    int side = n + 1, merged;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TRI3;
+    mesh.nodes = (sb_vec3 *)calloc((size_t)(6 * side * side), sizeof(sb_vec3));
+    mesh.elements = (int *)calloc((size_t)(36 * n * n), sizeof(int));
+    for (int f = 0; f < 6; f++)
+        for (int i = 0; i <= n; i++)
+            for (int j = 0; j <= n; j++) {
+                double sign = f % 2 ? 1 : -1, a = tan(0.7853981634 * (2.0 * i / n - 1));
+                double b = tan(0.7853981634 * (2.0 * j / n - 1)), x[3];
+                int at = mesh.node_count;
+                sb_vec3 v;
+                x[f / 2] = sign;
+                x[(f / 2 + 1) % 3] = sign * a;
+                x[(f / 2 + 2) % 3] = b;
+                v = sb_v3(REAL(x[0]), REAL(x[1]), REAL(x[2]));
+                mesh.nodes[mesh.node_count++] = sb_v3_scale(1 / sb_v3_norm(v), v);
+                if (i < n && j < n) {
+                    const int corners[6] = {at, at + side, at + side + 1, at, at + side + 1, at + 1};
+                    memcpy(mesh.elements + 3 * mesh.element_count, corners, sizeof corners);
+                    mesh.element_count += 2;
+                }
+            }
+    CHECK_OK(sb_mesh_merge_nodes(&mesh, REAL(1e-4), &merged, NULL));
+    CHECK_OK(sb_mesh_remove_unreferenced(&mesh, &merged, NULL));
+    return mesh;
+}
+
+static sb_vec3 random_direction(unsigned long long *seed)
+{
+    sb_vec3 v;
+    do
+        v = sb_v3(REAL(check_random_in(seed, -1, 1)), REAL(check_random_in(seed, -1, 1)),
+                  REAL(check_random_in(seed, -1, 1)));
+    while (sb_v3_norm(v) < REAL(0.1) || sb_v3_norm(v) > 1);
+    return sb_v3_scale(1 / sb_v3_norm(v), v);
+}
+
+/* Five waves of random direction and length on an ellipsoid. */
+static sb_mesh make_outline(unsigned long long *seed, int n)
+{
+    sb_mesh mesh = make_sphere(n);
+    sb_vec3 wave[5];
+    double phase[5], height[5];
+    for (int w = 0; w < 5; w++) {
+        double number = check_random_in(seed, 1.5, 3.5);
+        wave[w] = sb_v3_scale(REAL(number), random_direction(seed));
+        phase[w] = check_random_in(seed, 0, 6.28);
+        height[w] = check_random_in(seed, 0.03, 0.25) / number;
+    }
+    for (int i = 0; i < mesh.node_count; i++) {
+        sb_vec3 x = mesh.nodes[i];
+        double r = 1;
+        for (int w = 0; w < 5; w++)
+            r += height[w] * sin((double)sb_v3_dot(wave[w], x) + phase[w]);
+        mesh.nodes[i] = sb_v3(REAL(0.14 * r) * x.x, REAL(0.1 * r) * x.y, REAL(0.065 * r) * x.z);
+    }
+    return mesh;
+}
+
+static int fill(const sb_mesh *outline, double cell, sb_element_type type, sb_mesh *mesh)
+{
+    sb_stuff_def def = sb_default_stuff_def();
+    sb_surface *skin = NULL;
+    sb_shape shape;
+    sb_result result;
+    memset(&shape, 0, sizeof shape);
+    CHECK_OK(sb_surface_create(outline, NULL, &skin, NULL));
+    shape.surface = skin;
+    def.shapes = &shape;
+    def.shape_count = 1;
+    def.cell = REAL(cell);
+    def.type = type;
+    result = sb_mesh_stuff(&def, mesh, NULL, NULL);
+    sb_surface_destroy(skin);
+    return CHECK_OK(result);
+}
+
+static sb_vec3 farthest(const sb_mesh *mesh, sb_vec3 direction)
+{
+    int best = 0;
+    for (int i = 0; i < mesh->node_count; i++)
+        if (sb_v3_dot(mesh->nodes[i], direction) > sb_v3_dot(mesh->nodes[best], direction))
+            best = i;
+    return mesh->nodes[best];
+}
+
+/* Prescribes nodes of the boundary around a point. */
+static void move_patch(sb_body *body, const sb_mesh *mesh, const sb_boundary *skin, sb_vec3 at, double reach,
+                       sb_vec3 way)
+{
+    for (int i = 0; i < skin->surface.node_count; i++) {
+        int node = skin->nodes[i];
+        if (sb_v3_norm(sb_v3_sub(mesh->nodes[node], at)) < REAL(reach))
+            CHECK_OK(sb_body_prescribe(body, &node, 1, SB_XYZ, &way, 1));
+    }
+}
+
+/* Takes the surface that is seen along with the fine mesh. */
+static int move_seen(organ *o, const sb_vec3 *positions)
+{
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    int good;
+    def.mesh = &o->fine;
+    def.points = o->seen.nodes;
+    def.point_count = o->seen.node_count;
+    def.kind = SB_EMBED_PLAIN;
+    def.max_distance = REAL(0.25 * o->size);
+    good = CHECK_OK(sb_embedding_create(&def, &embedding, NULL)) &&
+           CHECK_OK(sb_embedding_update(embedding, positions, o->seen.nodes, NULL, NULL));
+    sb_embedding_destroy(embedding);
+    return good;
+}
+
+/* Held below, drawn or pressed at one place above: a Mooney-Rivlin body of tet10. */
+static int deform(organ *o, double depth, unsigned long long *seed)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_static_options options = sb_default_static_options();
+    sb_boundary skin;
+    sb_body *body;
+    sb_vec3 up = sb_v3(REAL(check_random_in(seed, -0.5, 0.5)), REAL(check_random_in(seed, -0.5, 0.5)), 1);
+    int good;
+    up = sb_v3_scale(1 / sb_v3_norm(up), up);
+    def.mesh = &o->fine;
+    def.material = sb_material_mooney_rivlin(525, 225, REAL(1.1e-4), 1060);
+    body = scene_body(&def);
+    if (!body || !CHECK_OK(sb_mesh_boundary(&o->fine, 1, NULL, &skin, NULL)))
+        return 0;
+    move_patch(body, &o->fine, &skin, farthest(&o->fine, sb_v3(0, 0, -1)), 0.2 * o->size, sb_v3(0, 0, 0));
+    move_patch(body, &o->fine, &skin, farthest(&o->fine, up), 0.07 * o->size, sb_v3_scale(REAL(-depth * o->size), up));
+    options.load_steps = 3;
+    options.tolerance = REAL(1e-3);
+    good = CHECK_OK(sb_body_solve_static(body, &options, NULL));
+    o->truth = (sb_vec3 *)calloc((size_t)o->fine.node_count, sizeof(sb_vec3));
+    memcpy(o->truth, sb_body_displacements(body), (size_t)o->fine.node_count * sizeof(sb_vec3));
+    good = good && move_seen(o, sb_body_positions(body));
+    sb_boundary_free(&skin);
+    sb_body_destroy(body);
+    return good;
+}
+
+static int make_organ(organ *o, unsigned long long seed, double depth, const sb_jobs *jobs)
+{
+    reg_model_def def = reg_default_model_def();
+    unsigned long long same = seed;
+    sb_vec3 low, high;
+    memset(o, 0, sizeof *o);
+    o->seen = make_outline(&same, 19);
+    o->outline = make_outline(&seed, 16);
+    sb_mesh_bounds(&o->outline, &low, &high);
+    o->size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    if (!fill(&o->outline, 0.1 * o->size, SB_TET10, &o->fine) ||
+        !fill(&o->outline, 0.08 * o->size, SB_TET4, &o->coarse))
+        return 0;
+    def.mesh = &o->coarse;
+    def.surface = &o->outline;
+    if (jobs)
+        def.jobs = *jobs;
+    return deform(o, depth, &seed) && CHECK_OK(reg_model_create(&def, &o->model, NULL));
+}
+
+static void free_organ(organ *o)
+{
+    reg_model_destroy(o->model);
+    sb_mesh_free(&o->outline);
+    sb_mesh_free(&o->fine);
+    sb_mesh_free(&o->coarse);
+    sb_mesh_free(&o->seen);
+    free(o->truth);
+}
+
+/* Keeps what faces a direction, above a share of the height along it. */
+static sb_mesh part_of(const organ *o, sb_vec3 direction, double share)
+{
+    sb_mesh part;
+    int kept = 0, removed;
+    double top = (double)sb_v3_dot(farthest(&o->seen, direction), direction);
+    double bottom = (double)sb_v3_dot(farthest(&o->seen, sb_v3_scale(-1, direction)), direction);
+    CHECK_OK(sb_mesh_copy(&o->seen, NULL, &part, NULL));
+    for (int e = 0; e < part.element_count; e++) {
+        const int *c = part.elements + 3 * e;
+        sb_vec3 a = part.nodes[c[0]], b = part.nodes[c[1]], d = part.nodes[c[2]];
+        sb_vec3 normal = sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(d, a));
+        if (sb_v3_dot(normal, direction) > REAL(0.1) * sb_v3_norm(normal) &&
+            (double)sb_v3_dot(a, direction) > top - share * (top - bottom))
+            memmove(part.elements + 3 * kept++, c, 3 * sizeof *c);
+    }
+    part.element_count = kept;
+    CHECK_OK(sb_mesh_remove_unreferenced(&part, &removed, NULL));
+    return part;
+}
+
+static reg_infer_def def_of(const organ *o, const sb_mesh *target)
+{
+    reg_infer_def def = reg_default_infer_def();
+    def.model = o->model;
+    def.target.surface = target;
+    def.samples = 100;
+    return def;
+}
+
+/* Mean error (m) over the fine nodes, mean of what is to be expected, and the share of nodes within 95 % regions. */
+static double error_of(const organ *o, const reg_infer *infer, double *expected, double *covered)
+{
+    size_t n = (size_t)o->fine.node_count;
+    sb_vec3 *moved = (sb_vec3 *)calloc(n, sizeof *moved);
+    sb_mat3 *covariances = (sb_mat3 *)calloc(n, sizeof *covariances), inverse;
+    double sum = 0;
+    *expected = *covered = 0;
+    CHECK_OK(reg_infer_covariance(infer, o->fine.nodes, o->fine.node_count, moved, covariances, NULL));
+    for (size_t i = 0; i < n; i++) {
+        sb_vec3 off = sb_v3_sub(moved[i], sb_v3_add(o->fine.nodes[i], o->truth[i]));
+        sum += (double)sb_v3_norm(off) / (double)n;
+        *expected += sqrt((double)sb_m3_trace(covariances[i])) / (double)n;
+        if (sb_m3_spd_inverse(covariances[i], &inverse) == 0)
+            *covered += (sb_v3_dot(off, sb_m3_apply(inverse, off)) < REAL(7.815)) / (double)n;
+    }
+    free(covariances);
+    free(moved);
+    return sum;
+}
+
+/* ---- organs ---- */
+
+/* Mean error (m) of the rigid motion that is the best for the true shape. */
+static double best_rigid(const organ *o)
+{
+    sb_vec3 *there = (sb_vec3 *)calloc((size_t)o->fine.node_count, sizeof *there);
+    reg_rigid motion;
+    double sum = 0;
+    for (int i = 0; i < o->fine.node_count; i++)
+        there[i] = sb_v3_add(o->fine.nodes[i], o->truth[i]);
+    CHECK_OK(reg_rigid_fit(o->fine.nodes, there, NULL, o->fine.node_count, &motion, NULL));
+    for (int i = 0; i < o->fine.node_count; i++)
+        sum += (double)sb_v3_norm(sb_v3_sub(reg_rigid_apply(&motion, o->fine.nodes[i]), there[i]));
+    free(there);
+    return sum / o->fine.node_count;
+}
+
+/* Where a rigid registration puts the model, and the mean error (m) of that. */
+static double start_of(const organ *o, const sb_mesh *target, int partial, reg_rigid *start)
+{
+    reg_icp_options options = reg_default_icp_options();
+    reg_icp_shape shapes[2];
+    reg_cloud clouds[2];
+    sb_surface *tree = NULL;
+    double sum = 0;
+    memset(shapes, 0, sizeof shapes);
+    memset(clouds, 0, sizeof clouds);
+    *start = reg_rigid_identity();
+    CHECK_OK(sb_surface_create(&o->outline, NULL, &tree, NULL));
+    for (int k = 0; k < 2; k++) {
+        CHECK_OK(reg_cloud_from_mesh(clouds + k, k ? target : &o->outline, NULL, NULL));
+        shapes[k].points = clouds[k].points;
+        shapes[k].normals = clouds[k].normals;
+        shapes[k].count = clouds[k].count;
+    }
+    shapes[0].surface = tree;
+    options.search = 0;
+    options.overlap = partial ? REG_ICP_TARGET_PART : REG_ICP_WHOLE;
+    CHECK_OK(reg_icp(shapes, shapes + 1, &options, start, NULL, NULL));
+    for (int i = 0; i < o->fine.node_count; i++)
+        sum += (double)sb_v3_norm(
+            sb_v3_sub(reg_rigid_apply(start, o->fine.nodes[i]), sb_v3_add(o->fine.nodes[i], o->truth[i])));
+    reg_cloud_free(clouds);
+    reg_cloud_free(clouds + 1);
+    sb_surface_destroy(tree);
+    return sum / o->fine.node_count;
+}
+
+/* Nobody tells of the loads, which are of the most local kind. From all of the surface the answer is better than any
+ * rigid motion. From a part of it it is never worse than the rigid start by more than a tenth, which is what the
+ * registration promises, and better on the mean. Errors to expect are of the size of the errors, and their regions hold
+ * the truth as often as regions of 95 % should: this is what the factors on predicted deviations are for. */
+static void test_organs(void)
+{
+    const double depths[3] = {0.06, -0.06, 0.08};
+    double sums[2][2] = {{0, 0}, {0, 0}};
+    int organs = check_quick() ? 1 : 3;
+    for (int k = 0; k < organs; k++) {
+        organ o;
+        if (make_organ(&o, 21 + 5 * (unsigned long long)k, depths[k], NULL)) {
+            sb_real pose_sd = 0;
+            for (int view = 0; view < 2; view++) {
+                sb_mesh part = part_of(&o, sb_v3(0, 0, 1), 0.7);
+                reg_infer_def def = def_of(&o, view ? &part : &o.seen);
+                reg_infer *infer = NULL;
+                reg_quality quality;
+                double error, expected, covered, motion = start_of(&o, def.target.surface, view, &def.start);
+                if (CHECK_OK(reg_infer_run(&def, &infer, NULL))) {
+                    error = error_of(&o, infer, &expected, &covered);
+                    CHECK_OK(reg_infer_get_quality(infer, &quality));
+                    CHECK(error < (view ? 1.1 * motion : 0.95 * best_rigid(&o)));
+                    CHECK(expected > 0.3 * error && expected < 5 * error + 0.003 * o.size);
+                    CHECK(quality.rounds >= 1 && quality.rounds <= 3 && quality.used > REAL(0.7));
+                    CHECK(view ? quality.seen < REAL(0.7) : quality.seen > REAL(0.9));
+                    CHECK(quality.volume_ratio > REAL(0.9) && quality.volume_ratio < REAL(1.1));
+                    CHECK(quality.expected > 0 && quality.expected_worst >= quality.expected);
+                    CHECK(view == 0 || quality.pose_sd[0] > REAL(1.5) * pose_sd); /* less is seen */
+                    pose_sd = quality.pose_sd[0];
+                    sums[view][0] += error / motion;
+                    sums[view][1] += covered;
+                }
+                reg_infer_destroy(infer);
+                sb_mesh_free(&part);
+            }
+        }
+        free_organ(&o);
+    }
+    CHECK(sums[0][0] < 0.85 * organs && sums[1][0] < 0.85 * organs);
+    CHECK(sums[0][1] > 0.8 * organs && sums[1][1] > 0.8 * organs);
+}
+
+/* ---- landmarks, frames, threads ---- */
+
+/* One that nothing is known of changes no bit; an exact one is met; draws and moved points agree with the answer. */
+static void test_landmarks(void)
+{
+    organ o;
+    if (make_organ(&o, 40, 0.05, NULL)) {
+        sb_mesh part = part_of(&o, sb_v3(0, 0, 1), 0.5);
+        int inner = o.fine.node_count / 2;
+        sb_vec3 seen = sb_v3_add(o.fine.nodes[inner], o.truth[inner]), moved[2];
+        reg_landmark mark = {sb_v3(0, 0, 0), sb_v3(0, 0, 0), 0};
+        size_t bytes = (size_t)o.coarse.node_count * sizeof(sb_vec3);
+        sb_vec3 *shapes[2], *drawn = (sb_vec3 *)malloc(bytes);
+        double off[3];
+        shapes[0] = (sb_vec3 *)malloc(bytes);
+        shapes[1] = (sb_vec3 *)malloc(bytes);
+        for (int k = 0; k < 3; k++) {
+            reg_infer_def def = def_of(&o, &part);
+            reg_infer *infer = NULL;
+            sb_mat3 covariance;
+            mark.model = o.fine.nodes[inner];
+            mark.seen = seen;
+            mark.sd = k == 1 ? (sb_real)INFINITY : 0;
+            def.landmarks = &mark;
+            def.landmark_count = k > 0;
+            if (!CHECK_OK(reg_infer_run(&def, &infer, NULL)))
+                continue;
+            CHECK_OK(reg_infer_displacements(infer, shapes[k == 1]));
+            if (k == 1)
+                CHECK(memcmp(shapes[0], shapes[1], bytes) == 0);
+            CHECK_OK(reg_infer_covariance(infer, &mark.model, 1, moved, &covariance, NULL));
+            off[k] = (double)sb_v3_norm(sb_v3_sub(moved[0], seen));
+            if (k == 2)
+                CHECK(sb_m3_trace(covariance) < REAL(1e-6 * o.size * o.size));
+            CHECK_OK(reg_infer_draw(infer, REG_INFER_DRAWS - 1, drawn));
+            CHECK(memcmp(drawn, shapes[k == 1], bytes) != 0 && scene_all_finite(drawn, o.coarse.node_count));
+            CHECK_INT(reg_infer_draw(infer, REG_INFER_DRAWS, drawn), SB_ERROR_INDEX);
+            reg_infer_destroy(infer);
+        }
+        CHECK(off[2] < 2e-3 * o.size);
+        free(shapes[0]);
+        free(shapes[1]);
+        free(drawn);
+        sb_mesh_free(&part);
+    }
+    free_organ(&o);
+}
+
+/* A cloud without normals does as the surface does, and in another frame the same. */
+static void test_frames(void)
+{
+    organ o;
+    if (make_organ(&o, 55, 0.05, NULL)) {
+        sb_mesh part = part_of(&o, sb_v3(0, 0, 1), 0.6);
+        sb_vec3 *shapes[2];
+        reg_rigid motion = reg_rigid_identity();
+        double most = 0;
+        motion.rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(1, REAL(-0.5), REAL(0.7))));
+        motion.translation = sb_v3(REAL(0.3), REAL(-0.2), REAL(0.1));
+        for (int k = 0; k < 2; k++) {
+            reg_infer_def def = def_of(&o, NULL);
+            reg_infer *infer = NULL;
+            shapes[k] = (sb_vec3 *)calloc((size_t)o.coarse.node_count, sizeof(sb_vec3));
+            for (int i = 0; k && i < part.node_count; i++)
+                part.nodes[i] = reg_rigid_apply(&motion, part.nodes[i]);
+            def.target.points = part.nodes;
+            def.target.count = part.node_count;
+            def.target.has_camera = 1;
+            def.target.camera = sb_v3(0, 0, 1);
+            def.gravity = 0;
+            def.rounds = 3;
+            if (k) {
+                def.start = motion;
+                def.target.camera = reg_rigid_apply(&motion, def.target.camera);
+            }
+            if (CHECK_OK(reg_infer_run(&def, &infer, NULL)))
+                CHECK_OK(reg_infer_displacements(infer, shapes[k]));
+            reg_infer_destroy(infer);
+        }
+        for (int i = 0; i < o.coarse.node_count; i++) {
+            sb_vec3 here = sb_v3_add(o.coarse.nodes[i], shapes[0][i]);
+            sb_vec3 there = sb_v3_add(o.coarse.nodes[i], shapes[1][i]);
+            most = fmax(most, (double)sb_v3_norm(sb_v3_sub(reg_rigid_apply(&motion, here), there)));
+        }
+        CHECK(most < (sizeof(sb_real) == 8 ? 1e-5 : 0.02) * o.size);
+        free(shapes[0]);
+        free(shapes[1]);
+        sb_mesh_free(&part);
+    }
+    free_organ(&o);
+}
+
+static void test_threads(void)
+{
+    unsigned long long hash[2] = {0, 1};
+    for (int k = 0; k < 2; k++) {
+        int workers = 1 + 2 * k;
+        sb_jobs jobs = scene_jobs(&workers);
+        organ o;
+        if (make_organ(&o, 60, 0.04, &jobs)) {
+            reg_infer_def def = def_of(&o, &o.seen);
+            reg_infer *infer = NULL;
+            sb_real *expected = (sb_real *)calloc((size_t)o.coarse.node_count, sizeof *expected);
+            def.rounds = 2;
+            if (CHECK_OK(reg_infer_run(&def, &infer, NULL)) && CHECK_OK(reg_infer_expected(infer, expected)))
+                hash[k] = scene_hash(expected, (size_t)o.coarse.node_count * sizeof *expected);
+            reg_infer_destroy(infer);
+            free(expected);
+        }
+        free_organ(&o);
+    }
+    CHECK(hash[0] == hash[1]);
+}
+
+/* ---- caps, refusals, memory ---- */
+
+static double ticks;
+static double tick(void) { return ticks += 1; }
+
+/* A box and its own boundary, moved: small, for what asks for many runs. */
+typedef struct box {
+    sb_mesh mesh;
+    sb_boundary skin;
+    reg_model *model;
+    reg_infer_def def;
+} box;
+
+static int make_box(box *b, const sb_allocator *allocator)
+{
+    reg_model_def def = reg_default_model_def();
+    memset(b, 0, sizeof *b);
+    b->mesh = scene_box(SB_TET4, 4, 3, 2, sb_v3(REAL(0.2), REAL(0.14), REAL(0.08)), 0);
+    CHECK_OK(sb_mesh_boundary(&b->mesh, 1, NULL, &b->skin, NULL));
+    for (int i = 0; i < b->skin.surface.node_count; i++) {
+        sb_vec3 *x = b->skin.surface.nodes + i;
+        *x = sb_v3(x->x + REAL(0.002), x->y, x->z + x->x * x->x / 2);
+    }
+    def.mesh = &b->mesh;
+    if (allocator)
+        def.allocator = *allocator;
+    if (!CHECK_OK(reg_model_create(&def, &b->model, NULL)))
+        return 0;
+    b->def = reg_default_infer_def();
+    b->def.model = b->model;
+    b->def.target.surface = &b->skin.surface;
+    b->def.samples = 30;
+    return 1;
+}
+
+static void free_box(box *b)
+{
+    reg_model_destroy(b->model);
+    sb_boundary_free(&b->skin);
+    sb_mesh_free(&b->mesh);
+}
+
+static void test_caps(void)
+{
+    box b;
+    if (make_box(&b, NULL)) {
+        reg_quality quality;
+        reg_infer *infer = NULL;
+        b.def.clock = tick;
+        b.def.max_seconds = 3;
+        if (CHECK_OK(reg_infer_run(&b.def, &infer, NULL)) && CHECK_OK(reg_infer_get_quality(infer, &quality))) {
+            CHECK_INT(quality.stop, REG_INFER_CAPPED);
+            CHECK_INT(quality.rounds, 1);
+            CHECK(quality.expected > 0 && quality.seconds > 0);
+        }
+        reg_infer_destroy(infer);
+        b.def.max_seconds = 1e9;
+        b.def.rounds = 2;
+        if (CHECK_OK(reg_infer_run(&b.def, &infer, NULL)) && CHECK_OK(reg_infer_get_quality(infer, &quality)))
+            CHECK_INT(quality.stop, REG_INFER_ROUNDS);
+        reg_infer_destroy(infer);
+    }
+    free_box(&b);
+}
+
+static void test_refusals(void)
+{
+    box b;
+    if (make_box(&b, NULL)) {
+        const reg_infer_def good = b.def;
+        reg_model_def model = reg_default_model_def();
+        reg_model *made = NULL;
+        reg_infer *infer = NULL;
+        sb_vec3 far_off[40];
+        sb_error error;
+        int node = b.mesh.node_count;
+        for (int i = 0; i < 40; i++)
+            far_off[i] = sb_v3(REAL(0.01 * i), REAL(0.3 * (i % 3)), 9);
+        b.def.target.points = far_off; /* and a surface */
+        CHECK_INT(reg_infer_run(&b.def, &infer, &error), SB_ERROR_ARGUMENT);
+        b.def.target.surface = NULL;
+        b.def.target.count = 40;
+        far_off[7].y = (sb_real)NAN;
+        CHECK_INT(reg_infer_run(&b.def, &infer, &error), SB_ERROR_NOT_FINITE);
+        CHECK_INT(error.node, 7);
+        b.def = good;
+        b.def.start.rotation.m[0][0] = 2;
+        CHECK_INT(reg_infer_run(&b.def, &infer, &error), SB_ERROR_ARGUMENT);
+        b.def = good;
+        b.def.samples = 20;
+        CHECK_INT(reg_infer_run(&b.def, &infer, &error), SB_ERROR_ARGUMENT);
+        CHECK_INT(reg_infer_run(&good, NULL, &error), SB_ERROR_ARGUMENT);
+        CHECK(infer == NULL);
+        model.mesh = &b.mesh;
+        model.fixed = &node;
+        model.fixed_count = 1;
+        CHECK_INT(reg_model_create(&model, &made, &error), SB_ERROR_INDEX);
+        model.fixed_count = 0;
+        model.poisson = REAL(0.5);
+        CHECK_INT(reg_model_create(&model, &made, &error), SB_ERROR_ARGUMENT);
+        CHECK(made == NULL);
+        CHECK(strcmp(reg_warning_string(REG_WARN_NOT_AT_REST), "not at rest") == 0);
+        CHECK(strcmp(reg_prior_string(REG_PRIOR_LOCAL), "local") == 0);
+        CHECK(strcmp(reg_infer_stop_string(REG_INFER_CAPPED), "time") == 0);
+    }
+    free_box(&b);
+}
+
+static void test_memory(void)
+{
+    scene_memory memory = {0, 0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    sb_result result = SB_ERROR_MEMORY;
+    box b;
+    reg_landmark mark = {sb_v3(REAL(0.1), REAL(0.07), REAL(0.04)), sb_v3(REAL(0.1), REAL(0.07), REAL(0.045)),
+                         REAL(1e-3)};
+    if (!make_box(&b, &allocator)) {
+        free_box(&b);
+        return;
+    }
+    b.def.landmarks = &mark;
+    b.def.landmark_count = 1;
+    b.def.rounds = 1;
+    for (int fail = 1, before = (int)memory.live; result == SB_ERROR_MEMORY && fail < 1000; fail++) {
+        reg_infer *infer = NULL;
+        memory.calls = 0;
+        memory.fail_at = fail;
+        result = reg_infer_run(&b.def, &infer, NULL);
+        CHECK(result == SB_OK || result == SB_ERROR_MEMORY);
+        CHECK((infer != NULL) == (result == SB_OK));
+        memory.fail_at = 0;
+        reg_infer_destroy(infer);
+        CHECK_INT(memory.live, before);
+    }
+    CHECK_OK(result);
+    free_box(&b);
+    CHECK_INT(memory.live, 0);
+    result = SB_ERROR_MEMORY;
+    for (int fail = 1; result == SB_ERROR_MEMORY && fail < 1000; fail++) {
+        reg_model_def def = reg_default_model_def();
+        reg_model *model = NULL;
+        sb_mesh mesh = scene_box(SB_TET4, 2, 2, 1, sb_v3(REAL(0.1), REAL(0.1), REAL(0.05)), 0);
+        memory.calls = 0;
+        memory.fail_at = fail;
+        def.mesh = &mesh;
+        def.allocator = allocator;
+        result = reg_model_create(&def, &model, NULL);
+        CHECK(result == SB_OK || result == SB_ERROR_MEMORY);
+        memory.fail_at = 0;
+        reg_model_destroy(model);
+        CHECK_INT(memory.live, 0);
+        sb_mesh_free(&mesh);
+    }
+    CHECK_OK(result);
+}
+
+CHECK_SUITE(infer, {"organs", test_organs}, {"landmarks", test_landmarks}, {"frames", test_frames},
+            {"threads", test_threads}, {"caps", test_caps}, {"refusals", test_refusals},
+            {"failing allocations", test_memory});
