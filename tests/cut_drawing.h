@@ -102,9 +102,9 @@ static inline double below(const sb_vec3 *x, const int *triangle)
     return (double)sb_v3_dot(x[triangle[0]], sb_v3_cross(x[triangle[1]], x[triangle[2]]));
 }
 
-/* Volumes within the surfaces of the parts are those of their cells, at rest and now; returns how far off they are, of
- * the uncut volume. */
-static inline double volumes_error(const block *b, const sb_cut_drawing *d)
+/* Volumes within the surfaces of the parts are those of their cells at rest and, shapes 2, now, where these have
+ * straight edges; returns how far off they are, of the uncut volume. */
+static inline double volumes_error_in(const block *b, const sb_cut_drawing *d, int shapes)
 {
     const sb_body *body = b->body;
     double whole = 0, worst = 0;
@@ -133,11 +133,13 @@ static inline double volumes_error(const block *b, const sb_cut_drawing *d)
     for (int e = 0; e < b->mesh.element_count; e++)
         whole += (double)sb_mesh_element_volume(&b->mesh, e);
     for (int part = 0; part < parts; part++)
-        for (int now = 0; now < 2; now++)
+        for (int now = 0; now < shapes; now++)
             worst = fmax(worst, fabs(volumes[4 * part + now] - volumes[4 * part + 2 + now]) / whole);
     free(volumes);
     return worst;
 }
+
+static inline double volumes_error(const block *b, const sb_cut_drawing *d) { return volumes_error_in(b, d, 2); }
 
 /* Area at rest of what has a tag. */
 static inline double area_of(const sb_cut_drawing *d, int tag)

@@ -163,7 +163,7 @@ static double cylinder(int round, int along, double pull, sb_step_info *info)
     scene_fix_plane(body, &mesh, 2, 0, SB_Z);
     for (int i = 0; i < mesh.node_count; i++) {
         sb_vec3 x = mesh.nodes[i];
-        if (x.x < 1e-9 && x.y < 1e-9 && (pulled < 0 || x.z > mesh.nodes[pulled].z))
+        if (x.x < REAL(1e-9) && x.y < REAL(1e-9) && (pulled < 0 || x.z > mesh.nodes[pulled].z))
             pulled = i;
     }
     CHECK_OK(sb_body_add_forces(body, &pulled, 1, &force, 1));

@@ -8,7 +8,7 @@
 
 /* What the predicted deviations are multiplied by, for full views and for parts. With them regions of 95 % hold the
  * truth of 95 % (whole), 93 % (views of 30 %) and 90 % (10 %) of the nodes of the 48 cases that this was tuned on, 92,
- * 94 and 83 % of the 52 others (infer.h). */
+ * 94 and 81 % of the 52 others (infer.h). */
 #define REGI_INFER_ALPHA_FULL 1.3
 #define REGI_INFER_ALPHA_VIEW 1.7
 
