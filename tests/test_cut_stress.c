@@ -379,7 +379,7 @@ static void test_quadratic(void) { run_sequences(SB_TET10, check_quick() ? 1 : c
 static void test_strokes(void)
 {
     enum { OF_ORGAN = 10, OF_SEQUENCE = 50 };
-    int count = (int)(OF_SEQUENCE * number_in("CHECK_SLOW", check_quick() ? 0.2 : 0.8)), done = 0, parted = 0;
+    int count = (int)((double)OF_SEQUENCE * number_in("CHECK_SLOW", check_quick() ? 0.2 : 0.8)), done = 0, parted = 0;
     double first = number_in("CHECK_FIRST", 0), seconds = number_in("CHECK_SECONDS", 0);
     unsigned long long number = (unsigned long long)first;
     clock_t begun = clock();
