@@ -801,7 +801,7 @@ static int program(int argc, char **argv)
         {"--patterns", "LIST", OPTION_TEXT, NULL, NULL, &set.patterns, 0, 0,
          "respiration, instrument, pneumoperitoneum, gravity, with commas between"},
         {"--methods", "LIST", OPTION_TEXT, NULL, NULL, &set.methods, 0, 0,
-         "pbsm, pbsm-laplace, nicp, icp, cpd, or all"},
+         "pbsm, pbsm-laplace, nicp, icp, cpd, infer, or all"},
         {"--partial", NULL, OPTION_FLAG, &set.partial, NULL, NULL, 0, 0, "only what a camera above sees"},
         {"--linear", NULL, OPTION_FLAG, &set.linear, NULL, NULL, 0, 0, "linear instead of corotated models"},
         {"--plain", NULL, OPTION_FLAG, &set.plain, NULL, NULL, 0, 0,

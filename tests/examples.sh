@@ -601,8 +601,8 @@ fi
 # ---- insilico ----
 expect 0 '^insilico \[MODEL\]' insilico --help
 expect 0 'study_box.svg written' insilico --coarse 6 --fine 9 --patterns instrument,gravity --methods all -o study_box.svg
-check "a row for each method and pattern" [ "$(grep -c '^  \(pbsm\|pbsm-laplace\|nicp\|icp\|cpd\) ' output.txt)" = 10 ]
-check "boxes of five methods" [ "$(grep -c '<path fill="none"' study_box.svg)" = 5 ]
+check "a row for each method and pattern" [ "$(grep -c '^  \(pbsm\|pbsm-laplace\|nicp\|icp\|cpd\|infer\) ' output.txt)" = 12 ]
+check "boxes of six methods" [ "$(grep -c '<path fill="none"' study_box.svg)" = 6 ]
 expect 0 'the visible part' insilico --coarse 6 --fine 9 --patterns gravity --methods nicp --partial --noise 0.5 --fix
 expect 0 'svg written' insilico --coarse 6 --fine 9 --patterns respiration --methods icp --outliers 10 -o out.svg
 expect_data 0 'respiration: deformed by' insilico surfaces/liver_a.obj --coarse 6 --fine 9 --patterns respiration \
