@@ -116,18 +116,20 @@
  *              NDL_EMBED: springs hold it at material points, and the mesh stays as it is: forces that do not depend on
  *              the mesh, any elements, bodies that are cut, needles side by side.
  * contact      along the needle each node sticks or slips (ndl_contact). Friction is a force per length of shaft by
- * region, cutting a force at the tip; membranes are faces between regions that take more force to puncture. What a hand
- * feels: ndl_needle_base_wrench. bevel        puts the tip's cut aside, so that the needle bends: by a curvature
- * (ndl_bevel, circles of that curvature in tissue that does not give way; softer tissue gives less) or by an angle, as
- * in the thesis. The side turns with the base, later where tissue holds the shaft (twist_stiffness, twist_friction).
+ *              region, cutting a force at the tip; membranes are faces between regions that take more force to
+ *              puncture. What a hand feels: ndl_needle_base_wrench.
+ * bevel        puts the tip's cut aside, so that the needle bends: by a curvature (ndl_bevel, circles of that
+ *              curvature in tissue that does not give way; softer tissue gives less) or by an angle, as in the thesis.
+ *              The side turns with the base, later where tissue holds the shaft (twist_stiffness, twist_friction).
  * remeshing    with NDL_REMESH the mesh follows the tip by moving nodes and splitting tets, and is as it was when the
- * needle is out. Inside ndl_step; ndl_remesh is there for other uses of the same. steering     ndl_plan finds a helix
- * to a target past obstacles, ndl_steer follows it step by step from sensed tips, ndl_push moves tissue so that a
- * target comes onto a straight needle's way. They need poses only. ndl_rod      the elastic rod by itself: a chain of
- * nodes, base first, that stretches, bends and twists; straight or pre-bent at rest. Supports (ndl_rod_hold, _turn,
- * _hold_base) and loads stay until changed; ndl_rod_step moves it, ndl_rod_solve_static finds its equilibrium. frames
- * each edge of a rod has a material frame (m1, m2, t), t along it. A bevel bends towards m2 of the last. state
- * sb_body_state_save holds needles, too: loaded in mid-insertion they go on to the last bit.
+ *              needle is out. Inside ndl_step; ndl_remesh is there for other uses of the same.
+ * steering     ndl_plan finds a helix to a target past obstacles, ndl_steer follows it step by step from sensed tips,
+ *              ndl_push moves tissue so that a target comes onto a straight needle's way. They need poses only.
+ * ndl_rod      the elastic rod by itself: a chain of nodes, base first, that stretches, bends and twists; straight or
+ *              pre-bent at rest. Supports (ndl_rod_hold, _turn, _hold_base) and loads stay until changed;
+ *              ndl_rod_step moves it, ndl_rod_solve_static finds its equilibrium.
+ * frames       each edge of a rod has a material frame (m1, m2, t), t along it. A bevel bends towards m2 of the last.
+ * state        sb_body_state_save holds needles, too: loaded in mid-insertion they go on to the last bit.
  *
  * A step that fails leaves everything as it was. All memory for stepping is taken at creation; only a mesh that grows
  * beyond its slack asks for more.

@@ -4324,9 +4324,15 @@ public static unsafe class Native
     /// <summary>
     /// Moves scissors: their stroke is begun with the edge tips[0], hinge, tips[1]. Closing cuts what the blades pass
     /// between where they were in the tissue and where they are now, until they meet; open or opening, at rest or shut they
-    /// cut nothing, wherever they go. hinge      where both blades begin, now (m) tips       [2] their ends info       may
-    /// be NULL. torque is about the hinge; work over the angle is the moment that closing takes Else as sb_cut_move;
-    /// SB_ERROR_ARGUMENT also for a stroke that has not 3 corners.
+    /// cut nothing, wherever they go.
+    ///
+    /// hinge  where both blades begin, now (m)
+    ///
+    /// tips   [2] their ends
+    ///
+    /// info   may be NULL. torque is about the hinge; work over the angle is the moment that closing takes
+    ///
+    /// Else as sb_cut_move; SB_ERROR_ARGUMENT also for a stroke that has not 3 corners.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_cut_scissors(sb_cut* cut, int stroke, sb_vec3 hinge, sb_vec3* tips, sb_cut_info* info, sb_error* error);

@@ -59,15 +59,16 @@
  *   its way past the tissue (Atkins, Xu and Jeronimidis 2004), so that slicing takes less force than pushing. Each
  *   triangle of lips is paid for evenly while the blade goes past it by half a mean element, or by 4 J_c / (3 mu) where
  *   that is more, 2 elements at most, so that forces stay what they are however short the frames, and sums over a
- * stroke are exact once it has gone on by that; what is owed at its end is not felt. The tissue feels the opposite in
- * the next time step: force and moment of what blade and body feel sum to 0, but for light tissue that would get ahead
- * of the blade in an implicit step, which feels as much less as keeps it from that. A blade that goes on through tissue
- * that gives way feels J_c w, and up to 1 + 0.8 J_c / (E h) times that where elements of size h are soft beside their
+ *   stroke are exact once it has gone on by that; what is owed at its end is not felt. The tissue feels the opposite
+ *   in the next time step: force and moment of what blade and body feel sum to 0, but for light tissue that would
+ *   get ahead of the blade in an implicit step, which feels as much less as keeps it from that. A blade that goes on
+ *   through tissue that gives way feels J_c w, and up to 1 + 0.8 J_c / (E h) times that where elements of size h are
+ *   soft beside their
  *   toughness; energy is never made. Triangles (sb_cut_triangles) have no way and no force.
  * - States and recordings of the body hold its cuts: the sb_cut is a part of both, with its strokes. A state that was
  *   saved with one is loaded into a body that has one of the same mesh, lattice, front, glue, toughness and
- * max_strokes, whatever was cut there meanwhile, and takes cuts back that it does not have. A recording plays on a body
- * with such an sb_cut, made before it began, and has the calls.
+ *   max_strokes, whatever was cut there meanwhile, and takes cuts back that it does not have. A recording plays on a
+ *   body with such an sb_cut, made before it began, and has the calls.
  * - After others changed the mesh, calls say SB_ERROR_STATE; make a new one then, of an uncut body.
  *
  * Limits:
@@ -77,6 +78,10 @@
  *   (SB_ERROR_UNSUPPORTED), nor take one afterwards. Strokes through elements that are bent by a blade's way between
  *   two moves may leave crumbs of a lattice point or two.
  * - Slices much thinner than a link fall into crumbs.
+ * - SB_CUT_GLUE in bodies that step by SB_GENERALISED_ALPHA can explode, with damping_stiffness above all: where glue
+ *   comes or goes light pieces get accelerations that a step of usual length does not bear, and nothing says so.
+ *   SB_EULER bears them, and so does SB_CUT_LAG with any integrator. Needles in hyperelastic tissue that is cut
+ *   ring under Newmark, by thousands of newtons where it came to the worst.
  * - Blades that go exactly through nodes while the tissue moves may leave such a node between both sides; strokes along
  *   the edge of a body may leave crumbs there of a lattice point or two.
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
@@ -176,9 +181,15 @@ SB_API sb_result sb_cut_begin(sb_cut *cut, const sb_vec3 *edge, int count, int *
 SB_API sb_result sb_cut_move(sb_cut *cut, int stroke, const sb_vec3 *edge, sb_cut_info *info, sb_error *error);
 /* Moves scissors: their stroke is begun with the edge tips[0], hinge, tips[1]. Closing cuts what the blades pass
  * between where they were in the tissue and where they are now, until they meet; open or opening, at rest or shut they
- * cut nothing, wherever they go. hinge      where both blades begin, now (m) tips       [2] their ends info       may
- * be NULL. torque is about the hinge; work over the angle is the moment that closing takes Else as sb_cut_move;
- * SB_ERROR_ARGUMENT also for a stroke that has not 3 corners. */
+ * cut nothing, wherever they go.
+ *
+ * hinge  where both blades begin, now (m)
+ *
+ * tips   [2] their ends
+ *
+ * info   may be NULL. torque is about the hinge; work over the angle is the moment that closing takes
+ *
+ * Else as sb_cut_move; SB_ERROR_ARGUMENT also for a stroke that has not 3 corners. */
 SB_API sb_result sb_cut_scissors(sb_cut *cut, int stroke, sb_vec3 hinge, const sb_vec3 tips[2], sb_cut_info *info,
                                  sb_error *error);
 /* Ends a stroke; one that is not under way is fine. */
