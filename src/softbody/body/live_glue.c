@@ -180,11 +180,21 @@ SBI_API sbi_matrix_couplings sbi_live_glue_couplings(sb_body *body, const sbi_me
     return couplings;
 }
 
+/* Forces jump where glue comes or goes. Newmark, which damps nothing, begins anew then, with accelerations that the
+ * forces give. Those of light pieces have no bound, stiffness damping makes them larger still, and with generalised
+ * alpha a piece would go dt^2/6 of them astray (a stiff, damped mode at spectral radius 0): its steps go on from the
+ * accelerations that were, which they forget by themselves. */
+static void sbi_live_begin_anew(sb_body *body)
+{
+    if (body->integrator != SB_GENERALISED_ALPHA)
+        body->acceleration_known = 0;
+}
+
 SBI_API void sbi_live_take_glue(sb_body *body)
 {
     sbi_glue glue = body->live->glue;
-    if (glue.count) /* what it held may be let go: forces jump */
-        body->acceleration_known = 0;
+    if (glue.count) /* what it held may be let go */
+        sbi_live_begin_anew(body);
     body->live->glue = body->live->next_glue;
     body->live->next_glue = glue;
     body->live->next_glue.count = 0;
@@ -208,7 +218,7 @@ SBI_API void sbi_body_set_glue(sb_body *body, const sbi_glue_tie *ties, int coun
     for (int k = 0; k < sbi_min_int(count, glue->count); k++)
         memcpy(glue->ties[k].gram, ties[k].gram, sizeof ties[k].gram);
     body->force_current = 0;
-    body->acceleration_known = 0;
+    sbi_live_begin_anew(body);
     memset(&body->guard, 0, sizeof body->guard);
 }
 

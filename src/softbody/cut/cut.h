@@ -78,10 +78,8 @@
  *   (SB_ERROR_UNSUPPORTED), nor take one afterwards. Strokes through elements that are bent by a blade's way between
  *   two moves may leave crumbs of a lattice point or two.
  * - Slices much thinner than a link fall into crumbs.
- * - SB_CUT_GLUE in bodies that step by SB_GENERALISED_ALPHA can explode, with damping_stiffness above all: where glue
- *   comes or goes light pieces get accelerations that a step of usual length does not bear, and nothing says so.
- *   SB_EULER bears them, and so does SB_CUT_LAG with any integrator. Needles in hyperelastic tissue that is cut
- *   ring under Newmark, by thousands of newtons where it came to the worst.
+ * - Needles in hyperelastic tissue that is cut ring under Newmark, by thousands of newtons where it came to the worst:
+ *   cut under SB_EULER or SB_GENERALISED_ALPHA.
  * - Blades that go exactly through nodes while the tissue moves may leave such a node between both sides; strokes along
  *   the edge of a body may leave crumbs there of a lattice point or two.
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more
