@@ -12645,7 +12645,7 @@ static void regi_infer_add_doubt(reg_infer *f)
 
 static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
 {
-    regi_infer_chance chance = {0x9e3779b97f4a7c15u, 0, 0};
+    regi_infer_chance chance = {(uint64_t)0x9e3779b97f4a7c15u, 0, 0};
     sb_real alpha = (sb_real)regi_infer_alpha(f->quality.seen);
     int regions = 0;
     sb_result result = regi_infer_find_regions(f, &regions, error);
