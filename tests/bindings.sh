@@ -74,7 +74,8 @@ if python=$(python_with "setuptools, wheel") && "$python" -m pip --version >/dev
     cp -r examples/python "$folder/python" && sed -i.old "s|^ROOT = .*|ROOT = '$root'|" "$folder/python/setup.py" &&
         (cd "$folder" && CC=$cc CFLAGS=-O0 "$python" -m pip wheel -q --no-build-isolation --no-deps ./python -w wheel >wheel.txt 2>&1 &&
             "$python" -m pip install -q --no-deps --no-index --target installed wheel/softbody-*.whl >>wheel.txt 2>&1 &&
-            env -u SOFTBODY_LIBRARY PYTHONPATH="$folder/installed" "$python" "$root/examples/python/pull.py" >installed.txt &&
+            cp "$root/examples/python/pull.py" wheel && # a program's own folder comes first, and has the package
+            env -u SOFTBODY_LIBRARY PYTHONPATH="$folder/installed" "$python" wheel/pull.py >installed.txt &&
             cmp -s pull.txt installed.txt) || { tail -n 5 "$folder/wheel.txt"; false; }
     report $? "a wheel"
 else
