@@ -206,19 +206,6 @@ SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
     return SB_OK;
 }
 
-SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
-{
-    const sb_real damping[2] = {alpha, beta};
-    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
-        return SB_ERROR_ARGUMENT;
-    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
-        return SB_ERROR_UNSUPPORTED;
-    body->damping_mass = alpha;
-    body->damping_stiffness = beta;
-    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
-    return SB_OK;
-}
-
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
 {
     if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
