@@ -1,9 +1,29 @@
-/* body_damping: Rayleigh damping D = alpha M + beta K, of a body and of its regions. */
+/* body_damping: Rayleigh damping D = alpha M + beta K of regions, and what steps need for it. */
 #include "body.h"
 #include "body_private.h"
 #include "live_private.h"
 
 #include <string.h>
+
+/* ---- Newton iterations that materials need ---- */
+
+/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
+ * linearised steps add up until the body explodes: only a linear body may take them. */
+static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
+{
+    return model == SB_LINEAR ||
+           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
+}
+
+SBI_API int sbi_body_max_newton(const sb_body *body)
+{
+    if (body->max_newton != SB_AUTO)
+        return body->max_newton;
+    for (int i = 0; i < body->material_count; i++)
+        if (!sbi_body_is_one_step(body, body->materials[i].model))
+            return 20;
+    return 1;
+}
 
 /* ---- of regions ---- */
 
@@ -36,8 +56,7 @@ SBI_API int sbi_body_has_beta(const sb_body *body)
     return !body->regional_damping && body->damping_stiffness > 0;
 }
 
-/* What a region damps with: its own, or the body's. */
-static void sbi_body_begin_regions(sb_body *body)
+SBI_API void sbi_body_begin_regions(sb_body *body)
 {
     for (int i = 0; i < body->material_count && !body->regional_damping; i++) {
         body->region_alpha[i] = body->damping_mass;
@@ -66,52 +85,4 @@ SBI_API void sbi_body_set_regions(sb_body *body, int regional)
     body->regional_damping = regional;
     sbi_body_sum_damping(body);
     body->acceleration_known = 0;
-}
-
-/* ---- setters ---- */
-
-static int sbi_body_is_damping(sb_real alpha, sb_real beta)
-{
-    return alpha >= 0 && beta >= 0 && sb_is_finite(alpha) && sb_is_finite(beta);
-}
-
-SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
-{
-    const sb_real damping[2] = {alpha, beta};
-    if (!body || !sbi_body_is_damping(alpha, beta))
-        return SB_ERROR_ARGUMENT;
-    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
-        return SB_ERROR_UNSUPPORTED;
-    body->damping_mass = alpha;
-    body->damping_stiffness = beta;
-    if (body->regional_damping)
-        sbi_body_set_regions(body, 0);
-    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
-    return SB_OK;
-}
-
-SB_API sb_result sb_body_set_region_damping(sb_body *body, int region, sb_real alpha, sb_real beta, sb_error *error)
-{
-    const sb_real damping[2] = {alpha, beta};
-    sb_result result;
-    int at, found, regional;
-    if (!body || !sbi_body_is_damping(alpha, beta))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a region's damping needs a body and finite alpha, beta >= 0");
-    if (body->integrator == SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE damps all regions alike");
-    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
-    if (!found)
-        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
-    regional = body->regional_damping;
-    sbi_body_begin_regions(body);
-    body->regional_damping = 1;
-    result = sbi_body_reserve_damping(body, NULL, 0, error);
-    body->regional_damping = regional;
-    if (result != SB_OK)
-        return result;
-    body->region_alpha[at] = alpha;
-    body->region_beta[at] = beta;
-    sbi_body_set_regions(body, 1);
-    sbi_body_tell(body, SBI_COMMAND_REGION_DAMPING, region, 0, NULL, 0, damping, 2);
-    return SB_OK;
 }

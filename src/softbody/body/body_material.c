@@ -266,23 +266,3 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
     sbi_body_tell_material(body, 0, region, material);
     return SB_OK;
 }
-
-/* ---- Newton iterations that materials need ---- */
-
-/* Newmark has no damping of its own, so that the errors of linearised steps add up until the body explodes: only a
- * linear body may take them. */
-SBI_API int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
-{
-    return model == SB_LINEAR ||
-           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
-}
-
-SBI_API int sbi_body_max_newton(const sb_body *body)
-{
-    if (body->max_newton != SB_AUTO)
-        return body->max_newton;
-    for (int i = 0; i < body->material_count; i++)
-        if (!sbi_body_is_one_step(body, body->materials[i].model))
-            return 20;
-    return 1;
-}

@@ -345,11 +345,11 @@ SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young
 SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count);
 /* memory, which only ever grows: */
 SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
-/* 1 when one linearised iteration of this material is what SB_AUTO means. */
-SBI_API int sbi_body_is_one_step(const sb_body *body, sb_material_model model);
 /* Room for material_count regions' damping, and with another body's in it; 0: no memory. */
 SBI_API int sbi_body_take_regions(sb_body *body);
 SBI_API int sbi_body_copy_regions(sb_body *to, const sb_body *from);
+/* Where all damp alike, each region gets what the body has. */
+SBI_API void sbi_body_begin_regions(sb_body *body);
 /* 1 when some stiffness damps. */
 SBI_API int sbi_body_has_beta(const sb_body *body);
 /* Regions damp by what they have (1), or all by what the body has (0). */
