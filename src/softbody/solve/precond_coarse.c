@@ -125,7 +125,8 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
     c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
     c->piece_of = sbi_owned_take_ints(&p->owned, rows);
     if (c->piece_nodes && c->piece_of && scratch && centres)
-        c->piece_count = sbi_precond_make_pieces(a, positions, pieces, scratch, centres, c->piece_nodes, c->piece_of);
+        c->piece_count = sbi_precond_make_pieces(a, positions, pieces, scratch, centres, c->piece_nodes, c->piece_of,
+                                                 NULL);
     sbi_free(&p->owned.allocator, scratch);
     sbi_free(&p->owned.allocator, centres);
     if (c->piece_count == 0 || c->piece_count > INT_MAX / 6)
@@ -177,7 +178,13 @@ SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)p->row_room, most = (size_t)sbi_precond_most_pieces(pieces), blocks = (size_t)p->block_room;
-    c->piece_room = (int)most;
+    c->piece_room = c->cuts.room = (int)most;
+    c->cuts.splits = (sbi_piece_split *)sbi_owned_take(&p->owned, most, sizeof(sbi_piece_split));
+    c->cuts.split_of = sbi_owned_take_ints(&p->owned, rows);
+    c->cuts.axis = sbi_owned_take_ints(&p->owned, most);
+    c->cuts.positions = (sb_vec3 *)sbi_owned_take(&p->owned, rows, sizeof(sb_vec3));
+    if (!c->cuts.splits || !c->cuts.split_of || !c->cuts.axis || !c->cuts.positions)
+        return 0;
     c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
     c->piece_of = sbi_owned_take_ints(&p->owned, rows);
     c->piece_start = sbi_owned_take_ints(&p->owned, most + 1);
@@ -191,7 +198,9 @@ static void sbi_precond_cut_pieces(sb_preconditioner *p, const sb_matrix *a, int
 {
     sbi_precond_coarse *c = &p->coarse;
     int most = sbi_min_int(sbi_precond_most_pieces(pieces), c->piece_room);
-    c->piece_count = sbi_precond_make_pieces(a, p->rest, pieces, p->scratch, p->centres, c->piece_nodes, c->piece_of);
+    c->piece_count = sbi_precond_make_pieces(a, p->rest, pieces, p->scratch, p->centres, c->piece_nodes, c->piece_of,
+                                             &c->cuts);
+    c->cuts_tell = c->piece_count <= most;
     for (int i = 0; i < a->row_count && c->piece_count > most; i++)
         c->piece_of[i] = sbi_min_int(c->piece_of[i], most - 1);
     c->piece_count = sbi_min_int(c->piece_count, most);
@@ -200,9 +209,12 @@ static void sbi_precond_cut_pieces(sb_preconditioner *p, const sb_matrix *a, int
 /* The same of a pattern that was cut before; returns 1 when pieces are others than then. */
 static int sbi_precond_recut_pieces(sb_preconditioner *p, const sb_matrix *a, int pieces)
 {
-    const sbi_precond_coarse *c = &p->coarse;
+    sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
     int *before = p->scratch + 6 * rows + 1, count = c->piece_count; /* beyond what the cut uses */
+    if (c->cuts_tell &&
+        sbi_precond_pieces_stay(a, p->rest, &c->cuts, c->piece_of, c->piece_count, p->scratch, p->centres))
+        return 0;
     memcpy(before, c->piece_of, rows * sizeof(int));
     sbi_precond_cut_pieces(p, a, pieces);
     return c->piece_count != count || memcmp(before, c->piece_of, rows * sizeof(int)) != 0;
