@@ -1039,5 +1039,5 @@ CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_rand
             {"refused in place", test_refused_in_place}, {"no memory", test_no_memory},
             {"parts come apart and meet", test_parts}, {"assembly", test_assembly},
             {"assembly of two materials", test_assembly_of_two}, {"assembly of any material", test_assembly_of_any},
-            {"preconditioners", test_preconditioners},
-            {"pieces that stay", test_pieces_that_stay}, {"points that follow", test_points});
+            {"preconditioners", test_preconditioners}, {"pieces that stay", test_pieces_that_stay},
+            {"points that follow", test_points});

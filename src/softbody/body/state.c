@@ -1238,6 +1238,8 @@ static void sbi_state_slot_counts(sbi_state_walk *walk, sbi_slots *slots)
 
 static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
 {
+    if (!sbi_state_is_image(walk) && sbi_state_bulk(walk, slots->stack, (size_t)slots->count, sizeof(int)))
+        return;
     for (int k = 0; k < slots->count && walk->result == SB_OK; k++)
         sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
 }

@@ -91,15 +91,15 @@ static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, 
 typedef struct sbi_piece_maker {
     const sb_matrix *a;
     const sb_vec3 *positions;
-    int *nodes;       /* [rows] by piece */
-    int *piece_of;    /* [rows] */
-    int *fragment_of; /* [rows] -1: none yet */
-    int *list;        /* [rows] nodes by fragment; or a queue */
-    int *start;       /* [rows + 1] of fragments in the list */
-    int *sizes;       /* [rows] nodes of each fragment and of those that have joined it */
-    int *roots;       /* [rows] the fragment that each has joined; itself: none */
-    int *touching;    /* [rows] blocks that the fragment at work shares with each other one; otherwise 0 */
-    sb_vec3 *centres; /* [rows] */
+    int *nodes;           /* [rows] by piece */
+    int *piece_of;        /* [rows] */
+    int *fragment_of;     /* [rows] -1: none yet */
+    int *list;            /* [rows] nodes by fragment; or a queue */
+    int *start;           /* [rows + 1] of fragments in the list */
+    int *sizes;           /* [rows] nodes of each fragment and of those that have joined it */
+    int *roots;           /* [rows] the fragment that each has joined; itself: none */
+    int *touching;        /* [rows] blocks that the fragment at work shares with each other one; otherwise 0 */
+    sb_vec3 *centres;     /* [rows] */
     sbi_piece_cuts *cuts; /* notes how it was cut, or NULL */
     int piece_count;
 } sbi_piece_maker;
@@ -372,7 +372,8 @@ SBI_API int sbi_precond_pieces_stay(const sb_matrix *a, const sb_vec3 *positions
 {
     sbi_matrix_list_parts(a);
     for (int i = 0; i < a->row_count; i++)
-        if (memcmp(positions + i, cuts->positions + i, sizeof *positions) != 0 && !sbi_piece_node_stays(cuts, positions, i))
+        if (memcmp(positions + i, cuts->positions + i, sizeof *positions) != 0 &&
+            !sbi_piece_node_stays(cuts, positions, i))
             return 0;
     if (!sbi_piece_order_stays(a, positions, cuts, piece_of, piece_count, scratch, centres))
         return 0;
