@@ -3864,6 +3864,9 @@ public static unsafe class Native
     ///   has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by
     ///   the first update after a state with another mesh; of one without nobody knows then which piece that is
     ///   (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
+    /// - After a state with another mesh was loaded the points are placed anew from the mesh at rest: one on a face or
+    /// outside may be held by another cell than before, and be drawn elsewhere by rounding, or outside by what that cell
+    /// makes of it. Those of a skin that tools touch (sb_contact_def.skin) are held as they were when the state was saved.
     /// - A change that is refused leaves the embedding as it was, to the bit.
     /// - A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between
     ///   its `reserve` and that, the embedding is not to be read.

@@ -82,6 +82,8 @@ typedef struct sbi_embed_follower {
     void *find_user;
     sb_vec3 *old_nodes; /* [old_room] of the slots that made nodes take */
     int old_room, old_node_end, old_cell_end;
+
+    struct sbi_embed_prepared *prepared; /* of a mesh that is loaded next, whose points are known; or NULL */
 } sbi_embed_follower;
 
 /* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an
