@@ -216,6 +216,7 @@
 #define sb_body_energy sb_body_energy_f32
 #define sb_body_multiply_stiffness sb_body_multiply_stiffness_f32
 #define sb_body_multiply_tangent sb_body_multiply_tangent_f32
+#define sb_body_stiffness_matrix sb_body_stiffness_matrix_f32
 #define sb_body_mass sb_body_mass_f32
 #define sb_body_momentum sb_body_momentum_f32
 #define sb_body_stress sb_body_stress_f32
@@ -225,6 +226,11 @@
 #define sb_body_parts sb_body_parts_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_body_deformation sb_body_deformation_f32
+#define sb_body_strain sb_body_strain_f32
+#define sb_body_nodal_tensors sb_body_nodal_tensors_f32
+#define sb_body_region_tensors sb_body_region_tensors_f32
+#define sb_body_energy_densities sb_body_energy_densities_f32
 #define sb_default_change_cell sb_default_change_cell_f32
 #define sb_body_change_begin sb_body_change_begin_f32
 #define sb_body_change_add_node sb_body_change_add_node_f32

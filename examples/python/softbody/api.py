@@ -151,6 +151,8 @@ SB_CHECK_UNREFERENCED = 32
 SB_CHECK_UNSUPPORTED = 64
 SB_CHECK_COMPONENTS = 128
 SB_CHECK_DUPLICATES = 256
+SB_TENSOR_STRESS = 1
+SB_TENSOR_STRAIN = 2
 SB_NODE_COPY = 1
 SB_NODE_KEEP_X = 2
 SB_NODE_KEEP_Y = 4
@@ -2181,6 +2183,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_energy": (c_int, (POINTER(sb_body), POINTER(sb_energy), )),
     "sb_body_multiply_stiffness": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_error), )),
     "sb_body_multiply_tangent": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_body_stiffness_matrix": (c_int, (POINTER(sb_body), c_int, POINTER(POINTER(sb_matrix)), POINTER(sb_error), )),
     "sb_body_mass": (c_double, (POINTER(sb_body), )),
     "sb_body_momentum": (sb_vec3, (POINTER(sb_body), )),
     "sb_body_stress": (c_int, (POINTER(sb_body), c_int, c_int, POINTER(sb_mat3), )),
@@ -2190,6 +2193,11 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_parts": (c_int, (POINTER(sb_body), POINTER(sb_part), c_int, POINTER(c_int), POINTER(c_int), )),
     "sb_body_check": (c_int, (POINTER(sb_body), POINTER(sb_check_report), )),
     "sb_check_string": (c_char_p, (c_uint, )),
+    "sb_body_deformation": (c_int, (POINTER(sb_body), c_int, c_int, POINTER(sb_mat3), )),
+    "sb_body_strain": (c_int, (POINTER(sb_body), c_int, c_int, POINTER(sb_mat3), )),
+    "sb_body_nodal_tensors": (c_int, (POINTER(sb_body), c_int, POINTER(sb_mat3), POINTER(sb_error), )),
+    "sb_body_region_tensors": (c_int, (POINTER(sb_body), c_int, c_int, POINTER(sb_mat3), POINTER(sb_error), )),
+    "sb_body_energy_densities": (c_int, (POINTER(sb_body), POINTER(c_double), POINTER(sb_error), )),
     "sb_default_change_cell": (sb_change_cell, ()),
     "sb_body_change_begin": (c_int, (POINTER(sb_body), POINTER(POINTER(sb_body_change)), POINTER(sb_error), )),
     "sb_body_change_add_node": (c_int, (POINTER(sb_body_change), sb_vec3, POINTER(c_int), POINTER(c_double), c_int, c_int, POINTER(c_int), POINTER(sb_error), )),
@@ -2668,6 +2676,7 @@ DOCUMENTATION = {
     'sb_body_external_forces': 'All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as\nnodal forces (N), [node_count].',
     'sb_body_multiply_stiffness': 'y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes\nmove by x (m). x and y: [node_count], not overlapping. K is the derivative of the forces, symmetric but not always\npositive definite; Prony terms respond at once. With single_rotation it is that of the same elements with a rotation\nat each point. Supports, loads and constraints have no say. The state stays as it is, and nothing is allocated.\nSB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node) and SB_ERROR_INVERTED (error->element) leave y untouched; error\nmay be NULL.',
     'sb_body_multiply_tangent': 'The same with the tangent that solves use: SB_TANGENT_EXACT is the derivative of above, SB_TANGENT_SPD its positive\nsemidefinite projection at each point, and SB_TANGENT_QUASI what linearised steps take: of the corotated models the\nrotations stay as they are (K = R C R^T), others are projected. SB_TANGENT_QUASI of SB_COROTATED tet4 and tet10 needs\nno matrix: measured, that takes a tenth (tet10) to two fifths (tet4) of assembling one and multiplying.\nSB_ERROR_ARGUMENT: also an unknown kind.',
+    'sb_body_stiffness_matrix': "That matrix itself (N/m; for SB_TANGENT_EXACT the derivative of the internal forces by the nodes' places), lent until\nthe next call on the body, whose copy of it this overwrites. Errors as above; *matrix is then untouched.",
     'sb_body_mass': 'Total mass (kg) and momentum (kg m/s).',
     'sb_body_stress': 'Cauchy stress (Pa) at an integration point of an element, from the current state, with what fibres and Prony terms\nadd. SB_ERROR_INDEX,\nSB_ERROR_INVERTED (material has no stress there); *stress is then untouched.',
     'sb_body_von_mises': 'Von Mises stress (Pa) of every element, mean over its points (over their weights where def.domain was given), 0 where\nthere is none; values[element_count].',
@@ -2675,6 +2684,11 @@ DOCUMENTATION = {
     'sb_body_nodal_rotations': "How the material around each node has turned from the reference shape, as unit quaternions: the rotation of the mean\ndeformation gradient, weighted by volume; identity where there is no material. rotations[node_count], as\nsb_preconditioner_warp takes them. Uses the body's scratch: between steps only.",
     'sb_body_parts': "Lists the parts by ascending `node`.\nparts     [capacity] the first `capacity` of them; NULL when capacity is 0\n*count    how many there are\nnumbers   [sb_body_node_count] number of the part of each node, -1: it has no material; or NULL\nAllocates nothing; uses the body's scratch: between steps only. SB_ERROR_ARGUMENT.",
     'sb_check_string': 'One sentence about one SB_CHECK_ bit; never NULL.',
+    'sb_body_deformation': 'Deformation gradient dx/dX at an integration point of an element, [0, sb_body_point_count). SB_ERROR_INDEX: *F is\nuntouched.',
+    'sb_body_strain': 'Strain there, see SB_TENSOR_STRAIN; errors as above. (Stress: sb_body_stress.)',
+    'sb_body_nodal_tensors': 'A tensor at every node; values[sb_body_node_count], 0 where there is no material. In each element a linear function\nof its local coordinates is fitted to the integration points (tet4: a constant), taken to its nodes, and averaged\nthere, weighted by volume; elements that are cut or have points of their own (sb_body_def.domain) give their mean.\ntensor is an sb_tensor. Measured on irregular meshes\n(tests/verification.md, verification_readings): halving elements divides errors by 3.5 of tet10, hex20 and hex27, by\n2.4 of tet4 and hex8 and by 1.9 at the surface, where these two know the middle of the layer below only.\nSB_ERROR_ARGUMENT: NULL, or another tensor; SB_ERROR_INVERTED: error->element has no stress, its material does not\nadmit the state; *values is then untouched. error may be NULL.',
+    'sb_body_region_tensors': 'The same from the elements of one region alone, 0 at nodes of others: stresses jump where materials meet, and an\naverage over both sides is neither. SB_ERROR_INDEX: the mesh has no such region.',
+    'sb_body_energy_densities': 'Elastic energy of each element per volume at rest (J/m^3), mean over the element; values[sb_body_element_count].\nTimes the volumes they sum to sb_energy.elastic, what ties pieces of a cut to each other left out; with Prony terms\nof the long-term response, as there. SB_ERROR_ARGUMENT; SB_ERROR_INVERTED names the element; SB_ERROR_NOT_FINITE: too\nlarge for sb_real; values are then untouched. error may be NULL.',
     'sb_body_change_begin': 'Begins a change; one at a time. Nothing happens to the body before the commit. Errors of the calls below leave the\nchange as it was before them: it can go on. SB_ERROR_UNSUPPORTED: def.slack was 0. SB_ERROR_STATE: another change is\nopen. SB_ERROR_MEMORY.',
     'sb_body_change_add_node': 'Makes a node at a place of the reference shape (m); *node is its number.\nsources, weights  [count] nodes in use before the change or made by it, >= 1; weights >= 0 that sum to 1\nflags             0 or SB_NODE_COPY with SB_NODE_KEEP_X ...\nSB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY.',
     'sb_body_change_move_node': "Moves a node in the reference shape (m). Its cells change shape, also those not named here. The last move of a node\ncounts.\nsources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so\n                  that the body's motion stays where it was while the node slides through it. count 0: the node keeps\n                  the motion it has, a made one that of its sources\nErrors as of sb_body_change_add_node.",
@@ -2753,7 +2767,7 @@ DOCUMENTATION = {
     'sb_haptic_get_info': 'Simulation: as of the last sb_haptic_take.',
     'sb_haptic_from_hd': "A device's state from what OpenHaptics gives: HD_CURRENT_TRANSFORM (column-major, mm) and HD_CURRENT_VELOCITY (mm/s).\nTime and buttons are the caller's to fill in; NULL: all 0.",
     'sb_cut_create': 'Makes what cuts a body; one at a time for each body, to be destroyed before or after it. SB_ERROR_ARGUMENT,\nSB_ERROR_UNSUPPORTED (slack 0, other elements), SB_ERROR_STATE (a body that is cut already), SB_ERROR_MEMORY.',
-    'sb_cut_destroy': 'The body stays cut. NULL is fine.',
+    'sb_cut_destroy': 'The body stays cut, and keeps what tells its pieces apart (sb_body_find_cell), for points and needles that are in\nthem: in its own memory; where there is none left they are held as if nobody knew the pieces. NULL is fine.',
     'sb_cut_triangles': "Cuts along triangles: a blade's way, a plane, a closed surface around what is to be taken out.\ntriangles  [count][3] corners where the body is now (m); triangles without area are skipped\ninfo       may be NULL\nOn failure body and cut are as they were: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above), and\nwhat sb_body_change_commit says. Between steps only. Allocates nothing while slack and room last. Cells look for\ntriangles near them in a tree, on the body's jobs, and where cells are parted the mesh changes: 13,440 tets, m = 2,\none thread: 0.02 ms beside the body, 4 ms for a frame that parts 100 cells, 18 ms for a plane through all.",
     'sb_cut_begin': "Begins a stroke of a blade.\nedge    [count] corners of the blade's edge, where it is now (m); 2 or more. It cuts nothing yet\n*stroke is its number\nSB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above, or def.max_strokes are under way),\nSB_ERROR_MEMORY. Allocates nothing while edges go through some 200 faces of elements at most.",
     'sb_cut_move': 'Moves the blade: what lies between where its edge was in the tissue, which may have moved since, and where it is now\nis cut. Once a frame, between steps; also where the blade rests and the tissue moves.\nedge       as many corners as at the beginning, where they are now (m)\ninfo       may be NULL\nOn failure body, cut and stroke are as they were, and the next move goes on from the last good one: SB_ERROR_INDEX\n(no such stroke), and as sb_cut_triangles.',

@@ -418,6 +418,9 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
 }
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_points; }
+/* F, mean points last, and Cauchy stresses (Pa) at the points of an element; where there is no stress it is 0, and
+ * admissible[point] 0. All: [SBI_CELL_POINTS]. */
+SBI_API void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 *f, sb_mat3 *stress, int *admissible);
 /* Of the material at rest (m^3); 0 of a free cell. */
 SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element);
 
