@@ -3,7 +3,6 @@
 #include "embed_follow.h"
 
 #include "../base/sort.h"
-#include "embed_held.h"
 #include "embed_live.h"
 
 /* ---- memory ---- */
@@ -530,6 +529,18 @@ static void sbi_embed_change_arrays(sb_embedding *e, sbi_embed_follower *f)
 }
 
 /* ---- a whole mesh ---- */
+
+SBI_API void sbi_embed_drop_prepared(const sb_embedding *e, sbi_embed_follower *f)
+{
+    struct sbi_embed_prepared *next = f->prepared;
+    f->prepared = NULL;
+    if (!next)
+        return;
+    sbi_embed_arrays_free(&e->allocator, &next->arrays);
+    sbi_embed_follower_free(e, next->follower);
+    sbi_free(&e->allocator, next->points);
+    sbi_free(&e->allocator, next);
+}
 
 SBI_API void sbi_embed_follower_free(const sb_embedding *e, sbi_embed_follower *f)
 {

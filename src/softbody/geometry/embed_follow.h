@@ -86,6 +86,14 @@ typedef struct sbi_embed_follower {
     struct sbi_embed_prepared *prepared; /* of a mesh that is loaded next, whose points are known; or NULL */
 } sbi_embed_follower;
 
+/* What takes the follower's place when a mesh is loaded whose points are known (embed_held.h). */
+struct sbi_embed_prepared {
+    sbi_embed_follower *follower;
+    sb_embedded_point *points;
+    sbi_embed_arrays arrays;
+};
+SBI_API void sbi_embed_drop_prepared(const sb_embedding *e, sbi_embed_follower *f);
+
 /* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an
  * owner, whose mesh this is, it is stale. */
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error);

@@ -3,13 +3,6 @@
 
 #include "embed_live.h"
 
-/* What takes the follower's place when it is wanted. */
-struct sbi_embed_prepared {
-    sbi_embed_follower *follower;
-    sb_embedded_point *points;
-    sbi_embed_arrays arrays;
-};
-
 SBI_API sbi_embed_held sbi_embed_get_held(const sb_embedding *e, int point)
 {
     sbi_embed_held held;
@@ -120,18 +113,6 @@ SBI_API int sbi_embed_hold(sb_embedding *e, const sbi_embed_held *held)
 }
 
 /* ---- another mesh ---- */
-
-SBI_API void sbi_embed_drop_prepared(const sb_embedding *e, sbi_embed_follower *f)
-{
-    struct sbi_embed_prepared *next = f->prepared;
-    f->prepared = NULL;
-    if (!next)
-        return;
-    sbi_embed_arrays_free(&e->allocator, &next->arrays);
-    sbi_embed_follower_free(e, next->follower);
-    sbi_free(&e->allocator, next->points);
-    sbi_free(&e->allocator, next);
-}
 
 static sb_result sbi_embed_prepare_points(const sb_embedding *e, struct sbi_embed_prepared *next,
                                           const sbi_embed_slots *mesh, const sbi_embed_held *held, sb_error *error)

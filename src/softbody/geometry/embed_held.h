@@ -22,10 +22,9 @@ SBI_API int sbi_embed_is_held_so(const sb_embedding *e, int point, const sbi_emb
 SBI_API int sbi_embed_hold(sb_embedding *e, const sbi_embed_held *held);
 
 /* Prepares to follow another mesh with its points held so. SB_ERROR_FORMAT: that mesh cannot hold them so;
- * SB_ERROR_MEMORY. After success one of the next two ends it, or loading a mesh. */
+ * SB_ERROR_MEMORY. After success the next ends it, sbi_embed_drop_prepared, or loading a mesh. */
 SBI_API sb_result sbi_embed_prepare(sb_embedding *e, const sbi_embed_slots *mesh, const sbi_embed_held *held,
                                     sb_error *error);
 SBI_API void sbi_embed_take_prepared(sb_embedding *e); /* nothing where nothing is prepared */
-SBI_API void sbi_embed_drop_prepared(const sb_embedding *e, sbi_embed_follower *f);
 
 #endif /* SBI_EMBED_HELD_H */
