@@ -4371,7 +4371,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_cut_create(sb_cut_def* def, sb_cut** cut, sb_error* error);
     /// <summary>
-    /// The body stays cut. NULL is fine.
+    /// The body stays cut, and keeps what tells its pieces apart (sb_body_find_cell), for points and needles that are in
+    /// them: in its own memory; where there is none left they are held as if nobody knew the pieces. NULL is fine.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern void sb_cut_destroy(sb_cut* cut);
