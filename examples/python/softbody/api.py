@@ -92,7 +92,10 @@ SB_NEO_HOOKEAN_ISOCHORIC = 6
 SB_STABLE_NEO_HOOKEAN = 7
 SB_MOONEY_RIVLIN = 8
 SB_REDUCED_POLYNOMIAL = 9
+SB_OGDEN = 10
+SB_FUNG = 11
 SB_MAX_PRONY_TERMS = 8
+SB_MAX_OGDEN_TERMS = 4
 SB_TANGENT_EXACT = 0
 SB_TANGENT_SPD = 1
 SB_TANGENT_QUASI = 2
@@ -764,6 +767,9 @@ sb_material._fields_ = [
     ("c01", c_double),
     ("c20", c_double),
     ("c30", c_double),
+    ("fung_exponent", c_double),
+    ("ogden_mu", c_double * 4),
+    ("ogden_alpha", c_double * 4),
     ("fibre_stiffness", c_double),
     ("fibre_exponent", c_double),
     ("prony_count", c_int),
@@ -2086,6 +2092,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_material_neo_hookean_isochoric": (sb_material, (c_double, c_double, c_double, )),
     "sb_material_mooney_rivlin": (sb_material, (c_double, c_double, c_double, c_double, )),
     "sb_material_reduced_polynomial": (sb_material, (c_double, c_double, c_double, c_double, c_double, )),
+    "sb_material_ogden": (sb_material, (POINTER(c_double), POINTER(c_double), c_int, c_double, c_double, )),
+    "sb_material_fung": (sb_material, (c_double, c_double, c_double, c_double, )),
     "sb_material_with_fibres": (sb_material, (sb_material, c_double, c_double, )),
     "sb_material_with_prony": (sb_material, (sb_material, POINTER(c_double), POINTER(c_double), c_int, )),
     "sb_material_preset": (sb_material, (c_int, c_double, )),
@@ -2103,6 +2111,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_fibre_stress": (c_int, (POINTER(sb_material), POINTER(sb_mat3), sb_vec3, POINTER(sb_mat3), )),
     "sb_fibre_tangent": (c_int, (POINTER(sb_material), POINTER(sb_mat3), sb_vec3, POINTER(c_double), )),
     "sb_material_relaxation": (c_double, (POINTER(sb_material), c_double, )),
+    "sb_material_shear_moduli": (None, (POINTER(sb_material), c_double, POINTER(c_double), POINTER(c_double), )),
     "sb_material_history_stress": (c_int, (POINTER(sb_material), POINTER(sb_material_history), POINTER(sb_mat3), c_double, POINTER(sb_vec3), POINTER(sb_mat3), )),
     "sb_cauchy_stress": (sb_mat3, (sb_mat3, sb_mat3, )),
     "sb_material_cauchy_stress": (sb_mat3, (POINTER(sb_material), sb_mat3, sb_mat3, )),
@@ -2110,6 +2119,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_default_fit_options": (sb_fit_options, ()),
     "sb_material_fit": (c_int, (c_int, POINTER(sb_test_point), c_int, POINTER(sb_fit_options), POINTER(sb_material), POINTER(sb_fit_info), POINTER(sb_error), )),
     "sb_material_fit_prony": (c_int, (POINTER(c_double), POINTER(c_double), c_int, POINTER(c_double), c_int, POINTER(sb_material), POINTER(sb_fit_info), POINTER(sb_error), )),
+    "sb_material_fit_moduli": (c_int, (POINTER(c_double), POINTER(c_double), POINTER(c_double), c_int, POINTER(c_double), c_int, POINTER(sb_material), POINTER(sb_fit_info), POINTER(sb_error), )),
     "sb_matrix_create": (c_int, (c_int, c_int, c_int, POINTER(c_int), POINTER(c_int), POINTER(sb_allocator), POINTER(sb_matrix), POINTER(sb_error), )),
     "sb_matrix_free": (None, (POINTER(sb_matrix), )),
     "sb_matrix_clear": (None, (POINTER(sb_matrix), )),
@@ -2602,6 +2612,8 @@ DOCUMENTATION = {
     'sb_material_neo_hookean_isochoric': "c10 [Pa] > 0, d1 [1/Pa] > 0: Abaqus' and CalculiX' constants, mu = 2 c10 and bulk = 2/d1.",
     'sb_material_mooney_rivlin': 'The same convention with mu = 2 (c10 + c01) > 0; c10 or c01 [Pa] may be 0 or negative, at the price of a\nmaterial that softens or turns unstable under large strain.',
     'sb_material_reduced_polynomial': 'Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of\nany sign: a negative one that is not outweighed makes the material unstable under large strain.',
+    'sb_material_ogden': "Ogden's material with 1 to SB_MAX_OGDEN_TERMS terms mu[terms] [Pa] and alpha[terms], of any sign; its shear modulus\nis sum of mu_i alpha_i/2 > 0. (Abaqus' mu_i is alpha_i/2 times this one.) One term with alpha 2 is neo-Hookean, two\nwith 2 and -2 are Mooney-Rivlin. Another number of terms gives a material that sb_material_check refuses.",
+    'sb_material_fung': "Fung's exponential: c10 [Pa] > 0 as above, exponent b >= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).\nDirections: sb_material_with_fibres.",
     'sb_material_with_fibres': 'The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):\n    W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,\nand k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu\nstay those of the matrix.',
     'sb_material_with_prony': 'A count out of range is kept for sb_material_check to refuse; NULL counts as one.',
     'sb_material_preset': 'A material by name; liver has a density of about 1060 kg/m^3. An unknown preset gives a material that\nsb_material_check refuses.',
@@ -2615,12 +2627,14 @@ DOCUMENTATION = {
     'sb_material_tangent': "A[9*(3*i+j) + (3*k+l)] = dP_ij/dF_kl [Pa], 81 values, exactly symmetric.\n\nThe corotated models' energy has a kink where the rotation is not unique, at s_2 + s_3 = 0 for principal\nstretches s_1 >= s_2 >= |s_3|: there the exact tangent is infinite. A divides by s_i + s_j, but never by\nless than 1e-6 max(1, s_1 + s_2 + s_3), so it stays finite; SB_TANGENT_SPD likewise. SB_TANGENT_QUASI does\nnot divide by it.",
     'sb_fibre_energy': "---- fibres ----\nThe fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at\nrest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,\nthe direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The\ntangent is positive semidefinite as it stands, so every sb_tangent_kind takes it.",
     'sb_material_relaxation': 'g(t): the share of a relaxing stress that is left a time t [s] after a sudden strain; 1 for t <= 0.',
+    'sb_material_shear_moduli': "Storage and loss modulus [Pa] of small shear that oscillates with omega [rad/s] >= 0:\n    G' = mu (1 - sum g_i/(1 + x_i^2)),   G'' = mu sum g_i x_i/(1 + x_i^2),   x_i = omega tau_i;\nmu and 0 without Prony terms, zeros for NULL. storage and loss may be NULL. Fit: sb_material_fit_moduli.",
     'sb_material_history_stress': 'Moves one point by dt [s] >= 0 (0: a jump; infinite: fully relaxed) to F and gives its stress there, fibres\nincluded: the formula that bodies step by, to draw relaxation curves and to fit them. Exact where S0 changes\nevenly within each step, of second order otherwise. fibre: direction of the fibres at rest, NULL for none.\n*P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible\n(see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not\nhyperelastic, or a pointer but fibre is NULL.',
     'sb_cauchy_stress': 'Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0.',
     'sb_material_cauchy_stress': "The same for a material's P; P itself for SB_LINEAR: small strain does not distinguish the stresses.",
     'sb_von_mises': 'Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress.',
     'sb_material_fit': "Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is\nthe options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes\nsb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a\nstretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do\nnot distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data\nask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a\nmicrosecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic\nDeformations, 1984, ch. 7.",
     'sb_material_fit_prony': 'Fits Prony terms to the relaxation g(time[k]) of a sudden strain: stress over its value at time 0; time [s] > 0.\ntau[terms] [s]: the relaxation times to use, each > 0; NULL: spread evenly in log time from the first to the last\nreading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left\nout, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in\nplace of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),\nSB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or\nSB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order).',
+    'sb_material_fit_moduli': "Fits Prony terms and the shear modulus to storage[count] and loss[count] [Pa] >= 0 of shear that oscillates with\nomega[count] [rad/s] > 0 (a rheometer's G' and G''), errors relative to |G*| of each reading. tau, terms and errors\nas above; tau NULL: spread evenly in log time over 1/omega. On SB_OK *material has these terms in place of its own\nand all of its moduli in proportion, so that mu is the instantaneous modulus and Poisson's ratio stays; info->rms is\nthe relative error of G*. SB_ERROR_ARGUMENT also for fewer than (terms + 1)/2 readings, a modulus below 0, or both 0;\nSB_ERROR_MATERIAL where the data have no modulus left at low frequencies: they are of a fluid, or end too early.",
     'sb_matrix_create': "Makes the matrix whose nodes are coupled when they share a cell (an element, a particle's neighbours ...);\nall values are zero. Nodes without a cell keep their diagonal block.\nnode_count      number of nodes, >= 1\ncell_count      number of cells, >= 0\nnodes_per_cell  nodes of each cell, >= 1; ignored when cell_start is given\ncell_start      [cell_count + 1] first entry of each cell in `cells`, ascending from 0; NULL: fixed size\ncells           node indices of the cells; a node may repeat within a cell\nallocator       NULL: malloc\nReturns SB_ERROR_ARGUMENT, SB_ERROR_INDEX (error->element is the cell) or SB_ERROR_MEMORY (also when there\nwould be more than 2^31-1 blocks) with *matrix untouched. Release with sb_matrix_free. Time and scratch\nmemory are proportional to the cells' node pairs.",
     'sb_matrix_free': 'Releases the arrays and zeroes the struct; a zeroed matrix is fine.',
     'sb_matrix_clear': 'Sets all values to zero and clears the constraint mask.',

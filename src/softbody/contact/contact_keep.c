@@ -10,6 +10,7 @@ typedef struct sbi_contact_kept {
     sb_contact_info info;
     int mesh_version;
     int entry_count, waiting, pressure_count, pair_count, pair_pressure_count;
+    sb_real strayed;
 } sbi_contact_kept;
 
 typedef struct sbi_contact_block {
@@ -116,6 +117,7 @@ SBI_API int sbi_contact_keep(void *user, void *memory)
     block.head->pressure_count = contact->pressure_count;
     block.head->pair_count = contact->pairs.entry_count;
     block.head->pair_pressure_count = contact->pairs.pressure_count;
+    block.head->strayed = contact->pairs.strayed;
     for (int e = 0; contact->skin.source && e < contact->entry_count; e++) {
         int face = contact->entries[e].face;
         contact->entries[e].name = sbi_contact_skin_name(contact, face, sbi_contact_face_nodes(contact->faces, face));
@@ -149,6 +151,7 @@ SBI_API int sbi_contact_rewind(void *user, const void *memory)
     contact->pressure_count = head->pressure_count;
     contact->pairs.entry_count = head->pair_count;
     contact->pairs.pressure_count = head->pair_pressure_count;
+    contact->pairs.strayed = head->strayed;
     contact->is_solved = contact->touch.links = 0; /* the body's system is of the step that is taken back */
     if (contact->skin.waiting > 0)
         sbi_contact_skin_take_waiting(contact);
