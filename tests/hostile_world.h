@@ -129,6 +129,7 @@ static const sb_real world_shares[1] = {REAL(0.3)};
 static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
 static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
 static sb_material world_prony, world_rubber;
+static const sb_matrix *world_lent;
 static sb_material_history world_history;
 static sb_mesh_report world_report;
 static sb_index_table world_index_table;

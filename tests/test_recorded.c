@@ -193,6 +193,20 @@ static sb_result act_multiply_tangent(actor *a)
     free(y);
     return result;
 }
+
+static sb_result act_stiffness_matrix(actor *a)
+{
+    const sb_matrix *matrix;
+    return sb_body_stiffness_matrix(a->body, SB_TANGENT_EXACT, &matrix, &a->error);
+}
+
+static sb_result act_energy_densities(actor *a)
+{
+    sb_real *values = (sb_real *)malloc((size_t)sb_body_element_count(a->body) * sizeof *values);
+    sb_result result = sb_body_energy_densities(a->body, values, &a->error);
+    free(values);
+    return result;
+}
 static sb_result act_parts(actor *a)
 {
     sb_part parts[2];
@@ -514,6 +528,8 @@ static const act acts[] = {
     {"sb_body_energy", act_energy, ACTOR_LOADED},
     {"sb_body_multiply_stiffness", act_multiply, ACTOR_LOADED},
     {"sb_body_multiply_tangent", act_multiply_tangent, ACTOR_LOADED},
+    {"sb_body_stiffness_matrix", act_stiffness_matrix, ACTOR_LOADED},
+    {"sb_body_energy_densities", act_energy_densities, ACTOR_LOADED},
     {"sb_body_nodal_rotations", act_rotations, ACTOR_LOADED},
     {"sb_body_parts", act_parts, ACTOR_LOADED},
     {"sb_body_add_forces", act_forces, ACTOR_LOADED},

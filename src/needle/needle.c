@@ -129,7 +129,7 @@ static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 
 static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
 {
-    sb_result result = ndli_bed_create(site->body, site->body, &site->allocator, &site->bed, error);
+    sb_result result = ndli_site_create_bed(site, &site->bed, error);
     if (result == SB_OK)
         site->mean_edge = site->bed.mean_edge;
     return result;

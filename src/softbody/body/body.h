@@ -200,6 +200,10 @@ SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_
  * SB_ERROR_ARGUMENT: also an unknown kind. */
 SB_API sb_result sb_body_multiply_tangent(sb_body *body, sb_tangent_kind kind, const sb_vec3 *x, sb_vec3 *y,
                                           sb_error *error);
+/* That matrix itself (N/m; for SB_TANGENT_EXACT the derivative of the internal forces by the nodes' places), lent until
+ * the next call on the body, whose copy of it this overwrites. Errors as above; *matrix is then untouched. */
+SB_API sb_result sb_body_stiffness_matrix(sb_body *body, sb_tangent_kind kind, const sb_matrix **matrix,
+                                          sb_error *error);
 /* Total mass (kg) and momentum (kg m/s). */
 SB_API sb_real sb_body_mass(const sb_body *body);
 SB_API sb_vec3 sb_body_momentum(const sb_body *body);

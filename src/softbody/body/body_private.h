@@ -298,7 +298,12 @@ SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kin
                                 sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
-enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };
+enum {
+    SBI_MATERIAL_MODULI = 11,
+    SBI_MATERIAL_OGDEN = SBI_MATERIAL_MODULI, /* where the lists start */
+    SBI_MATERIAL_PRONY = SBI_MATERIAL_OGDEN + 2 * SB_MAX_OGDEN_TERMS,
+    SBI_MATERIAL_REALS = SBI_MATERIAL_PRONY + 2 * SB_MAX_PRONY_TERMS
+};
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
 SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals);
 
@@ -418,6 +423,9 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
 }
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_points; }
+/* F, mean points last, and Cauchy stresses (Pa) at the points of an element; where there is no stress it is 0, and
+ * admissible[point] 0. All: [SBI_CELL_POINTS]. */
+SBI_API void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 *f, sb_mat3 *stress, int *admissible);
 /* Of the material at rest (m^3); 0 of a free cell. */
 SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element);
 

@@ -568,6 +568,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->last_listener = live->last_listener;
     made->find = live->find;
     made->find_user = live->find_user;
+    made->uncut = live->uncut;
     live->open = NULL;
     live->listeners = NULL;
     live->listener_count = 0;

@@ -405,7 +405,7 @@ static void sbi_state_reserve_damping(sb_body *body, sbi_state_walk *walk, const
 static sb_material sbi_state_material(const sb_material *material, sbi_state_walk *walk)
 {
     sb_real reals[SBI_MATERIAL_REALS];
-    int model = sbi_state_int(walk, (int)material->model, SB_LINEAR, SB_REDUCED_POLYNOMIAL, "material model");
+    int model = sbi_state_int(walk, (int)material->model, SB_LINEAR, SBI_LAST_MODEL, "material model");
     int prony_count = sbi_state_int(walk, material->prony_count, 0, SB_MAX_PRONY_TERMS, "Prony term count");
     sbi_body_pack_material(material, reals);
     for (int i = 0; i < SBI_MATERIAL_REALS; i++)
@@ -1452,7 +1452,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {14, sbi_state_guard},
     {8, sbi_state_precond},
 };
-enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
+enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 3 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 

@@ -804,3 +804,17 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
 }
+
+SBI_API int sbi_assembly_cell_energy(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_real *energy)
+{
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell;
+    sb_mat3 f[SBI_CELL_POINTS];
+    sb_real sum = 0;
+    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
+    if (!sbi_cell_energy(assembly, cell, u, f, q, sbi_cell_scheme(domain),
+                         assembly->rotations + (size_t)cell * (size_t)q, &sum))
+        return 0;
+    *energy = sum;
+    return 1;
+}

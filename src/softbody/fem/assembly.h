@@ -217,5 +217,8 @@ SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment
  * the stress last. admissible[point] is 0 where the material does not admit F. */
 SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
                                  int *admissible);
+/* *energy (J) of one cell at u, its share of what sbi_assembly_energy sums; 0 with *energy untouched where the material
+ * does not admit an F. */
+SBI_API int sbi_assembly_cell_energy(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_real *energy);
 
 #endif /* SB_ASSEMBLY_H */
