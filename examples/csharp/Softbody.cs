@@ -109,6 +109,8 @@ public enum sb_material_model
     SB_STABLE_NEO_HOOKEAN = 7,
     SB_MOONEY_RIVLIN = 8,
     SB_REDUCED_POLYNOMIAL = 9,
+    SB_OGDEN = 10,
+    SB_FUNG = 11,
 }
 public enum sb_tangent_kind
 {
@@ -779,6 +781,9 @@ public unsafe struct sb_material
     public double c01;
     public double c20;
     public double c30;
+    public double fung_exponent;
+    public fixed double ogden_mu[4];
+    public fixed double ogden_alpha[4];
     public double fibre_stiffness;
     public double fibre_exponent;
     public int prony_count;
@@ -2246,6 +2251,7 @@ public static unsafe class Native
     public const int SB_SURFACE_FINDING_COUNT = 12;
     public const int SB_SURFACE_NOT_SOLID = 2439;
     public const int SB_MAX_PRONY_TERMS = 8;
+    public const int SB_MAX_OGDEN_TERMS = 4;
     public const int SB_X = 1;
     public const int SB_Y = 2;
     public const int SB_Z = 4;
@@ -2969,6 +2975,19 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_reduced_polynomial(double c10, double c20, double c30, double d1, double density);
     /// <summary>
+    /// Ogden's material with 1 to SB_MAX_OGDEN_TERMS terms mu[terms] [Pa] and alpha[terms], of any sign; its shear modulus
+    /// is sum of mu_i alpha_i/2 &gt; 0. (Abaqus' mu_i is alpha_i/2 times this one.) One term with alpha 2 is neo-Hookean, two
+    /// with 2 and -2 are Mooney-Rivlin. Another number of terms gives a material that sb_material_check refuses.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_ogden(double* mu, double* alpha, int terms, double d1, double density);
+    /// <summary>
+    /// Fung's exponential: c10 [Pa] &gt; 0 as above, exponent b &gt;= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).
+    /// Directions: sb_material_with_fibres.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_fung(double c10, double exponent, double d1, double density);
+    /// <summary>
     /// The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
     ///     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 &gt; 1, I4 = |F a0|^2, a0 the unit direction at rest,
     /// and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 &lt;= 1) do nothing. k1 [Pa] &gt;= 0, k2 &gt;= 0. The moduli lambda, mu
@@ -3061,6 +3080,13 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern double sb_material_relaxation(sb_material* material, double time);
     /// <summary>
+    /// Storage and loss modulus [Pa] of small shear that oscillates with omega [rad/s] &gt;= 0:
+    ///     G' = mu (1 - sum g_i/(1 + x_i^2)),   G'' = mu sum g_i x_i/(1 + x_i^2),   x_i = omega tau_i;
+    /// mu and 0 without Prony terms, zeros for NULL. storage and loss may be NULL. Fit: sb_material_fit_moduli.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_material_shear_moduli(sb_material* material, double omega, double* storage, double* loss);
+    /// <summary>
     /// Moves one point by dt [s] &gt;= 0 (0: a jump; infinite: fully relaxed) to F and gives its stress there, fibres
     /// included: the formula that bodies step by, to draw relaxation curves and to fit them. Exact where S0 changes
     /// evenly within each step, of second order otherwise. fibre: direction of the fibres at rest, NULL for none.
@@ -3110,6 +3136,16 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_material_fit_prony(double* time, double* g, int count, double* tau, int terms, sb_material* material, sb_fit_info* info, sb_error* error);
+    /// <summary>
+    /// Fits Prony terms and the shear modulus to storage[count] and loss[count] [Pa] &gt;= 0 of shear that oscillates with
+    /// omega[count] [rad/s] &gt; 0 (a rheometer's G' and G''), errors relative to |G*| of each reading. tau, terms and errors
+    /// as above; tau NULL: spread evenly in log time over 1/omega. On SB_OK *material has these terms in place of its own
+    /// and all of its moduli in proportion, so that mu is the instantaneous modulus and Poisson's ratio stays; info-&gt;rms is
+    /// the relative error of G*. SB_ERROR_ARGUMENT also for fewer than (terms + 1)/2 readings, a modulus below 0, or both 0;
+    /// SB_ERROR_MATERIAL where the data have no modulus left at low frequencies: they are of a fluid, or end too early.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_material_fit_moduli(double* omega, double* storage, double* loss, int count, double* tau, int terms, sb_material* material, sb_fit_info* info, sb_error* error);
     /// <summary>
     /// Makes the matrix whose nodes are coupled when they share a cell (an element, a particle's neighbours ...);
     /// all values are zero. Nodes without a cell keep their diagonal block.
@@ -3922,6 +3958,9 @@ public static unsafe class Native
     ///   has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by
     ///   the first update after a state with another mesh; of one without nobody knows then which piece that is
     ///   (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
+    /// - After a state with another mesh was loaded the points are placed anew from the mesh at rest: one on a face or
+    /// outside may be held by another cell than before, and be drawn elsewhere by rounding, or outside by what that cell
+    /// makes of it. Those of a skin that tools touch (sb_contact_def.skin) are held as they were when the state was saved.
     /// - A change that is refused leaves the embedding as it was, to the bit.
     /// - A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between
     ///   its `reserve` and that, the embedding is not to be read.

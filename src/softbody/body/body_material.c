@@ -173,13 +173,22 @@ SBI_API sb_result sbi_body_check_material(const sb_material *material, int singl
 
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
-    const sb_real moduli[SBI_MATERIAL_MODULI] = {material->density,       material->lambda, material->mu,
-                                                 material->c10,           material->d1,     material->c01,
-                                                 material->c20,           material->c30,    material->fibre_stiffness,
-                                                 material->fibre_exponent};
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {material->density,
+                                                 material->lambda,
+                                                 material->mu,
+                                                 material->c10,
+                                                 material->d1,
+                                                 material->c01,
+                                                 material->c20,
+                                                 material->c30,
+                                                 material->fibre_stiffness,
+                                                 material->fibre_exponent,
+                                                 material->fung_exponent};
     memcpy(reals, moduli, sizeof moduli);
-    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
-    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+    memcpy(reals + SBI_MATERIAL_OGDEN, material->ogden_mu, sizeof material->ogden_mu);
+    memcpy(reals + SBI_MATERIAL_OGDEN + SB_MAX_OGDEN_TERMS, material->ogden_alpha, sizeof material->ogden_alpha);
+    memcpy(reals + SBI_MATERIAL_PRONY, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_PRONY + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
 }
 
 SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
@@ -198,8 +207,11 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
     m.c30 = reals[7];
     m.fibre_stiffness = reals[8];
     m.fibre_exponent = reals[9];
-    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
-    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    m.fung_exponent = reals[10];
+    memcpy(m.ogden_mu, reals + SBI_MATERIAL_OGDEN, sizeof m.ogden_mu);
+    memcpy(m.ogden_alpha, reals + SBI_MATERIAL_OGDEN + SB_MAX_OGDEN_TERMS, sizeof m.ogden_alpha);
+    memcpy(m.prony_g, reals + SBI_MATERIAL_PRONY, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_PRONY + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
     return m;
 }
 

@@ -304,7 +304,12 @@ SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kin
                                 sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
-enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };
+enum {
+    SBI_MATERIAL_MODULI = 11,
+    SBI_MATERIAL_OGDEN = SBI_MATERIAL_MODULI, /* where the lists start */
+    SBI_MATERIAL_PRONY = SBI_MATERIAL_OGDEN + 2 * SB_MAX_OGDEN_TERMS,
+    SBI_MATERIAL_REALS = SBI_MATERIAL_PRONY + 2 * SB_MAX_PRONY_TERMS
+};
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
 SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals);
 

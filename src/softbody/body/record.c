@@ -19,7 +19,7 @@
 #include "../base/output.h"
 
 enum {
-    SBI_RECORD_VERSION = 2,
+    SBI_RECORD_VERSION = 3,
     SBI_RECORD_HEAD = SBI_IMAGE_HEAD + 32,
     SBI_RECORD_COMMAND = 32,
     SBI_RECORD_RANGES = 16,
@@ -307,8 +307,7 @@ static const sb_vec3 *sbi_record_vectors(const sbi_command *c) { return (const s
 static sb_result sbi_play_material(sb_body *body, const sbi_command *c, sb_error *error)
 {
     sb_material material;
-    if (c->ints[1] < SB_LINEAR || c->ints[1] > SB_REDUCED_POLYNOMIAL || c->ints[2] < 0 ||
-        c->ints[2] > SB_MAX_PRONY_TERMS)
+    if (c->ints[1] < SB_LINEAR || c->ints[1] > SBI_LAST_MODEL || c->ints[2] < 0 || c->ints[2] > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_FORMAT, "material model %d or Prony term count %d is out of range", c->ints[1],
                         c->ints[2]);
     material = sbi_body_unpack_material(c->ints[1], c->ints[2], c->reals);

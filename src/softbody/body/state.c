@@ -405,7 +405,7 @@ static void sbi_state_reserve_damping(sb_body *body, sbi_state_walk *walk, const
 static sb_material sbi_state_material(const sb_material *material, sbi_state_walk *walk)
 {
     sb_real reals[SBI_MATERIAL_REALS];
-    int model = sbi_state_int(walk, (int)material->model, SB_LINEAR, SB_REDUCED_POLYNOMIAL, "material model");
+    int model = sbi_state_int(walk, (int)material->model, SB_LINEAR, SBI_LAST_MODEL, "material model");
     int prony_count = sbi_state_int(walk, material->prony_count, 0, SB_MAX_PRONY_TERMS, "Prony term count");
     sbi_body_pack_material(material, reals);
     for (int i = 0; i < SBI_MATERIAL_REALS; i++)
@@ -1262,6 +1262,8 @@ static void sbi_state_slot_counts(sbi_state_walk *walk, sbi_slots *slots)
 
 static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
 {
+    if (!sbi_state_is_image(walk) && sbi_state_bulk(walk, slots->stack, (size_t)slots->count, sizeof(int)))
+        return;
     for (int k = 0; k < slots->count && walk->result == SB_OK; k++)
         sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
 }
@@ -1475,7 +1477,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {14, sbi_state_guard},
     {8, sbi_state_precond},
 };
-enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
+enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 3 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 

@@ -97,13 +97,14 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
+    told.wide = step->wide;
     told.part = step->dynamic ? step->part : 1;
     sbi_touch_tell_whole(step, &told);
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
     step->touch->coupling.node_count = 0;
-    step->touch->apart = step->touch->parts = 0;
+    step->touch->apart = step->touch->parts = step->touch->missed = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
     step->touch->refused |= step->touch->apart;
     if (result == SB_OK)
