@@ -162,8 +162,9 @@ typedef struct ndl_step_info {
     int blocked;         /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
                           * follow it (no operation left sound tets, no memory); then it tries again later */
     int torn;            /* needles that were less than half an edge deep and tore out of the skin, because nothing
-                          * else could be computed. They come in again when their tips cross the skin anew, from
-                          * outside */
+                          * else could be computed. With NDL_EMBED they are held again, without a force at first,
+                          * once they are half an edge deep: from where the shaft goes in through the skin. With
+                          * NDL_REMESH they come in again when their tips cross the skin anew, from outside */
     int limited;         /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     int coarse;          /* needles with NDL_REMESH in tissue so soft that it, not the bevel, sets how far they bend
                           * (curvature times lam beyond the lag, see steer.h): their way then depends on the mesh, 0.82
