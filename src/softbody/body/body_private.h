@@ -6,6 +6,7 @@
 #include "body.h"
 #include "body_guest.h"
 #include "elimination.h"
+#include "step_touch.h"
 
 enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
 
@@ -131,6 +132,7 @@ struct sb_body {
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
+    sbi_touch_keeper touch_keeper; /* who keeps that, or zeros */
     unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
     size_t substep_room_size;
     const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
