@@ -2,7 +2,7 @@
  * closed forms whose free sides are found by Newton. Motions are affine, so that meshes of any shape are exact. */
 #include "verification_scene.h"
 
-/* Gasser, Ogden and Holzapfel 2006, table of the adventitia: c 7.64 kPa, k1 996.6 kPa, k2 524.6, kappa 0.226, families
+/* Constants of the size of an iliac artery's adventitia: c 7.64 kPa, k1 996.6 kPa, k2 524.6, kappa 0.226, families
  * at +-49.98 degrees from the circumference. */
 typedef struct artery {
     double c, k1, k2, kappa, angle, bulk;
