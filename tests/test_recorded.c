@@ -133,6 +133,12 @@ static sb_result act_unlisten(actor *a)
 }
 static sb_result act_gravity(actor *a) { return sb_body_set_gravity(a->body, sb_v3(1, 2, -3)); }
 static sb_result act_damping(actor *a) { return sb_body_set_damping(a->body, REAL(0.2), beta_of(a->how) / 2); }
+static sb_result act_region_damping(actor *a)
+{
+    if (a->how->integrator == SB_CENTRAL_DIFFERENCE) /* damps all regions alike */
+        return SB_OK;
+    return sb_body_set_region_damping(a->body, 0, REAL(0.3), beta_of(a->how) / 3, &a->error);
+}
 static sb_result act_solver(actor *a) { return sb_body_set_solver(a->body, REAL(1e-4), 100); }
 static sb_result act_fix(actor *a) { return sb_body_fix_nodes(a->body, a->free_nodes, 2, SB_Y | SB_Z); }
 static sb_result act_prescribe(actor *a)
@@ -520,6 +526,7 @@ static const act acts[] = {
     {"sb_body_set_tension", act_tension, ACTOR_PLAIN},
     {"sb_body_set_gravity", act_gravity, ACTOR_LOADED},
     {"sb_body_set_damping", act_damping, ACTOR_LOADED},
+    {"sb_body_set_region_damping", act_region_damping, ACTOR_LOADED},
     {"sb_body_set_solver", act_solver, ACTOR_LOADED},
     {"sb_body_change_begin", act_change, ACTOR_LOADED},
     {"sb_embedding_follow", act_embed, ACTOR_PLAIN},

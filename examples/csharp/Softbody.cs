@@ -3531,10 +3531,20 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_gravity(sb_body* body, sb_vec3 gravity);
     /// <summary>
-    /// SB_ERROR_UNSUPPORTED: beta &gt; 0 with SB_CENTRAL_DIFFERENCE.
+    /// Of all regions. SB_ERROR_UNSUPPORTED: beta &gt; 0 with SB_CENTRAL_DIFFERENCE.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_damping(sb_body* body, double alpha, double beta);
+    /// <summary>
+    /// Damping of a region's own, in place of the body's, which the others keep: its elements damp with beta (s) times their
+    /// stiffness, and its share of the nodes' lumped masses with alpha (1/s), whatever def.mass is; both &gt;= 0. What ties
+    /// cells of a cut keeps the body's beta. sb_body_set_damping gives all regions the same again. With SB_EULER steps cost
+    /// what they did; steps of one iteration of other integrators assemble one matrix more, for which the first call
+    /// allocates. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such region), SB_ERROR_UNSUPPORTED (SB_CENTRAL_DIFFERENCE),
+    /// SB_ERROR_MEMORY change nothing.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_region_damping(sb_body* body, int region, double alpha, double beta, sb_error* error);
     /// <summary>
     /// Tolerance in (0, 1) and cap (&gt;= 1) of a step's linear solve.
     /// </summary>
@@ -3982,6 +3992,9 @@ public static unsafe class Native
     ///   has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by
     ///   the first update after a state with another mesh; of one without nobody knows then which piece that is
     ///   (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
+    /// - After a state with another mesh was loaded the points are placed anew from the mesh at rest: one on a face or
+    /// outside may be held by another cell than before, and be drawn elsewhere by rounding, or outside by what that cell
+    /// makes of it. Those of a skin that tools touch (sb_contact_def.skin) are held as they were when the state was saved.
     /// - A change that is refused leaves the embedding as it was, to the bit.
     /// - A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between
     ///   its `reserve` and that, the embedding is not to be read.

@@ -205,6 +205,7 @@
 #define sb_body_set_tension sb_body_set_tension_f32
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
+#define sb_body_set_region_damping sb_body_set_region_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
 #define sb_body_hold sb_body_hold_f32
 #define sb_body_place sb_body_place_f32

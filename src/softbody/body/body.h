@@ -134,8 +134,15 @@ SB_API sb_result sb_body_set_second_fibres(sb_body *body, const sb_vec3 *fibres,
  * SB_ERROR_MATERIAL: no fibres to contract, or a material without energy for them. */
 SB_API sb_result sb_body_set_tension(sb_body *body, int region, sb_real tension, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
-/* SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE. */
+/* Of all regions. SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE. */
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);
+/* Damping of a region's own, in place of the body's, which the others keep: its elements damp with beta (s) times their
+ * stiffness, and its share of the nodes' lumped masses with alpha (1/s), whatever def.mass is; both >= 0. What ties
+ * cells of a cut keeps the body's beta. sb_body_set_damping gives all regions the same again. With SB_EULER steps cost
+ * what they did; steps of one iteration of other integrators assemble one matrix more, for which the first call
+ * allocates. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such region), SB_ERROR_UNSUPPORTED (SB_CENTRAL_DIFFERENCE),
+ * SB_ERROR_MEMORY change nothing. */
+SB_API sb_result sb_body_set_region_damping(sb_body *body, int region, sb_real alpha, sb_real beta, sb_error *error);
 /* Tolerance in (0, 1) and cap (>= 1) of a step's linear solve. */
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 

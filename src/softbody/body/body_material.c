@@ -9,8 +9,7 @@
 
 static int sbi_body_region(const sb_mesh *mesh, int element) { return mesh->regions ? mesh->regions[element] : 0; }
 
-/* Index of a region in the ascending list, or where it would stand (then *found is 0). */
-static int sbi_body_find_region(const int *regions, int count, int region, int *found)
+SBI_API int sbi_body_find_region(const int *regions, int count, int region, int *found)
 {
     int low = 0, high = count;
     while (low < high) {
@@ -62,7 +61,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
     body->materials = (sb_material *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_material));
     body->made_young = (sb_real *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_real));
     body->cell_material = (int *)sbi_alloc(&body->allocator, (size_t)def->mesh->element_count, sizeof(int));
-    if (!body->materials || !body->made_young || !body->cell_material)
+    if (!body->materials || !body->made_young || !body->cell_material || !sbi_body_take_regions(body))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d materials", count);
     for (int e = 0; e < def->mesh->element_count; e++)
         body->cell_material[e] =
@@ -353,40 +352,5 @@ SB_API sb_result sb_body_set_tension(sb_body *body, int region, sb_real tension,
     sbi_body_materials_changed(body);
     body->guard.ledger_open = 0; /* what a muscle gives or takes is no loss */
     sbi_body_tell_material(body, SBI_MATERIAL_TENSION, region, &material);
-    return SB_OK;
-}
-
-/* ---- Newton iterations that materials need ---- */
-
-/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
- * linearised steps add up until the body explodes: only a linear body may take them. */
-static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
-{
-    return model == SB_LINEAR ||
-           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
-}
-
-SBI_API int sbi_body_max_newton(const sb_body *body)
-{
-    if (body->max_newton != SB_AUTO)
-        return body->max_newton;
-    for (int i = 0; i < body->material_count; i++)
-        if (!sbi_body_is_one_step(body, body->materials[i].model))
-            return 20;
-    return 1;
-}
-
-/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
-{
-    int needed = body->max_newton > 1;
-    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
-        needed |= !sbi_body_is_one_step(body, materials[i].model);
-    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
-        return SB_OK;
-    body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)sbi_matrix_capacity(&body->matrix) + 1, 9 * sizeof(sb_real));
-    if (!body->damping_blocks)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
     return SB_OK;
 }

@@ -436,6 +436,11 @@ static sb_result sbi_record_refuse_counts(const sbi_command *c, sb_error *error)
                     (unsigned long)c->int_count, (unsigned long)c->real_count);
 }
 
+static sb_result sbi_play_region_damping(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sb_body_set_region_damping(body, c->a, c->reals[0], c->reals[1], error);
+}
+
 static sb_result sbi_play_fibres(sb_body *body, const sbi_command *c, sb_error *error)
 {
     if (c->real_count != (c->a ? 3 * (size_t)body->domain.cell_count : 0))
@@ -631,6 +636,7 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
     {SBI_COMMAND_PART, "command of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
+    {SBI_COMMAND_REGION_DAMPING, "damping of a region", 0, 2, sbi_play_region_damping},
     {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 

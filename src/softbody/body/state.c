@@ -477,6 +477,30 @@ static void sbi_state_fibres(sb_body *body, sbi_state_walk *walk)
     }
 }
 
+/* Of a body whose regions have their own damping; both numbers of each region. */
+static void sbi_state_region_damping(sb_body *body, sbi_state_walk *walk)
+{
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sb_body planned = *body;
+        planned.integrator = walk->settings.integrator;
+        planned.max_newton = walk->settings.max_newton;
+        planned.regional_damping = 1;
+        sbi_state_refuse(walk, sbi_body_reserve_damping(&planned, NULL, 0, walk->error));
+        body->damping_blocks = planned.damping_blocks;
+    }
+    if (sbi_state_checks(walk) && walk->settings.integrator == SB_CENTRAL_DIFFERENCE)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "SB_CENTRAL_DIFFERENCE damps all regions alike"));
+    for (int i = 0; i < 2 * body->material_count && walk->result == SB_OK; i++) {
+        sb_real value = sbi_state_real(walk, body->region_alpha[i]);
+        if (sbi_state_checks(walk) && (!(value >= 0) || !sb_is_finite(value)))
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "a saved damping is %g", (double)value));
+        if (walk->pass == SBI_STATE_READ)
+            body->region_alpha[i] = value;
+    }
+    if (walk->pass == SBI_STATE_READ)
+        sbi_body_set_regions(body, 1);
+}
+
 /* ---- couplings beyond the elements ---- */
 
 /* The rows of an image, as `rows` at their beginning lists them: counts, and compares with the body's, or stores in
@@ -1249,6 +1273,8 @@ static void sbi_state_slot_counts(sbi_state_walk *walk, sbi_slots *slots)
 
 static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
 {
+    if (!sbi_state_is_image(walk) && sbi_state_bulk(walk, slots->stack, (size_t)slots->count, sizeof(int)))
+        return;
     for (int k = 0; k < slots->count && walk->result == SB_OK; k++)
         sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
 }
@@ -1448,6 +1474,7 @@ static const sbi_state_own sbi_state_owns[] = {
     {2, sbi_state_settings},
     {3, sbi_state_materials},
     {9, sbi_state_fibres},
+    {21, sbi_state_region_damping},
     {10, sbi_state_extra},
     {4, sbi_state_supports},
     {5, sbi_state_loads},
@@ -1483,6 +1510,10 @@ static int sbi_state_enters_part(sb_body *body, const sbi_state_walk *walk, cons
         return !walk->plain;
     if (part->walk == sbi_state_tractions && !sbi_state_has_part(walk, part, body->traction_count > 0)) {
         body->traction_count = reads ? 0 : body->traction_count;
+        return 0;
+    }
+    if (part->walk == sbi_state_region_damping && !sbi_state_has_part(walk, part, body->regional_damping)) {
+        body->regional_damping = reads ? 0 : body->regional_damping;
         return 0;
     }
     if (part->walk == sbi_state_last_step && !sbi_state_has_part(walk, part, sbi_state_has_last_step(body))) {

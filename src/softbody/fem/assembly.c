@@ -115,6 +115,7 @@ typedef struct sbi_assembly_job {
     sb_matrix *matrix;
     sb_tangent_kind kind;
     sb_real factor;
+    const sb_real *factors; /* [material_count] of cells, in place of the one; or NULL */
 } sbi_assembly_job;
 
 static void sbi_assembly_chunk(void *user, int index);
@@ -541,6 +542,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
     const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
     const int mixed = assembly->came_from && !rotated && job->kind == SB_TANGENT_EXACT;
+    const sb_real factor = job->factors ? job->factors[assembly->cell_material[e]] : job->factor;
     sb_mat3 f[SBI_CELL_POINTS], before[SBI_CELL_POINTS];
     if (!rotated)
         sbi_cell_deformations(domain, e, job->u, n, q, f);
@@ -550,7 +552,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         size_t point = (size_t)e * (size_t)q + (size_t)p;
         const sb_material *material = shares + (p >= sbi_cell_ordinary(q, scheme));
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
-        sb_real w = domain->weights[point] * job->factor, tangent[81];
+        sb_real w = domain->weights[point] * factor, tangent[81];
         sb_quat start = rotation[p];
         if (domain->weights[point] == 0)
             continue;
@@ -751,13 +753,20 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix)
 {
+    return sbi_assembly_weighted_tangent(assembly, u, kind, NULL, factor, matrix);
+}
+
+SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind,
+                                          const sb_real *factors, sb_real factor, sb_matrix *matrix)
+{
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_TANGENT, u);
     int bad;
     job.kind = kind;
     job.factor = factor;
+    job.factors = factors;
     job.matrix = matrix;
     if (assembly->batched && kind == SB_TANGENT_QUASI) {
-        sbi_batch_tangent(assembly, factor, matrix);
+        sbi_batch_tangent(assembly, factors, factors ? 1 : factor, matrix);
         bad = -1;
     } else {
         memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);

@@ -144,6 +144,10 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
+/* The same with a factor (>= 0) for the cells of each material, factors[material_count]; `factor` is that of all that
+ * is no cell. */
+SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind,
+                                          const sb_real *factors, sb_real factor, sb_matrix *matrix);
 /* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y:
  * [node_count]. Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched.
  * For one product this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
