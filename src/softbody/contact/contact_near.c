@@ -412,6 +412,16 @@ SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face, int other
     return near < most ? sb_min(most, near + sbi_near_coasts(pairs, face, other)) : most;
 }
 
+SBI_API int sbi_pairs_is_inside_out(const sb_contact *contact, int face)
+{
+    const int count = contact->body->domain.nodes_per_cell;
+    const int *cell = sbi_contact_cell_nodes(contact->body, contact->faces->elements[face]);
+    sb_vec3 middle = {0, 0, 0};
+    for (int a = 0; a < count; a++)
+        middle = sb_v3_madd(middle, 1 / (sb_real)count, contact->x[cell[a]]);
+    return !(sb_v3_dot(contact->pairs.normals[face], sb_v3_sub(contact->pairs.middles[face], middle)) > 0);
+}
+
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most)
 {
     const sbi_pairs *pairs = &contact->pairs;

@@ -238,6 +238,8 @@ SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_r
  * only so high that it may touch at its end. */
 SBI_API sb_real sbi_pairs_highest_ever(const sb_contact *contact, int other);
 SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face, int other);
+/* 1: where the step begins the middle of the cell behind a face is not behind it. */
+SBI_API int sbi_pairs_is_inside_out(const sb_contact *contact, int face);
 /* 1 when a point is higher than that above a face, wherever beside it. */
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most);
 /* Marks faces that have others within `grow` (m) of their boxes, as those were refitted last. */
