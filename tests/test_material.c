@@ -31,8 +31,8 @@ static sb_material material_of(int model)
     }
     sb_material equivalent = sb_material_svk(YOUNG, POISSON, DENSITY);
     sb_real c = equivalent.c10, d1 = equivalent.d1;
-    const sb_real mu[2] = {c, -c / 2}, alpha[2] = {(sb_real)2.5, -3}; /* 2.5 c + 1.5 c = 4 c = 2 mu */
-    const sb_real steep_mu[3] = {c / 2, c / 5, -c / 4}, steep_alpha[3] = {-1, 15, -6};
+    const sb_real mu[2] = {c, -c / 2}, alpha[2] = {(sb_real)2.5, -3};                 /* 2.5 c + 1.5 c = 4 c = 2 mu */
+    const sb_real steep_mu[3] = {c / 2, c / 3, -c / 2}, steep_alpha[3] = {-1, 9, -3}; /* (-0.5 + 3 + 1.5) c = 4 c */
     switch (model) {
     case SB_OGDEN: return sb_material_ogden(mu, alpha, 2, d1, DENSITY);
     case SB_FUNG: return sb_material_fung(c, (sb_real)0.7, d1, DENSITY);

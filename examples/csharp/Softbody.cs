@@ -786,6 +786,10 @@ public unsafe struct sb_material
     public fixed double ogden_alpha[4];
     public double fibre_stiffness;
     public double fibre_exponent;
+    public double fibre_dispersion;
+    public double fibre_tension;
+    public double fibre_optimum;
+    public double fibre_width;
     public int prony_count;
     public fixed double prony_g[8];
     public fixed double prony_tau[8];
@@ -1018,6 +1022,7 @@ public unsafe struct sb_body_def
     public sb_region_material* region_materials;
     public int region_material_count;
     public sb_vec3* fibres;
+    public sb_vec3* second_fibres;
     public sb_integration integration;
     public int single_rotation;
     public sb_mass_kind mass;
@@ -2996,6 +3001,22 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_with_fibres(sb_material material, double k1, double k2);
     /// <summary>
+    /// Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes
+    ///     E = kappa I1 + (1 - 3 kappa) I4 - 1,
+    /// kappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume
+    /// this is the published model. Slack: E &lt;= 0. A body may have a second family of them, see sb_body_def.second_fibres.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_with_dispersion(sb_material material, double kappa);
+    /// <summary>
+    /// The hyperelastic material, contracting along its fibres with a tension [Pa] &gt;= 0 per area at rest, at stretch l = |F
+    /// a0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family
+    /// alike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by
+    /// sb_body_set_tension. Beyond the optimum the tangent is not positive definite.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_with_contraction(sb_material material, double tension, double optimum, double width);
+    /// <summary>
     /// A count out of range is kept for sb_material_check to refuse; NULL counts as one.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
@@ -3065,8 +3086,8 @@ public static unsafe class Native
     /// ---- fibres ----
     /// The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
     /// rest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,
-    /// the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The
-    /// tangent is positive semidefinite as it stands, so every sb_tangent_kind takes it.
+    /// the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. What is
+    /// passive of the tangent is positive semidefinite as it stands; contraction included, it is exact.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern int sb_fibre_energy(sb_material* material, sb_mat3* F, sb_vec3 direction, double* W);
@@ -3494,13 +3515,36 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_fibres(sb_body* body, sb_vec3* fibres, sb_error* error);
+    /// <summary>
+    /// The same of the second family (sb_body_def.second_fibres); NULL takes it away, as sb_body_set_fibres(NULL) does.
+    /// SB_ERROR_ARGUMENT without a first one, SB_ERROR_UNSUPPORTED in a body whose mesh may change.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_second_fibres(sb_body* body, sb_vec3* fibres, sb_error* error);
+    /// <summary>
+    /// Tension (Pa) &gt;= 0 with which the fibres of a region contract from now on: sb_material.fibre_tension, changed without
+    /// forgetting what Prony terms remember. Set it before each step to drive it in time. SB_ERROR_INDEX: no such region;
+    /// SB_ERROR_MATERIAL: no fibres to contract, or a material without energy for them.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_tension(sb_body* body, int region, double tension, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_gravity(sb_body* body, sb_vec3 gravity);
     /// <summary>
-    /// SB_ERROR_UNSUPPORTED: beta &gt; 0 with SB_CENTRAL_DIFFERENCE.
+    /// Of all regions. SB_ERROR_UNSUPPORTED: beta &gt; 0 with SB_CENTRAL_DIFFERENCE.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_damping(sb_body* body, double alpha, double beta);
+    /// <summary>
+    /// Damping of a region's own, in place of the body's, which the others keep: its elements damp with beta (s) times their
+    /// stiffness, and its share of the nodes' lumped masses with alpha (1/s), whatever def.mass is; both &gt;= 0. What ties
+    /// cells of a cut keeps the body's beta. sb_body_set_damping gives all regions the same again. With SB_EULER steps cost
+    /// what they did; steps of one iteration of other integrators assemble one matrix more, for which the first call
+    /// allocates. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such region), SB_ERROR_UNSUPPORTED (SB_CENTRAL_DIFFERENCE),
+    /// SB_ERROR_MEMORY change nothing.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_region_damping(sb_body* body, int region, double alpha, double beta, sb_error* error);
     /// <summary>
     /// Tolerance in (0, 1) and cap (&gt;= 1) of a step's linear solve.
     /// </summary>

@@ -122,6 +122,8 @@
 #define sb_material_ogden sb_material_ogden_f32
 #define sb_material_fung sb_material_fung_f32
 #define sb_material_with_fibres sb_material_with_fibres_f32
+#define sb_material_with_dispersion sb_material_with_dispersion_f32
+#define sb_material_with_contraction sb_material_with_contraction_f32
 #define sb_material_with_prony sb_material_with_prony_f32
 #define sb_material_preset sb_material_preset_f32
 #define sb_material_young sb_material_young_f32
@@ -199,8 +201,11 @@
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
 #define sb_body_set_fibres sb_body_set_fibres_f32
+#define sb_body_set_second_fibres sb_body_set_second_fibres_f32
+#define sb_body_set_tension sb_body_set_tension_f32
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
+#define sb_body_set_region_damping sb_body_set_region_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
 #define sb_body_hold sb_body_hold_f32
 #define sb_body_place sb_body_place_f32

@@ -286,7 +286,7 @@ static sb_result sbi_step_start(sbi_step *step)
     sb_result result = SB_OK;
     sbi_step_dead_loads(b);
     step->pushed = sbi_live_hold_pushes(b, step->dt);
-    if (!step->linearised && b->damping_stiffness > 0)
+    if (sbi_body_has_beta(b) && (!step->linearised || (b->regional_damping && b->integrator != SB_EULER)))
         result = sbi_step_keep_damping(step);
     sbi_step_look_back(step);
     if (result == SB_OK && step->needs_acceleration)

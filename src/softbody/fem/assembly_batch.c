@@ -623,9 +623,20 @@ SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, 
 
 /* ---- tangent: rotated gradients ---- */
 
-/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch, for all nodes a. */
-SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, int batch, int p, const int n,
-                                                 const int q, sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
+/* Rotations times the roots of their cells' factors. */
+static void sbi_batch_weight(const sbi_assembly *assembly, const sb_real *factors, int batch,
+                             sb_real (*r)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real root = sb_sqrt(factors[assembly->cell_material[sbi_batch_cell(assembly->domain, batch, l)]]);
+        for (int k = 0; k < 9; k++)
+            r[k][l] *= root;
+    }
+}
+
+/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch, for all nodes a; factors or NULL. */
+SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, const sb_real *factors, int batch, int p,
+                                                 const int n, const int q, sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
 {
     const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
     const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
@@ -634,6 +645,8 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
             r[k][l] *= scale[l];
+    if (factors)
+        sbi_batch_weight(assembly, factors, batch, r);
     memset(sum, 0, sizeof sum);
     for (int a = 1; a < n; a++, g += 3) {
         sb_real(*to)[SB_POLAR_LANES] = h + 3 * (q * a + p);
@@ -650,13 +663,14 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
 }
 
 /* The rotated gradients of the cells of a batch. */
-SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, int batch, const int n, const int q)
+SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, const sb_real *factors, int batch, const int n,
+                                       const int q)
 {
     int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
     sb_real *out = assembly->rotated + (size_t)batch * SB_POLAR_LANES * (size_t)(3 * n * q);
     sbi_batch_rows h[120];
     for (int p = 0; p < q; p++)
-        sbi_batch_rotate_gradients(assembly, batch, p, n, q, h);
+        sbi_batch_rotate_gradients(assembly, factors, batch, p, n, q, h);
     for (int l = 0; l < count; l++, out += 3 * n * q)
         for (int k = 0; k < 3 * n * q; k++)
             out[k] = h[k][l];
@@ -665,19 +679,21 @@ SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, int batch, 
 typedef struct sbi_batch_job {
     sbi_assembly *assembly;
     sb_matrix *matrix;
+    const sb_real *factors; /* [material_count], or NULL */
     sb_real factor;
 } sbi_batch_job;
 
 static void sbi_batch_rotate_chunk(void *user, int chunk)
 {
+    const sb_real *factors = ((const sbi_batch_job *)user)->factors;
     sbi_assembly *assembly = ((const sbi_batch_job *)user)->assembly;
     int batch = chunk * (assembly->chunk_size / SB_POLAR_LANES);
     int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
     for (; batch < end; batch++)
         if (sbi_batch_is_tet4(assembly))
-            sbi_batch_rotate(assembly, batch, 4, 1);
+            sbi_batch_rotate(assembly, factors, batch, 4, 1);
         else
-            sbi_batch_rotate(assembly, batch, 10, 4);
+            sbi_batch_rotate(assembly, factors, batch, 10, 4);
 }
 
 /* ---- tangent: rows ---- */
@@ -952,13 +968,14 @@ static void sbi_batch_lower(void *user, int index)
     }
 }
 
-SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix)
+SBI_API void sbi_batch_tangent(sbi_assembly *assembly, const sb_real *factors, sb_real factor, sb_matrix *matrix)
 {
     int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
     sbi_batch_job job;
     job.assembly = assembly;
     job.matrix = matrix;
     job.factor = factor;
+    job.factors = factors;
     sbi_run(assembly->jobs, sbi_batch_rotate_chunk, &job, assembly->chunk_count);
     sbi_run(assembly->jobs, sbi_batch_upper, &job, tasks);
     sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);

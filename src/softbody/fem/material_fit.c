@@ -911,7 +911,7 @@ static sb_result sbi_fit_moduli_material(const sb_material *material, const doub
     int kept = 0;
     for (int i = 1; i <= terms; i++)
         whole += c[i];
-    if (!(c[0] > 0))
+    if (!(c[0] > 64 * (double)SB_EPSILON * whole)) /* what rounded readings leave is nothing, too */
         return sbi_fail(error, SB_ERROR_MATERIAL,
                         "the data have no modulus left at low frequencies: a fluid's, or they end too early");
     for (int i = 1; i <= terms; i++)
