@@ -2207,6 +2207,7 @@ public unsafe struct reg_quality
     public uint warnings;
     public reg_prior_kind prior;
     public double prior_margin;
+    public double belief;
     public double seen;
     public double used;
     public double noise;
@@ -5408,8 +5409,9 @@ public static unsafe class Native
     public static extern void reg_infer_destroy(reg_infer* infer);
     /// <summary>
     /// displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
-    /// of the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too
-    /// little of the rest, and half of their difference is in the errors to expect.
+    /// of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
+    /// way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
+    /// What is left of the way is in the errors to expect.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_infer_displacements(reg_infer* infer, sb_vec3* displacements);
