@@ -1009,6 +1009,12 @@ static const sb_vec3 *world_points(world *w)
     return w->vectors;
 }
 
+static sb_body *world_fibrous(world *w)
+{
+    CHECK_OK(sb_body_set_fibres(world_plain(w), world_points(w), NULL));
+    return world_plain(w);
+}
+
 static reg_cloud *world_cloud(world *w)
 {
     if (!w->cloud.points)

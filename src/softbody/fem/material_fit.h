@@ -79,4 +79,14 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
 SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
                                        sb_material *material, sb_fit_info *info, sb_error *error);
 
+/* Fits Prony terms and the shear modulus to storage[count] and loss[count] [Pa] >= 0 of shear that oscillates with
+ * omega[count] [rad/s] > 0 (a rheometer's G' and G''), errors relative to |G*| of each reading. tau, terms and errors
+ * as above; tau NULL: spread evenly in log time over 1/omega. On SB_OK *material has these terms in place of its own
+ * and all of its moduli in proportion, so that mu is the instantaneous modulus and Poisson's ratio stays; info->rms is
+ * the relative error of G*. SB_ERROR_ARGUMENT also for fewer than (terms + 1)/2 readings, a modulus below 0, or both 0;
+ * SB_ERROR_MATERIAL where the data have no modulus left at low frequencies: they are of a fluid, or end too early. */
+SB_API sb_result sb_material_fit_moduli(const sb_real *omega, const sb_real *storage, const sb_real *loss, int count,
+                                        const sb_real *tau, int terms, sb_material *material, sb_fit_info *info,
+                                        sb_error *error);
+
 #endif /* SB_MATERIAL_FIT_H */
