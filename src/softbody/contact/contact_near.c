@@ -438,8 +438,12 @@ SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other)
     sb_real turn = sb_v3_dot(n, pairs->normals[face]), radius = pairs->radii[face];
     sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
     sb_real wide = radius + pairs->radii[other] + rounded, thick = pairs->bulges[face] + pairs->bulges[other] + rounded;
-    sb_real most = sbi_pairs_highest(contact, face, other), closing, tall, low, high, reach;
+    sb_real soon = 2 * pairs->still.ahead, most, closing, tall, low, high, reach;
     int lists = 0;
+    most = sb_min(sbi_pairs_highest_ever(contact, other), pairs->distance + pairs->leeway + soon);
+    if (height > sb_max(most, soon) + radius + thick) /* most are */
+        return 0;
+    most = sbi_pairs_highest(contact, face, other);
     if (height > most + radius + thick && !(turn < SBI_NEAR_FACING))
         return 0;
     closing = turn < SBI_NEAR_FACING ? sbi_pairs_closing(contact, face, other) : 0;
@@ -703,6 +707,15 @@ SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow)
     return sbi_near_query_box(contact, face, &box, grow + (sb_real)0.5 * contact->pairs.longest_curved);
 }
 
+SBI_API void sbi_pairs_box_near(sb_contact *contact)
+{
+    sbi_pairs_still *still = &contact->pairs.still;
+    memcpy(still->boxed, contact->pairs.near,
+           (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
+    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
+        still->boxes[face] = sbi_near_box(contact->faces, face, contact->x, still->velocity, still->dt);
+}
+
 SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int count)
 {
     sbi_pairs *pairs = &contact->pairs;
@@ -715,7 +728,8 @@ SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int
         sbi_pair_box box;
         if (other == face || !sbi_pairs_may_touch(contact, face, other) || sbi_near_is_far(contact, face, other, reach))
             continue;
-        box = sbi_near_box(contact->faces, other, contact->x, v, dt);
+        box = sbi_near_is_marked(pairs->still.boxed, other) ? pairs->still.boxes[other]
+                                                            : sbi_near_box(contact->faces, other, contact->x, v, dt);
         if (sbi_near_meets(&own, &box, reach))
             pairs->found[kept++] = other;
     }

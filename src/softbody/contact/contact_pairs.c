@@ -162,6 +162,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
     sbi_pairs_look(contact, contact->x);
     sbi_pairs_follow(contact, step->velocity, step->dt);
     sbi_pairs_renew_near(contact, step);
+    sbi_pairs_box_near(contact);
     for (int thin = 0;; thin++) {
         int face = sbi_pairs_next_near(contact, 0);
         sbi_pairs_forget(contact);

@@ -118,6 +118,8 @@ typedef struct sbi_pairs_still {
     const sb_vec3 *velocity; /* [rows] */
     sb_real farthest;        /* m: nothing that is farther from a face is paired with it in this step */
     uint64_t *near;          /* faces which were then near others */
+    uint64_t *boxed;         /* faces with a box: */
+    sbi_pair_box *boxes;     /* [faces] their ways in this step, as they coast */
     sb_real *until;     /* [faces] gone + farthest / 2 (m) up to which no sample has a partner, of those that are not
                          * thinned */
     signed char *tired; /* [faces] times that it is not asked for */

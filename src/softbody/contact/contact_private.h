@@ -252,6 +252,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
 
 /* Faces whose boxes a face's way may meet, as it coasts, and more: all those within `grow` (m); in pairs.found. */
 SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow);
+/* Notes the boxes of all that is marked in pairs.near. */
+SBI_API void sbi_pairs_box_near(sb_contact *contact);
 /* Of those in a list the ones that a face may touch as both coast, within pairs.reach, in pairs.found; how many. */
 SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int count);
 /* The same of all faces, ascending. */
