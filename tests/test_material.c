@@ -37,7 +37,7 @@ static sb_material material_of(int model)
     case SB_OGDEN: return sb_material_ogden(mu, alpha, 2, d1, DENSITY);
     case SB_FUNG: return sb_material_fung(c, (sb_real)0.7, d1, DENSITY);
     case MODEL_COUNT + 3: return sb_material_ogden(steep_mu, steep_alpha, 3, d1, DENSITY);
-    case MODEL_COUNT + 4: return sb_material_fung(c, 4, d1, DENSITY);
+    case MODEL_COUNT + 4: return sb_material_fung(c, (sb_real)1.5, d1, DENSITY);
     case SB_MOONEY_RIVLIN: return sb_material_mooney_rivlin((sb_real)0.75 * c, (sb_real)0.25 * c, d1, DENSITY);
     case SB_REDUCED_POLYNOMIAL: return sb_material_reduced_polynomial(c, c / 2, c / 8, d1, DENSITY);
     case MODEL_COUNT + 1: return sb_material_mooney_rivlin((sb_real)1.5 * c, -c / 2, d1, DENSITY);
