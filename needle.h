@@ -12031,8 +12031,9 @@ NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
 /* ==== src/needle/bed.h ==== */
 /* bed: a body of any elements, cut or not, as a needle sees it that is held by rows of weights. Floor 6, internal.
  *
- * A place is a material point: an element of the mesh that the body had when its first needle was made, and coordinates
- * in it. Where a blade has cut that element since, the place is in the piece that has its material. */
+ * A place is a material point: an element of the mesh that the body had when its first needle was made, or, where it
+ * had been cut and what knows its pieces is there, before that, and coordinates in it. Where a blade has cut that
+ * element since, the place is in the piece that has its material. */
 #ifndef NDL_BED_H
 #define NDL_BED_H
 
@@ -12063,9 +12064,10 @@ typedef struct ndli_bed {
 } ndli_bed;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* From the mesh of `mesh_of`, which the body has, or will have. */
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
-                                   sb_error *error);
+/* From the mesh of `mesh_of`, which the body has, or will have; uncut 1: from that before any cut, which the body knows
+ * (sbi_body_has_uncut). */
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, int uncut, const sb_allocator *allocator,
+                                   ndli_bed *bed, sb_error *error);
 /* It becomes `next`, which is zeros then. */
 NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next);
 NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */
@@ -12121,31 +12123,40 @@ static double ndli_bed_edge_of(const ndli_bed *bed, double volume)
     return cbrt(bed->volume.is_box ? volume : 6 * sqrt(2.0) * volume);
 }
 
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
-                                   sb_error *error)
+/* The mesh that there is, and which cells its elements are. */
+static sb_result ndli_bed_copy_mesh(ndli_bed *bed, const sb_body *mesh_of, sb_error *error)
+{
+    sb_result result = sbi_body_copy_mesh(mesh_of, &bed->allocator, &bed->mesh, error);
+    if (result != SB_OK)
+        return result;
+    bed->was_cut = sbi_body_has_pieces(mesh_of);
+    bed->cells = (int *)sbi_alloc(&bed->allocator, (size_t)bed->mesh.element_count, sizeof(int));
+    if (!bed->cells)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body's needles");
+    ndli_bed_list_cells(bed, mesh_of);
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, int uncut, const sb_allocator *allocator,
+                                   ndli_bed *bed, sb_error *error)
 {
     sb_result result;
     memset(bed, 0, sizeof *bed);
     bed->body = body;
     bed->allocator = *allocator;
     bed->version = sb_body_mesh_version(mesh_of);
-    bed->was_cut = sbi_body_has_pieces(mesh_of);
     if (sbi_body_mesh(mesh_of).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles do not go into elements of your own (SB_CUSTOM)");
-    result = sbi_body_copy_mesh(mesh_of, allocator, &bed->mesh, error);
+    result = uncut ? sbi_body_copy_uncut(mesh_of, body, allocator, &bed->mesh, &bed->cells, error)
+                   : ndli_bed_copy_mesh(bed, mesh_of, error);
     if (result == SB_OK)
         result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
     if (result != SB_OK)
         memset(&bed->volume, 0, sizeof bed->volume); /* it has been freed */
-    if (result == SB_OK) {
-        bed->cells = (int *)sbi_alloc(allocator, (size_t)bed->mesh.element_count, sizeof(int));
-        result = bed->cells ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body's needles");
-    }
     if (result != SB_OK) {
         ndli_bed_free(bed);
         return result;
     }
-    ndli_bed_list_cells(bed, mesh_of);
     bed->hash = ndli_bed_hash(bed);
     bed->mean_edge = ndli_bed_edge_of(bed, (double)sb_mesh_volume(&bed->mesh) / bed->mesh.element_count);
     return SB_OK;
@@ -12577,6 +12588,7 @@ NDLI_API void ndli_site_free(struct ndli_site *site);
 NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
 /* Others have changed the mesh: needles are outside of it; and what is known of it is made anew. */
 NDLI_API int ndli_site_is_stale(const struct ndli_site *site);
+NDLI_API sb_result ndli_site_create_bed(const struct ndli_site *site, ndli_bed *bed, sb_error *error);
 NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error);
 /* Once the body may have more nodes. 0: there is no memory. */
 NDLI_API int ndli_site_reserve_places(struct ndli_site *site);
@@ -12689,8 +12701,8 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 
 /* ---- needle_undo ---- */
 
-/* Memory for all that steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
- * none. */
+/* Memory for all that steps keep, with one more needle than there are unless NULL, while the mesh keeps to its slack;
+ * 0: there is none. */
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
@@ -12780,6 +12792,12 @@ NDLI_API int ndli_site_is_stale(const struct ndli_site *site)
            (site->bed.is_lost || !sbi_body_has_finder(site->body));
 }
 
+/* Of the mesh before any cut where that is known: it is the same whenever needles are made, and so for states. */
+NDLI_API sb_result ndli_site_create_bed(const struct ndli_site *site, ndli_bed *bed, sb_error *error)
+{
+    return ndli_bed_create(site->body, site->body, sbi_body_has_uncut(site->body), &site->allocator, bed, error);
+}
+
 NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
 {
     ndli_bed fresh;
@@ -12788,7 +12806,7 @@ NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
         return ndli_remesh_look(site->remesh, error);
     if (!ndli_site_is_stale(site))
         return SB_OK;
-    result = ndli_bed_create(site->body, site->body, &site->allocator, &fresh, error);
+    result = ndli_site_create_bed(site, &fresh, error);
     if (result != SB_OK)
         return result;
     ndli_bed_replace(&site->bed, &fresh);
@@ -13339,21 +13357,24 @@ static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_s
     return SB_OK;
 }
 
-/* The bed of a state: the one that there is, or one that is made from the state's mesh; of needles that are in a body
- * which was cut it is the one of the mesh before, which nobody makes anew. */
+/* The bed of a state: the one that there is, or one that is made from the mesh before any cut, which an sb_cut of the
+ * body knows, or else from the state's. */
 static sb_result ndli_site_check_bed(struct ndli_site *site, const sb_body *body, const ndli_site_head *h,
                                      const ndli_bed **bed, sb_error *error)
 {
-    sb_result result;
     *bed = &site->bed;
     ndli_bed_free(&site->next_bed);
     if (!h->bed || h->bed == site->bed.hash || !site->embeds)
         return SB_OK;
     *bed = &site->next_bed;
-    result = ndli_bed_create(site->body, body, &site->allocator, &site->next_bed, error);
-    if (result != SB_OK || h->bed == site->next_bed.hash)
-        return result;
-    ndli_bed_free(&site->next_bed);
+    for (int uncut = sbi_body_has_uncut(site->body); uncut >= 0; uncut--) {
+        sb_result result = ndli_bed_create(site->body, body, uncut, &site->allocator, &site->next_bed, error);
+        if (result == SB_ERROR_STATE && uncut)
+            continue;
+        if (result != SB_OK || h->bed == site->next_bed.hash)
+            return result;
+        ndli_bed_free(&site->next_bed);
+    }
     return sbi_fail(error, SB_ERROR_STATE,
                     "the state's needles went into another mesh than those of the body know: load it into a body that "
                     "was made as its body was");
@@ -13392,13 +13413,16 @@ static void ndli_site_give_up(void *user) { ndli_bed_free(&((struct ndli_site *)
 /* The body has the mesh that the tracks are in again, or one that was cut from it; hash 0: none is in. */
 static void ndli_site_load_bed(struct ndli_site *site, uint64_t hash)
 {
+    int unknown;
     if (!site->embeds)
         return;
     if (site->next_bed.cells)
         ndli_bed_replace(&site->bed, &site->next_bed);
-    site->bed.is_lost = !hash;
+    /* pieces that nobody knows: the cut that made them was destroyed before the state was saved, in another body */
+    unknown = hash && sbi_body_has_pieces(site->body) && !site->bed.was_cut && !sbi_body_has_finder(site->body);
+    site->bed.is_lost = !hash || unknown;
     if (hash)
-        site->bed.version = sb_body_mesh_version(site->body);
+        site->bed.version = unknown ? -1 : sb_body_mesh_version(site->body);
 }
 
 static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
@@ -15086,8 +15110,8 @@ static int ndli_undo_make_all_room(struct ndli_site *site, size_t needed)
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
     size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) + ndli_undo_touch_size(site) +
-                 ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh)) +
-                 ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity);
+                 ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh));
+    sum += more ? ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity) : 0;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,
@@ -15895,25 +15919,36 @@ static sb_result ndli_site_make_remesh(struct ndli_site *site, sb_error *error)
 
 static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
 {
-    sb_result result = ndli_bed_create(site->body, site->body, &site->allocator, &site->bed, error);
+    sb_result result = ndli_site_create_bed(site, &site->bed, error);
     if (result == SB_OK)
         site->mean_edge = site->bed.mean_edge;
     return result;
 }
 
+/* Something touches the body that did not when its needles were made. */
+static int ndli_site_reserve_kept(void *user) { return ndli_needle_reserve_undo((struct ndli_site *)user, NULL); }
+
 static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
 {
     sbi_state_part part = ndli_site_part(site);
+    sbi_touch_keeper keeper;
     sb_result result = site->embeds ? ndli_site_make_bed(site, error) : ndli_site_make_remesh(site, error);
     part.replay = ndli_needle_replay;
     if (result != SB_OK)
         return result;
     result = ndli_site_listen(site, error);
-    return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
+    if (result == SB_OK)
+        result = sbi_body_join(site->body, &part, error);
+    keeper.user = site;
+    keeper.reserve = ndli_site_reserve_kept;
+    if (result == SB_OK)
+        sbi_body_set_touch_keeper(site->body, &keeper);
+    return result;
 }
 
 static void ndli_site_end(struct ndli_site *site)
 {
+    sbi_body_set_touch_keeper(site->body, NULL);
     ndli_site_leave(site);
     ndli_site_free(site);
 }

@@ -27,6 +27,7 @@ typedef struct world {
     sb_body *parted; /* with a cut */
     sb_cut *cut;
     sb_cut_surface *cut_surface;
+    sb_cut_fine *cut_fine;
     sb_cut_def cut_def;
     sb_haptic *haptic; /* a hand at the sphere */
     sb_haptic_def haptic_def;
@@ -129,6 +130,7 @@ static const sb_real world_shares[1] = {REAL(0.3)};
 static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
 static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
 static sb_material world_prony, world_rubber;
+static const sb_matrix *world_lent;
 static sb_material_history world_history;
 static sb_mesh_report world_report;
 static sb_index_table world_index_table;
@@ -400,6 +402,13 @@ static sb_cut_surface *world_cut_surface(world *w)
     if (!w->cut_surface)
         CHECK_OK(sb_cut_surface_create(world_cut(w), NULL, &w->cut_surface, NULL));
     return w->cut_surface;
+}
+
+static sb_cut_fine *world_cut_fine(world *w)
+{
+    if (!w->cut_fine)
+        CHECK_OK(sb_cut_fine_create(world_cut(w), world_surface(w), NULL, &w->cut_fine, NULL));
+    return w->cut_fine;
 }
 
 /* A triangle through the mesh. */
@@ -1000,6 +1009,12 @@ static const sb_vec3 *world_points(world *w)
     return w->vectors;
 }
 
+static sb_body *world_fibrous(world *w)
+{
+    CHECK_OK(sb_body_set_fibres(world_plain(w), world_points(w), NULL));
+    return world_plain(w);
+}
+
 static reg_cloud *world_cloud(world *w)
 {
     if (!w->cloud.points)
@@ -1254,6 +1269,7 @@ static void world_free(world *w)
     sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
     sb_cut_surface_destroy(w->cut_surface);
+    sb_cut_fine_destroy(w->cut_fine);
     sb_cut_destroy(w->cut);
     sb_body_destroy(w->parted);
     sb_body_destroy(w->touched);

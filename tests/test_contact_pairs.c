@@ -737,8 +737,106 @@ static void test_refused(void)
     sb_mesh_free(&mesh);
 }
 
+/* ---- what a step does not foresee ---- */
+
+/* Organs at rest some way apart, one of which is led against the other all at once: they press on each other in the
+ * same step, though nothing said so before. Returns how many samples do, and what a step before had looked at. */
+static int meet_by_surprise(sb_element_type type, int *looked_at)
+{
+    const double side = 0.04, cell = side / 3;
+    boxes b = boxes_stacked(type, 3, 3, side);
+    sb_body_def def = sb_default_body_def();
+    sb_vec3 down = {0, 0, REAL(-0.2 * cell)};
+    int nodes, cells, pressed;
+    press p;
+    b.at.z = REAL(side + 0.15 * cell);
+    def.material = pile_material();
+    p = press_make(boxes_mesh(&b, &nodes, &cells), def, touching(SB_CONTACT_ORGANS, 0.2));
+    for (int i = 0; i < sb_body_node_count(p.body); i++)
+        if (i >= nodes || p.mesh.nodes[i].z < REAL(1e-3 * side))
+            sb_body_fix_nodes(p.body, &i, 1, SB_XYZ);
+    for (int i = 0; i < 2; i++)
+        CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    *looked_at = sb_contact_get_info(p.contact).candidates;
+    for (int i = nodes; i < sb_body_node_count(p.body); i++)
+        CHECK_OK(sb_body_prescribe(p.body, &i, 1, SB_XYZ, &down, 1));
+    CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
+    pressed = sb_contact_get_info(p.contact).touching;
+    CHECK_INT(sb_contact_get_info(p.contact).retries, 0);
+    press_free(&p);
+    return pressed;
+}
+
+static void test_surprise(void)
+{
+    static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8};
+    for (int i = 0; i < 3; i++) {
+        int looked_at;
+        CHECK(meet_by_surprise(types[i], &looked_at) > 20);
+        CHECK(i > 0 || looked_at == 0);
+    }
+}
+
+/* ---- cells inside out ---- */
+
+/* A box that slides on another has friction, but where its cells are inside out: of those at the bottom some have a
+ * node inside the box, which goes below their faces. */
+static void check_crumpled(int is_crumpled, int *grips, int *slips)
+{
+    const double side = 0.04, cell = 0.8 * side / 3;
+    boxes b = boxes_stacked(SB_TET4, 3, 3, side);
+    sb_body_def def = sb_default_body_def();
+    sb_contact_point *points;
+    sb_vec3 *places;
+    int nodes, cells, count, touch;
+    press p;
+    b.shake = 0;
+    b.at.z = REAL(0.999 * side);
+    def.material = pile_material();
+    p = press_make(boxes_mesh(&b, &nodes, &cells), def, touching(SB_CONTACT_ORGANS, 0.5));
+    count = sb_body_node_count(p.body);
+    places = (sb_vec3 *)calloc((size_t)count, sizeof *places);
+    for (int i = nodes; i < count; i++)
+        places[i] = sb_v3(REAL(0.3), 0, REAL(-0.05));
+    CHECK_OK(sb_body_set_velocities(p.body, places));
+    memset(places, 0, (size_t)count * sizeof *places);
+    for (int i = nodes; is_crumpled && i < count; i++) {
+        sb_vec3 at = sb_v3_sub(p.mesh.nodes[i], b.at);
+        if (fabs((double)at.x - 1.5 * cell) < cell && fabs((double)at.y - 1.5 * cell) < cell &&
+            fabs((double)at.z - cell) < 0.5 * cell)
+            places[i] = sb_v3(0, 0, REAL(-1.1 * cell));
+    }
+    CHECK_OK(sb_body_set_displacements(p.body, places));
+    CHECK_OK(sb_body_step(p.body, REAL(1e-4), NULL));
+    touch = sb_contact_points(p.contact, NULL, 0);
+    points = (sb_contact_point *)calloc((size_t)touch + 1, sizeof *points);
+    sb_contact_points(p.contact, points, touch);
+    for (int k = 0; k < touch; k++) {
+        sb_vec3 n = points[k].normal, f = points[k].force, along = sb_v3_madd(f, -sb_v3_dot(f, n), n);
+        int grip = sb_v3_norm(along) > REAL(1e-3) * sb_v3_norm(f);
+        *grips += grip;
+        *slips += !grip;
+    }
+    free(points);
+    free(places);
+    press_free(&p);
+}
+
+static void test_crumpled(void)
+{
+    int grips = 0, slips = 0;
+    check_crumpled(0, &grips, &slips);
+    CHECK(grips > 20);
+    CHECK_INT(slips, 0);
+    grips = 0;
+    check_crumpled(1, &grips, &slips);
+    CHECK(grips > 10);
+    CHECK(slips > 10);
+}
+
 CHECK_SUITE(contact_pairs, {"weight", test_weight}, {"patch test", test_patch}, {"incline", test_incline},
             {"momentum", test_momentum}, {"thrown", test_thrown}, {"folded", test_folded}, {"static", test_static},
             {"changed", test_changed}, {"threads", test_threads}, {"saved", test_saved}, {"recorded", test_recorded},
             {"undo", test_undo}, {"no allocation in steps", test_no_allocation}, {"no memory", test_no_memory},
-            {"thinned", test_thinned}, {"refused", test_refused});
+            {"thinned", test_thinned}, {"refused", test_refused}, {"by surprise", test_surprise},
+            {"crumpled", test_crumpled});

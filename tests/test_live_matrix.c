@@ -708,6 +708,50 @@ static void test_preconditioners(void)
     live_mesh_free(&before);
 }
 
+/* Pieces are a function of mesh and rest shape alone: after nodes have moved in the material, a little or far, one or
+ * many, a preconditioner that follows gives the bits of one made anew, whether it cut its pieces again or saw that
+ * they stay. */
+static void test_pieces_that_stay(void)
+{
+    live_mesh m = live_mesh_box(8, 8, 16, 2);
+    sb_matrix a = live_matrix(&m, 0.1, NULL);
+    sb_preconditioner_def def = sb_default_preconditioner_def();
+    sb_preconditioner *follows, *anew;
+    size_t rows = (size_t)a.row_count;
+    sb_real *r = (sb_real *)calloc(9 * rows, sizeof(sb_real));
+    unsigned long long seed = 4;
+    int rounds = check_quick() ? 10 : 60;
+    fill_definite(&a);
+    for (size_t k = 0; k < 3 * rows; k++)
+        r[k] = (sb_real)check_random_in(&seed, -1, 1);
+    def.kind = SB_PRECOND_BLOCK_JACOBI;
+    def.positions = m.X;
+    def.piece_count = 24;
+    CHECK_OK(sb_preconditioner_create(&def, &a, NULL, &follows, NULL));
+    for (int round = 0; round < rounds; round++) {
+        int moved = round % 3 == 0 ? 1 : round % 3 == 1 ? 8 : 60;
+        double far = round % 5 == 4 ? 0.5 : round % 2 ? 0.1 : 0.002;
+        for (int k = 0; k < moved; k++) {
+            sb_vec3 *X = m.X + (int)check_random_in(&seed, 0, (double)rows - 0.5);
+            X->x += (sb_real)check_random_in(&seed, -far, far);
+            X->y += (sb_real)check_random_in(&seed, -far, far);
+            X->z += (sb_real)check_random_in(&seed, -far, far);
+        }
+        sbi_precond_follow(follows, &a, m.X);
+        CHECK_OK(sb_preconditioner_create(&def, &a, NULL, &anew, NULL));
+        CHECK_OK(sb_preconditioner_update(follows, &a, NULL, NULL));
+        CHECK_OK(sb_preconditioner_update(anew, &a, NULL, NULL));
+        sb_preconditioner_apply(follows, r, r + 3 * rows);
+        sb_preconditioner_apply(anew, r, r + 6 * rows);
+        CHECK(memcmp(r + 3 * rows, r + 6 * rows, 3 * rows * sizeof(sb_real)) == 0);
+        sb_preconditioner_free(anew);
+    }
+    sb_preconditioner_free(follows);
+    free(r);
+    sb_matrix_free(&a);
+    live_mesh_free(&m);
+}
+
 /* ---- bodies are not made anew where they need not be ---- */
 
 typedef struct cut {
@@ -995,4 +1039,5 @@ CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_rand
             {"refused in place", test_refused_in_place}, {"no memory", test_no_memory},
             {"parts come apart and meet", test_parts}, {"assembly", test_assembly},
             {"assembly of two materials", test_assembly_of_two}, {"assembly of any material", test_assembly_of_any},
-            {"preconditioners", test_preconditioners}, {"points that follow", test_points});
+            {"preconditioners", test_preconditioners}, {"pieces that stay", test_pieces_that_stay},
+            {"points that follow", test_points});

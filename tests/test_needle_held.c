@@ -467,6 +467,115 @@ static void test_cut_states(void)
     needle_scene_free(&b);
 }
 
+static void *state_of(sb_body *body, size_t *size)
+{
+    void *image;
+    *size = sb_body_state_size(body);
+    image = malloc(*size);
+    CHECK_OK(sb_body_state_save(body, image, *size));
+    return image;
+}
+
+/* What cut the body is destroyed: the needle stays in both parts as if it were there, also over a state, goes on and
+ * comes out. */
+static void test_destroyed_cut(void)
+{
+    unsigned long long bits[2] = {0, 0};
+    for (int destroys = 0; destroys < 2; destroys++) {
+        needle_scene s = cut_scene();
+        sb_cut *cut;
+        void *image;
+        size_t size;
+        if (!needle_scene_make(&s))
+            return;
+        cut = make_cut(&s);
+        needle_scene_run(&s, dt, 100, needle_command(speed, 0));
+        cut_across(cut, 0.0301, 0.05);
+        if (destroys)
+            sb_cut_destroy(cut);
+        needle_scene_run(&s, dt, 10, needle_command(speed, 0));
+        image = state_of(s.body, &size);
+        needle_scene_run(&s, dt, 20, needle_command(speed, 0));
+        bits[destroys] = needle_scene_bits(&s);
+        CHECK(ndl_needle_depth(s.needles[0]) > REAL(0.02) && needle_scene_is_sound(&s));
+        if (destroys)
+            scene_remove_cells(s.body); /* and the pieces are known again */
+        CHECK_OK(sb_body_state_load(s.body, image, size, &s.error));
+        needle_scene_run(&s, dt, 20, needle_command(speed, 0));
+        CHECK(needle_scene_bits(&s) == bits[destroys]);
+        needle_scene_run(&s, dt, 170, needle_command(-1.1 * speed, 0));
+        CHECK(ndl_needle_depth(s.needles[0]) == 0);
+        if (!destroys)
+            sb_cut_destroy(cut);
+        free(image);
+        needle_scene_free(&s);
+    }
+}
+
+/* Each allocation fails in turn as what cut the body is destroyed: the needle may be out then, and all goes on. */
+static void test_destroying_without_memory(void)
+{
+    int failures = 0, held = 0;
+    for (; !held && failures < 40; failures++) {
+        needle_scene s = cut_scene();
+        scene_memory memory = {0, 0, 0, 0};
+        sb_cut *cut;
+        s.cells[0] = s.cells[1] = s.cells[2] = 3;
+        s.body_def.allocator = scene_allocator(&memory);
+        if (!needle_scene_make(&s))
+            return;
+        cut = make_cut(&s);
+        needle_scene_run(&s, dt, 40, needle_command(2 * speed, 0));
+        cut_across(cut, 0.0341, 0.05);
+        memory.calls = 0;
+        memory.fail_at = failures + 1;
+        sb_cut_destroy(cut);
+        held = memory.calls < memory.fail_at;
+        memory.fail_at = 0;
+        needle_scene_run(&s, dt, 5, needle_command(speed, 0));
+        CHECK_INT(ndl_needle_depth(s.needles[0]) > 0, held);
+        CHECK_OK(sb_body_step(s.body, REAL(0.01), NULL));
+        needle_scene_free(&s);
+        CHECK_INT(memory.live, 0);
+    }
+    CHECK(failures > 6 && held);
+}
+
+/* A needle goes into a body that is cut already, which is cut further: its state goes into a body that has had none of
+ * these cuts, and takes the last one back in its own. */
+static void test_states_of_further_cuts(void)
+{
+    needle_scene a = cut_scene(), b = cut_scene();
+    if (needle_scene_make_body(&a) && needle_scene_make(&b)) {
+        sb_cut *cuts[2] = {make_cut(&a), make_cut(&b)};
+        void *image, *before;
+        size_t size, size_before;
+        unsigned long long bits;
+        cut_across(cuts[0], 0.0301, 0.05);
+        needle_scene_add(&a, sb_v3(0, 0, 0));
+        needle_scene_run(&a, dt, 90, needle_command(speed, 0));
+        before = state_of(a.body, &size_before);
+        cut_across(cuts[0], 0.0382, -0.03);
+        needle_scene_run(&a, dt, 10, needle_command(speed, 0));
+        image = state_of(a.body, &size);
+        needle_scene_run(&a, dt, 15, needle_command(speed, 0));
+        bits = needle_scene_bits(&a);
+        CHECK_OK(sb_body_state_load(b.body, image, size, &b.error));
+        needle_scene_run(&b, dt, 15, needle_command(speed, 0));
+        CHECK(needle_scene_bits(&b) == bits && ndl_needle_depth(b.needles[0]) > 0);
+        CHECK_OK(sb_body_state_load(a.body, before, size_before, &a.error));
+        cut_across(cuts[0], 0.0382, -0.03);
+        needle_scene_run(&a, dt, 25, needle_command(speed, 0));
+        CHECK(needle_scene_bits(&a) == bits);
+        free(image);
+        free(before);
+        sb_cut_destroy(cuts[0]);
+        sb_cut_destroy(cuts[1]);
+    }
+    needle_scene_free(&a);
+    needle_scene_free(&b);
+}
+
 /* Others change the mesh, and the needle is out; a state from before takes it back in, whether a step was between. */
 static void test_states_before_a_change(void)
 {
@@ -699,7 +808,10 @@ CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"nei
             {"template", test_template}, {"balance", test_balance}, {"membranes", test_membranes}, {"way", test_way},
             {"tiny steps", test_tiny_steps}, {"fast withdrawal", test_fast_withdrawal},
             {"cut across a needle", test_cut_across_needle}, {"into a cut body", test_into_cut_body},
-            {"states of cut bodies", test_cut_states}, {"states before a change", test_states_before_a_change},
-            {"a body that grows", test_growing_body}, {"ablation", test_ablation}, {"viscous friction", test_viscous},
+            {"states of cut bodies", test_cut_states}, {"a destroyed cut", test_destroyed_cut},
+            {"destroying without memory", test_destroying_without_memory},
+            {"states of further cuts", test_states_of_further_cuts},
+            {"states before a change", test_states_before_a_change}, {"a body that grows", test_growing_body},
+            {"ablation", test_ablation}, {"viscous friction", test_viscous},
             {"soft tissue's states", test_states_in_soft_tissue}, {"bad definitions", test_bad_definitions},
             {"memory", test_memory}, {"far side", test_far_side}, {"random use", test_random_use});

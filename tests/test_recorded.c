@@ -75,6 +75,14 @@ static sb_result act_fibres(actor *a)
         fibres[e] = sb_v3(1, REAL(e % 3), 0);
     return sb_body_set_fibres(a->body, fibres, &a->error);
 }
+static sb_result act_tension(actor *a)
+{
+    sb_material material = sb_material_stable_neo_hookean(REAL(1e4), REAL(0.4), REAL(1000));
+    sb_result result = act_fibres(a);
+    if (result == SB_OK)
+        result = sb_body_set_material(a->body, &material, &a->error);
+    return result == SB_OK ? sb_body_set_tension(a->body, 0, REAL(500), &a->error) : result;
+}
 static sb_result act_change(actor *a)
 {
     sb_body_change *change;
@@ -125,6 +133,12 @@ static sb_result act_unlisten(actor *a)
 }
 static sb_result act_gravity(actor *a) { return sb_body_set_gravity(a->body, sb_v3(1, 2, -3)); }
 static sb_result act_damping(actor *a) { return sb_body_set_damping(a->body, REAL(0.2), beta_of(a->how) / 2); }
+static sb_result act_region_damping(actor *a)
+{
+    if (a->how->integrator == SB_CENTRAL_DIFFERENCE) /* damps all regions alike */
+        return SB_OK;
+    return sb_body_set_region_damping(a->body, 0, REAL(0.3), beta_of(a->how) / 3, &a->error);
+}
 static sb_result act_solver(actor *a) { return sb_body_set_solver(a->body, REAL(1e-4), 100); }
 static sb_result act_fix(actor *a) { return sb_body_fix_nodes(a->body, a->free_nodes, 2, SB_Y | SB_Z); }
 static sb_result act_prescribe(actor *a)
@@ -191,6 +205,20 @@ static sb_result act_multiply_tangent(actor *a)
     const sb_vec3 *u = sb_body_displacements(a->body);
     sb_result result = sb_body_multiply_tangent(a->body, SB_TANGENT_QUASI, u, y, &a->error);
     free(y);
+    return result;
+}
+
+static sb_result act_stiffness_matrix(actor *a)
+{
+    const sb_matrix *matrix;
+    return sb_body_stiffness_matrix(a->body, SB_TANGENT_EXACT, &matrix, &a->error);
+}
+
+static sb_result act_energy_densities(actor *a)
+{
+    sb_real *values = (sb_real *)malloc((size_t)sb_body_element_count(a->body) * sizeof *values);
+    sb_result result = sb_body_energy_densities(a->body, values, &a->error);
+    free(values);
     return result;
 }
 static sb_result act_parts(actor *a)
@@ -495,8 +523,10 @@ static const act acts[] = {
     {"sb_body_set_material", act_material, ACTOR_LOADED},
     {"sb_body_set_region_material", act_region, ACTOR_LOADED},
     {"sb_body_set_fibres", act_fibres, ACTOR_PLAIN},
+    {"sb_body_set_tension", act_tension, ACTOR_PLAIN},
     {"sb_body_set_gravity", act_gravity, ACTOR_LOADED},
     {"sb_body_set_damping", act_damping, ACTOR_LOADED},
+    {"sb_body_set_region_damping", act_region_damping, ACTOR_LOADED},
     {"sb_body_set_solver", act_solver, ACTOR_LOADED},
     {"sb_body_change_begin", act_change, ACTOR_LOADED},
     {"sb_embedding_follow", act_embed, ACTOR_PLAIN},
@@ -514,6 +544,8 @@ static const act acts[] = {
     {"sb_body_energy", act_energy, ACTOR_LOADED},
     {"sb_body_multiply_stiffness", act_multiply, ACTOR_LOADED},
     {"sb_body_multiply_tangent", act_multiply_tangent, ACTOR_LOADED},
+    {"sb_body_stiffness_matrix", act_stiffness_matrix, ACTOR_LOADED},
+    {"sb_body_energy_densities", act_energy_densities, ACTOR_LOADED},
     {"sb_body_nodal_rotations", act_rotations, ACTOR_LOADED},
     {"sb_body_parts", act_parts, ACTOR_LOADED},
     {"sb_body_add_forces", act_forces, ACTOR_LOADED},
@@ -719,11 +751,12 @@ static int takes_body(const char *declaration)
     return 0;
 }
 
-/* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c; listeners change no body. */
+/* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c, and second families of fibres,
+ * which bear none, in test_fibres.c; listeners change no body. */
 static int has_act(const char *name)
 {
-    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create", "sb_body_change_begin",
-                                            "sb_body_listen", "sb_body_unlisten"};
+    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create",   "sb_body_change_begin",
+                                            "sb_body_listen",  "sb_body_unlisten", "sb_body_set_second_fibres"};
     for (int i = 0; i < ACT_COUNT; i++)
         if (strcmp(acts[i].name, name) == 0)
             return 1;

@@ -691,7 +691,7 @@ static void test_golden_layout(void)
     if (!CHECK(body != NULL))
         return;
     state = save_state(body, &size);
-    CHECK(memcmp(state, "SBSTATE\x1A\x02\0\0\0", 12) == 0);
+    CHECK(memcmp(state, "SBSTATE\x1A\x03\0\0\0", 12) == 0);
     CHECK_INT(state[12], sizeof(sb_real));
     CHECK(((size_t)state[16] | (size_t)state[17] << 8) == size);
     CHECK_INT(state[24], 1); /* the first part: what the body is made of */

@@ -236,6 +236,78 @@ static inline sb_material verify_make_polynomial_3(sb_real young, sb_real poisso
                                           REAL(2 / c.bulk), density);
 }
 
+/* W = mu/(2 b) (exp(b (J^(-2/3) I1 - 3)) - 1) + K/2 (J - 1)^2: exp(..) stands for 1 in the stress. */
+static const double verify_fung_exponent = 0.5;
+
+static inline double verify_fung(verify_constants c, const double l[3], double stress[3])
+{
+    double b = verify_fung_exponent, volume = l[0] * l[1] * l[2], x;
+    x = pow(volume, -2.0 / 3.0) * (l[0] * l[0] + l[1] * l[1] + l[2] * l[2]) - 3;
+    verify_constants at = c;
+    at.mu = c.mu * exp(b * x);
+    verify_isochoric(at, l, stress);
+    return c.mu / (2 * b) * expm1(b * x) + 0.5 * c.bulk * (volume - 1) * (volume - 1);
+}
+
+static inline void verify_fung_shear(verify_constants c, double g, double stress[2])
+{
+    verify_constants at = c;
+    at.mu = c.mu * exp(verify_fung_exponent * g * g);
+    verify_isochoric_shear(at, g, stress);
+}
+
+static inline sb_material verify_make_fung(sb_real young, sb_real poisson, sb_real density)
+{
+    verify_constants c = verify_constants_of((double)young, (double)poisson);
+    return sb_material_fung(REAL(c.mu / 2), REAL(verify_fung_exponent), REAL(2 / c.bulk), density);
+}
+
+/* W = sum mu_i/a_i (J^(-a_i/3) (l_0^a_i + l_1^a_i + l_2^a_i) - 3) + K/2 (J - 1)^2, exponents 3 and -1.5 with
+ * mu_i a_i/2 of 0.6 and 0.4 mu. */
+static const double verify_ogden_alpha[2] = {3, -1.5}, verify_ogden_share[2] = {0.6, 0.4};
+
+static inline double verify_ogden(verify_constants c, const double l[3], double stress[3])
+{
+    double volume = l[0] * l[1] * l[2], energy = 0.5 * c.bulk * (volume - 1) * (volume - 1);
+    for (int i = 0; i < 3; i++)
+        stress[i] = c.bulk * (volume - 1) * volume / l[i];
+    for (int t = 0; t < 2; t++) {
+        double a = verify_ogden_alpha[t], mu = 2 * verify_ogden_share[t] * c.mu / a, scale = pow(volume, -a / 3);
+        double sum = scale * (pow(l[0], a) + pow(l[1], a) + pow(l[2], a));
+        energy += mu / a * (sum - 3);
+        for (int i = 0; i < 3; i++)
+            stress[i] += mu * (scale * pow(l[i], a) - sum / 3) / l[i];
+    }
+    return energy;
+}
+
+/* Stretches l, 1/l, 1 with l - 1/l = g, along v = (g, l^2 - 1) of either and u = F v/l. */
+static inline void verify_ogden_shear(verify_constants c, double g, double stress[2])
+{
+    double first = g / 2 + sqrt(1 + g * g / 4);
+    const double l[3] = {first, 1 / first, 1};
+    double principal[3];
+    verify_ogden(c, l, principal);
+    stress[0] = stress[1] = 0;
+    for (int k = 0; k < 2 && fabs(g) > 0; k++) {
+        double x = g, y = l[k] * l[k] - 1, size = sqrt(x * x + y * y);
+        x /= size, y /= size;
+        stress[0] += principal[k] * (x + g * y) / l[k] * y;
+        stress[1] += principal[k] * y / l[k] * y;
+    }
+}
+
+static inline sb_material verify_make_ogden(sb_real young, sb_real poisson, sb_real density)
+{
+    verify_constants c = verify_constants_of((double)young, (double)poisson);
+    sb_real mu[2], alpha[2];
+    for (int t = 0; t < 2; t++) {
+        alpha[t] = REAL(verify_ogden_alpha[t]);
+        mu[t] = REAL(2 * verify_ogden_share[t] * c.mu / verify_ogden_alpha[t]);
+    }
+    return sb_material_ogden(mu, alpha, 2, REAL(2 / c.bulk), density);
+}
+
 static const verify_material verify_materials[] = {
     {"linear", sb_material_linear, verify_hooke, verify_linear_shear},
     {"corotated", sb_material_corotated, verify_hooke, verify_corotated_shear},
@@ -246,7 +318,9 @@ static const verify_material verify_materials[] = {
     {"stable_neo_hookean", sb_material_stable_neo_hookean, verify_stable, verify_linear_shear},
     {"mooney_rivlin", verify_make_mooney_rivlin, verify_mooney_rivlin, verify_mooney_shear},
     {"reduced_polynomial, N = 2", verify_make_polynomial_2, verify_polynomial_2, verify_polynomial_2_shear},
-    {"reduced_polynomial, N = 3", verify_make_polynomial_3, verify_polynomial_3, verify_polynomial_3_shear}};
+    {"reduced_polynomial, N = 3", verify_make_polynomial_3, verify_polynomial_3, verify_polynomial_3_shear},
+    {"ogden, N = 2", verify_make_ogden, verify_ogden, verify_ogden_shear},
+    {"fung", verify_make_fung, verify_fung, verify_fung_shear}};
 enum { VERIFY_MATERIALS = (int)(sizeof verify_materials / sizeof verify_materials[0]) };
 
 /* ---- meshes: images of the unit cube ---- */

@@ -109,6 +109,8 @@ public enum sb_material_model
     SB_STABLE_NEO_HOOKEAN = 7,
     SB_MOONEY_RIVLIN = 8,
     SB_REDUCED_POLYNOMIAL = 9,
+    SB_OGDEN = 10,
+    SB_FUNG = 11,
 }
 public enum sb_tangent_kind
 {
@@ -178,6 +180,11 @@ public enum sb_integrator
     SB_GENERALISED_ALPHA = 3,
     SB_CENTRAL_DIFFERENCE = 4,
 }
+public enum sb_tensor
+{
+    SB_TENSOR_STRESS = 1,
+    SB_TENSOR_STRAIN = 2,
+}
 public enum sb_embedding_kind
 {
     SB_EMBED_SMOOTH = 0,
@@ -225,6 +232,7 @@ public enum sb_cut_tag
     SB_CUT_SKIN = 0,
     SB_CUT_LIP = 1,
     SB_CUT_CHAR = 2,
+    SB_CUT_RIM = 3,
 }
 public enum ndl_rod_preset
 {
@@ -774,8 +782,15 @@ public unsafe struct sb_material
     public double c01;
     public double c20;
     public double c30;
+    public double fung_exponent;
+    public fixed double ogden_mu[4];
+    public fixed double ogden_alpha[4];
     public double fibre_stiffness;
     public double fibre_exponent;
+    public double fibre_dispersion;
+    public double fibre_tension;
+    public double fibre_optimum;
+    public double fibre_width;
     public int prony_count;
     public fixed double prony_g[8];
     public fixed double prony_tau[8];
@@ -1008,6 +1023,7 @@ public unsafe struct sb_body_def
     public sb_region_material* region_materials;
     public int region_material_count;
     public sb_vec3* fibres;
+    public sb_vec3* second_fibres;
     public sb_integration integration;
     public int single_rotation;
     public sb_mass_kind mass;
@@ -1446,6 +1462,20 @@ public unsafe struct sb_cut_drawing
     public int first_triangle;
     public int triangle_end;
     public int first_vertex;
+}
+public struct sb_cut_fine { }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_cut_fine_source
+{
+    public fixed int vertices[3];
+    public fixed double weights[3];
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_cut_fine_drawing
+{
+    public sb_cut_drawing drawn;
+    public sb_cut_fine_source* sources;
+    public int open_edges;
 }
 public struct ndl_rod { }
 [StructLayout(LayoutKind.Sequential)]
@@ -2242,6 +2272,7 @@ public static unsafe class Native
     public const int SB_SURFACE_FINDING_COUNT = 12;
     public const int SB_SURFACE_NOT_SOLID = 2439;
     public const int SB_MAX_PRONY_TERMS = 8;
+    public const int SB_MAX_OGDEN_TERMS = 4;
     public const int SB_X = 1;
     public const int SB_Y = 2;
     public const int SB_Z = 4;
@@ -2965,6 +2996,19 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_reduced_polynomial(double c10, double c20, double c30, double d1, double density);
     /// <summary>
+    /// Ogden's material with 1 to SB_MAX_OGDEN_TERMS terms mu[terms] [Pa] and alpha[terms], of any sign; its shear modulus
+    /// is sum of mu_i alpha_i/2 &gt; 0. (Abaqus' mu_i is alpha_i/2 times this one.) One term with alpha 2 is neo-Hookean, two
+    /// with 2 and -2 are Mooney-Rivlin. Another number of terms gives a material that sb_material_check refuses.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_ogden(double* mu, double* alpha, int terms, double d1, double density);
+    /// <summary>
+    /// Fung's exponential: c10 [Pa] &gt; 0 as above, exponent b &gt;= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).
+    /// Directions: sb_material_with_fibres.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_fung(double c10, double exponent, double d1, double density);
+    /// <summary>
     /// The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
     ///     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 &gt; 1, I4 = |F a0|^2, a0 the unit direction at rest,
     /// and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 &lt;= 1) do nothing. k1 [Pa] &gt;= 0, k2 &gt;= 0. The moduli lambda, mu
@@ -2972,6 +3016,22 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_with_fibres(sb_material material, double k1, double k2);
+    /// <summary>
+    /// Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes
+    ///     E = kappa I1 + (1 - 3 kappa) I4 - 1,
+    /// kappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume
+    /// this is the published model. Slack: E &lt;= 0. A body may have a second family of them, see sb_body_def.second_fibres.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_with_dispersion(sb_material material, double kappa);
+    /// <summary>
+    /// The hyperelastic material, contracting along its fibres with a tension [Pa] &gt;= 0 per area at rest, at stretch l = |F
+    /// a0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family
+    /// alike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by
+    /// sb_body_set_tension. Beyond the optimum the tangent is not positive definite.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_with_contraction(sb_material material, double tension, double optimum, double width);
     /// <summary>
     /// A count out of range is kept for sb_material_check to refuse; NULL counts as one.
     /// </summary>
@@ -3042,8 +3102,8 @@ public static unsafe class Native
     /// ---- fibres ----
     /// The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
     /// rest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,
-    /// the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The
-    /// tangent is positive semidefinite as it stands, so every sb_tangent_kind takes it.
+    /// the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. What is
+    /// passive of the tangent is positive semidefinite as it stands; contraction included, it is exact.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern int sb_fibre_energy(sb_material* material, sb_mat3* F, sb_vec3 direction, double* W);
@@ -3056,6 +3116,13 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern double sb_material_relaxation(sb_material* material, double time);
+    /// <summary>
+    /// Storage and loss modulus [Pa] of small shear that oscillates with omega [rad/s] &gt;= 0:
+    ///     G' = mu (1 - sum g_i/(1 + x_i^2)),   G'' = mu sum g_i x_i/(1 + x_i^2),   x_i = omega tau_i;
+    /// mu and 0 without Prony terms, zeros for NULL. storage and loss may be NULL. Fit: sb_material_fit_moduli.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_material_shear_moduli(sb_material* material, double omega, double* storage, double* loss);
     /// <summary>
     /// Moves one point by dt [s] &gt;= 0 (0: a jump; infinite: fully relaxed) to F and gives its stress there, fibres
     /// included: the formula that bodies step by, to draw relaxation curves and to fit them. Exact where S0 changes
@@ -3087,11 +3154,11 @@ public static unsafe class Native
     /// Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is
     /// the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
     /// sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
-    /// stretch &lt;= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
-    /// not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data
-    /// ask for mu &lt;= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
-    /// microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
-    /// Deformations, 1984, ch. 7.
+    /// stretch &lt;= 0, an option out of range, SB_OGDEN or SB_FUNG, whose exponents no linear fit finds), SB_ERROR_NOT_FINITE,
+    /// SB_ERROR_INDEFINITE naming a constant that the data do not distinguish from the others (simple shear and planar tests
+    /// alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask for mu &lt;= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED
+    /// (compressible only). Cost: below a microsecond a reading at constant volume, about 0.1 ms when compressible.
+    /// Formulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_material_fit(sb_material_model model, sb_test_point* data, int count, sb_fit_options* options, sb_material* material, sb_fit_info* info, sb_error* error);
@@ -3106,6 +3173,16 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_material_fit_prony(double* time, double* g, int count, double* tau, int terms, sb_material* material, sb_fit_info* info, sb_error* error);
+    /// <summary>
+    /// Fits Prony terms and the shear modulus to storage[count] and loss[count] [Pa] &gt;= 0 of shear that oscillates with
+    /// omega[count] [rad/s] &gt; 0 (a rheometer's G' and G''), errors relative to |G*| of each reading. tau, terms and errors
+    /// as above; tau NULL: spread evenly in log time over 1/omega. On SB_OK *material has these terms in place of its own
+    /// and all of its moduli in proportion, so that mu is the instantaneous modulus and Poisson's ratio stays; info-&gt;rms is
+    /// the relative error of G*. SB_ERROR_ARGUMENT also for fewer than (terms + 1)/2 readings, a modulus below 0, or both 0;
+    /// SB_ERROR_MATERIAL where the data have no modulus left at low frequencies: they are of a fluid, or end too early.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_material_fit_moduli(double* omega, double* storage, double* loss, int count, double* tau, int terms, sb_material* material, sb_fit_info* info, sb_error* error);
     /// <summary>
     /// Makes the matrix whose nodes are coupled when they share a cell (an element, a particle's neighbours ...);
     /// all values are zero. Nodes without a cell keep their diagonal block.
@@ -3454,13 +3531,36 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_fibres(sb_body* body, sb_vec3* fibres, sb_error* error);
+    /// <summary>
+    /// The same of the second family (sb_body_def.second_fibres); NULL takes it away, as sb_body_set_fibres(NULL) does.
+    /// SB_ERROR_ARGUMENT without a first one, SB_ERROR_UNSUPPORTED in a body whose mesh may change.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_second_fibres(sb_body* body, sb_vec3* fibres, sb_error* error);
+    /// <summary>
+    /// Tension (Pa) &gt;= 0 with which the fibres of a region contract from now on: sb_material.fibre_tension, changed without
+    /// forgetting what Prony terms remember. Set it before each step to drive it in time. SB_ERROR_INDEX: no such region;
+    /// SB_ERROR_MATERIAL: no fibres to contract, or a material without energy for them.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_tension(sb_body* body, int region, double tension, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_gravity(sb_body* body, sb_vec3 gravity);
     /// <summary>
-    /// SB_ERROR_UNSUPPORTED: beta &gt; 0 with SB_CENTRAL_DIFFERENCE.
+    /// Of all regions. SB_ERROR_UNSUPPORTED: beta &gt; 0 with SB_CENTRAL_DIFFERENCE.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_damping(sb_body* body, double alpha, double beta);
+    /// <summary>
+    /// Damping of a region's own, in place of the body's, which the others keep: its elements damp with beta (s) times their
+    /// stiffness, and its share of the nodes' lumped masses with alpha (1/s), whatever def.mass is; both &gt;= 0. What ties
+    /// cells of a cut keeps the body's beta. sb_body_set_damping gives all regions the same again. With SB_EULER steps cost
+    /// what they did; steps of one iteration of other integrators assemble one matrix more, for which the first call
+    /// allocates. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such region), SB_ERROR_UNSUPPORTED (SB_CENTRAL_DIFFERENCE),
+    /// SB_ERROR_MEMORY change nothing.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_region_damping(sb_body* body, int region, double alpha, double beta, sb_error* error);
     /// <summary>
     /// Tolerance in (0, 1) and cap (&gt;= 1) of a step's linear solve.
     /// </summary>
@@ -3561,6 +3661,12 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_multiply_tangent(sb_body* body, sb_tangent_kind kind, sb_vec3* x, sb_vec3* y, sb_error* error);
     /// <summary>
+    /// That matrix itself (N/m; for SB_TANGENT_EXACT the derivative of the internal forces by the nodes' places), lent until
+    /// the next call on the body, whose copy of it this overwrites. Errors as above; *matrix is then untouched.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_stiffness_matrix(sb_body* body, sb_tangent_kind kind, sb_matrix** matrix, sb_error* error);
+    /// <summary>
     /// Total mass (kg) and momentum (kg m/s).
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
@@ -3608,6 +3714,43 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern byte* sb_check_string(uint warning);
+    /// <summary>
+    /// Deformation gradient dx/dX at an integration point of an element, [0, sb_body_point_count). SB_ERROR_INDEX: *F is
+    /// untouched.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_deformation(sb_body* body, int element, int point, sb_mat3* F);
+    /// <summary>
+    /// Strain there, see SB_TENSOR_STRAIN; errors as above. (Stress: sb_body_stress.)
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_strain(sb_body* body, int element, int point, sb_mat3* strain);
+    /// <summary>
+    /// A tensor at every node; values[sb_body_node_count], 0 where there is no material. In each element a linear function
+    /// of its local coordinates is fitted to the integration points (tet4: a constant), taken to its nodes, and averaged
+    /// there, weighted by volume; elements that are cut or have points of their own (sb_body_def.domain) give their mean.
+    /// tensor is an sb_tensor. Measured on irregular meshes
+    /// (tests/verification.md, verification_readings): halving elements divides errors by 3.5 of tet10, hex20 and hex27, by
+    /// 2.4 of tet4 and hex8 and by 1.9 at the surface, where these two know the middle of the layer below only.
+    /// SB_ERROR_ARGUMENT: NULL, or another tensor; SB_ERROR_INVERTED: error-&gt;element has no stress, its material does not
+    /// admit the state; *values is then untouched. error may be NULL.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_nodal_tensors(sb_body* body, int tensor, sb_mat3* values, sb_error* error);
+    /// <summary>
+    /// The same from the elements of one region alone, 0 at nodes of others: stresses jump where materials meet, and an
+    /// average over both sides is neither. SB_ERROR_INDEX: the mesh has no such region.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_region_tensors(sb_body* body, int region, int tensor, sb_mat3* values, sb_error* error);
+    /// <summary>
+    /// Elastic energy of each element per volume at rest (J/m^3), mean over the element; values[sb_body_element_count].
+    /// Times the volumes they sum to sb_energy.elastic, what ties pieces of a cut to each other left out; with Prony terms
+    /// of the long-term response, as there. SB_ERROR_ARGUMENT; SB_ERROR_INVERTED names the element; SB_ERROR_NOT_FINITE: too
+    /// large for sb_real; values are then untouched. error may be NULL.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_energy_densities(sb_body* body, double* values, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_change_cell sb_default_change_cell();
     /// <summary>
@@ -3865,6 +4008,9 @@ public static unsafe class Native
     ///   has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by
     ///   the first update after a state with another mesh; of one without nobody knows then which piece that is
     ///   (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
+    /// - After a state with another mesh was loaded the points are placed anew from the mesh at rest: one on a face or
+    /// outside may be held by another cell than before, and be drawn elsewhere by rounding, or outside by what that cell
+    /// makes of it. Those of a skin that tools touch (sb_contact_def.skin) are held as they were when the state was saved.
     /// - A change that is refused leaves the embedding as it was, to the bit.
     /// - A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between
     ///   its `reserve` and that, the embedding is not to be read.
@@ -4288,7 +4434,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_cut_create(sb_cut_def* def, sb_cut** cut, sb_error* error);
     /// <summary>
-    /// The body stays cut. NULL is fine.
+    /// The body stays cut, and keeps what tells its pieces apart (sb_body_find_cell), for points and needles that are in
+    /// them: in its own memory; where there is none left they are held as if nobody knew the pieces. NULL is fine.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern void sb_cut_destroy(sb_cut* cut);
@@ -4406,6 +4553,26 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_skin* sb_cut_surface_skin(sb_cut_surface* surface);
+    /// <summary>
+    /// A skin for the body that is cut by `cut`, which it is to be destroyed before.
+    /// skin       SB_TRI3, at rest where the body's mesh is (m), copied
+    /// allocator  NULL: malloc
+    /// SB_ERROR_ARGUMENT (other elements), what sb_mesh_validate says of the skin, SB_ERROR_STATE (as sb_cut_triangles),
+    /// SB_ERROR_MEMORY. Finds the element of each vertex: some 2 us each.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_cut_fine_create(sb_cut* cut, sb_mesh* skin, sb_allocator* allocator, sb_cut_fine** fine, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_cut_fine_destroy(sb_cut_fine* fine);
+    /// <summary>
+    /// To what the body is now. Where it was cut since the last call all triangles are listed anew, and arrays may grow;
+    /// else only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is what it was, and the
+    /// next call tries again.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_cut_fine_update(sb_cut_fine* fine, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_cut_fine_drawing sb_cut_fine_get(sb_cut_fine* fine);
     /// <summary>
     /// The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270
     /// mm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,

@@ -31,31 +31,40 @@ static double ndli_bed_edge_of(const ndli_bed *bed, double volume)
     return cbrt(bed->volume.is_box ? volume : 6 * sqrt(2.0) * volume);
 }
 
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
-                                   sb_error *error)
+/* The mesh that there is, and which cells its elements are. */
+static sb_result ndli_bed_copy_mesh(ndli_bed *bed, const sb_body *mesh_of, sb_error *error)
+{
+    sb_result result = sbi_body_copy_mesh(mesh_of, &bed->allocator, &bed->mesh, error);
+    if (result != SB_OK)
+        return result;
+    bed->was_cut = sbi_body_has_pieces(mesh_of);
+    bed->cells = (int *)sbi_alloc(&bed->allocator, (size_t)bed->mesh.element_count, sizeof(int));
+    if (!bed->cells)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body's needles");
+    ndli_bed_list_cells(bed, mesh_of);
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, int uncut, const sb_allocator *allocator,
+                                   ndli_bed *bed, sb_error *error)
 {
     sb_result result;
     memset(bed, 0, sizeof *bed);
     bed->body = body;
     bed->allocator = *allocator;
     bed->version = sb_body_mesh_version(mesh_of);
-    bed->was_cut = sbi_body_has_pieces(mesh_of);
     if (sbi_body_mesh(mesh_of).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles do not go into elements of your own (SB_CUSTOM)");
-    result = sbi_body_copy_mesh(mesh_of, allocator, &bed->mesh, error);
+    result = uncut ? sbi_body_copy_uncut(mesh_of, body, allocator, &bed->mesh, &bed->cells, error)
+                   : ndli_bed_copy_mesh(bed, mesh_of, error);
     if (result == SB_OK)
         result = sbi_embed_volume_create(&bed->mesh, SBI_EMBED_SKIN, allocator, &bed->volume, error);
     if (result != SB_OK)
         memset(&bed->volume, 0, sizeof bed->volume); /* it has been freed */
-    if (result == SB_OK) {
-        bed->cells = (int *)sbi_alloc(allocator, (size_t)bed->mesh.element_count, sizeof(int));
-        result = bed->cells ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body's needles");
-    }
     if (result != SB_OK) {
         ndli_bed_free(bed);
         return result;
     }
-    ndli_bed_list_cells(bed, mesh_of);
     bed->hash = ndli_bed_hash(bed);
     bed->mean_edge = ndli_bed_edge_of(bed, (double)sb_mesh_volume(&bed->mesh) / bed->mesh.element_count);
     return SB_OK;

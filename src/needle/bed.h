@@ -1,7 +1,8 @@
 /* bed: a body of any elements, cut or not, as a needle sees it that is held by rows of weights. Floor 6, internal.
  *
- * A place is a material point: an element of the mesh that the body had when its first needle was made, and coordinates
- * in it. Where a blade has cut that element since, the place is in the piece that has its material. */
+ * A place is a material point: an element of the mesh that the body had when its first needle was made, or, where it
+ * had been cut and what knows its pieces is there, before that, and coordinates in it. Where a blade has cut that
+ * element since, the place is in the piece that has its material. */
 #ifndef NDL_BED_H
 #define NDL_BED_H
 
@@ -35,9 +36,10 @@ typedef struct ndli_bed {
 } ndli_bed;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* From the mesh of `mesh_of`, which the body has, or will have. */
-NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, const sb_allocator *allocator, ndli_bed *bed,
-                                   sb_error *error);
+/* From the mesh of `mesh_of`, which the body has, or will have; uncut 1: from that before any cut, which the body knows
+ * (sbi_body_has_uncut). */
+NDLI_API sb_result ndli_bed_create(sb_body *body, const sb_body *mesh_of, int uncut, const sb_allocator *allocator,
+                                   ndli_bed *bed, sb_error *error);
 /* It becomes `next`, which is zeros then. */
 NDLI_API void ndli_bed_replace(ndli_bed *bed, ndli_bed *next);
 NDLI_API void ndli_bed_free(ndli_bed *bed); /* safe on zeros */

@@ -118,6 +118,7 @@ NDLI_API void ndli_site_free(struct ndli_site *site);
 NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
 /* Others have changed the mesh: needles are outside of it; and what is known of it is made anew. */
 NDLI_API int ndli_site_is_stale(const struct ndli_site *site);
+NDLI_API sb_result ndli_site_create_bed(const struct ndli_site *site, ndli_bed *bed, sb_error *error);
 NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error);
 /* Once the body may have more nodes. 0: there is no memory. */
 NDLI_API int ndli_site_reserve_places(struct ndli_site *site);
@@ -230,8 +231,8 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 
 /* ---- needle_undo ---- */
 
-/* Memory for all that steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
- * none. */
+/* Memory for all that steps keep, with one more needle than there are unless NULL, while the mesh keeps to its slack;
+ * 0: there is none. */
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */

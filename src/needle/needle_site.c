@@ -73,6 +73,12 @@ NDLI_API int ndli_site_is_stale(const struct ndli_site *site)
            (site->bed.is_lost || !sbi_body_has_finder(site->body));
 }
 
+/* Of the mesh before any cut where that is known: it is the same whenever needles are made, and so for states. */
+NDLI_API sb_result ndli_site_create_bed(const struct ndli_site *site, ndli_bed *bed, sb_error *error)
+{
+    return ndli_bed_create(site->body, site->body, sbi_body_has_uncut(site->body), &site->allocator, bed, error);
+}
+
 NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
 {
     ndli_bed fresh;
@@ -81,7 +87,7 @@ NDLI_API sb_result ndli_site_look(struct ndli_site *site, sb_error *error)
         return ndli_remesh_look(site->remesh, error);
     if (!ndli_site_is_stale(site))
         return SB_OK;
-    result = ndli_bed_create(site->body, site->body, &site->allocator, &fresh, error);
+    result = ndli_site_create_bed(site, &fresh, error);
     if (result != SB_OK)
         return result;
     ndli_bed_replace(&site->bed, &fresh);

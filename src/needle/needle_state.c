@@ -309,21 +309,24 @@ static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_s
     return SB_OK;
 }
 
-/* The bed of a state: the one that there is, or one that is made from the state's mesh; of needles that are in a body
- * which was cut it is the one of the mesh before, which nobody makes anew. */
+/* The bed of a state: the one that there is, or one that is made from the mesh before any cut, which an sb_cut of the
+ * body knows, or else from the state's. */
 static sb_result ndli_site_check_bed(struct ndli_site *site, const sb_body *body, const ndli_site_head *h,
                                      const ndli_bed **bed, sb_error *error)
 {
-    sb_result result;
     *bed = &site->bed;
     ndli_bed_free(&site->next_bed);
     if (!h->bed || h->bed == site->bed.hash || !site->embeds)
         return SB_OK;
     *bed = &site->next_bed;
-    result = ndli_bed_create(site->body, body, &site->allocator, &site->next_bed, error);
-    if (result != SB_OK || h->bed == site->next_bed.hash)
-        return result;
-    ndli_bed_free(&site->next_bed);
+    for (int uncut = sbi_body_has_uncut(site->body); uncut >= 0; uncut--) {
+        sb_result result = ndli_bed_create(site->body, body, uncut, &site->allocator, &site->next_bed, error);
+        if (result == SB_ERROR_STATE && uncut)
+            continue;
+        if (result != SB_OK || h->bed == site->next_bed.hash)
+            return result;
+        ndli_bed_free(&site->next_bed);
+    }
     return sbi_fail(error, SB_ERROR_STATE,
                     "the state's needles went into another mesh than those of the body know: load it into a body that "
                     "was made as its body was");
@@ -362,13 +365,16 @@ static void ndli_site_give_up(void *user) { ndli_bed_free(&((struct ndli_site *)
 /* The body has the mesh that the tracks are in again, or one that was cut from it; hash 0: none is in. */
 static void ndli_site_load_bed(struct ndli_site *site, uint64_t hash)
 {
+    int unknown;
     if (!site->embeds)
         return;
     if (site->next_bed.cells)
         ndli_bed_replace(&site->bed, &site->next_bed);
-    site->bed.is_lost = !hash;
+    /* pieces that nobody knows: the cut that made them was destroyed before the state was saved, in another body */
+    unknown = hash && sbi_body_has_pieces(site->body) && !site->bed.was_cut && !sbi_body_has_finder(site->body);
+    site->bed.is_lost = !hash || unknown;
     if (hash)
-        site->bed.version = sb_body_mesh_version(site->body);
+        site->bed.version = unknown ? -1 : sb_body_mesh_version(site->body);
 }
 
 static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)

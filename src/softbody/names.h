@@ -119,7 +119,11 @@
 #define sb_material_neo_hookean_isochoric sb_material_neo_hookean_isochoric_f32
 #define sb_material_mooney_rivlin sb_material_mooney_rivlin_f32
 #define sb_material_reduced_polynomial sb_material_reduced_polynomial_f32
+#define sb_material_ogden sb_material_ogden_f32
+#define sb_material_fung sb_material_fung_f32
 #define sb_material_with_fibres sb_material_with_fibres_f32
+#define sb_material_with_dispersion sb_material_with_dispersion_f32
+#define sb_material_with_contraction sb_material_with_contraction_f32
 #define sb_material_with_prony sb_material_with_prony_f32
 #define sb_material_preset sb_material_preset_f32
 #define sb_material_young sb_material_young_f32
@@ -136,6 +140,7 @@
 #define sb_fibre_stress sb_fibre_stress_f32
 #define sb_fibre_tangent sb_fibre_tangent_f32
 #define sb_material_relaxation sb_material_relaxation_f32
+#define sb_material_shear_moduli sb_material_shear_moduli_f32
 #define sb_material_history_stress sb_material_history_stress_f32
 #define sb_cauchy_stress sb_cauchy_stress_f32
 #define sb_material_cauchy_stress sb_material_cauchy_stress_f32
@@ -143,6 +148,7 @@
 #define sb_default_fit_options sb_default_fit_options_f32
 #define sb_material_fit sb_material_fit_f32
 #define sb_material_fit_prony sb_material_fit_prony_f32
+#define sb_material_fit_moduli sb_material_fit_moduli_f32
 #define sb_matrix_create sb_matrix_create_f32
 #define sb_matrix_free sb_matrix_free_f32
 #define sb_matrix_clear sb_matrix_clear_f32
@@ -195,8 +201,11 @@
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
 #define sb_body_set_fibres sb_body_set_fibres_f32
+#define sb_body_set_second_fibres sb_body_set_second_fibres_f32
+#define sb_body_set_tension sb_body_set_tension_f32
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
+#define sb_body_set_region_damping sb_body_set_region_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
 #define sb_body_hold sb_body_hold_f32
 #define sb_body_place sb_body_place_f32
@@ -216,6 +225,7 @@
 #define sb_body_energy sb_body_energy_f32
 #define sb_body_multiply_stiffness sb_body_multiply_stiffness_f32
 #define sb_body_multiply_tangent sb_body_multiply_tangent_f32
+#define sb_body_stiffness_matrix sb_body_stiffness_matrix_f32
 #define sb_body_mass sb_body_mass_f32
 #define sb_body_momentum sb_body_momentum_f32
 #define sb_body_stress sb_body_stress_f32
@@ -225,6 +235,11 @@
 #define sb_body_parts sb_body_parts_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_body_deformation sb_body_deformation_f32
+#define sb_body_strain sb_body_strain_f32
+#define sb_body_nodal_tensors sb_body_nodal_tensors_f32
+#define sb_body_region_tensors sb_body_region_tensors_f32
+#define sb_body_energy_densities sb_body_energy_densities_f32
 #define sb_default_change_cell sb_default_change_cell_f32
 #define sb_body_change_begin sb_body_change_begin_f32
 #define sb_body_change_add_node sb_body_change_add_node_f32
@@ -350,6 +365,10 @@
 #define sb_cut_surface_update sb_cut_surface_update_f32
 #define sb_cut_surface_get sb_cut_surface_get_f32
 #define sb_cut_surface_skin sb_cut_surface_skin_f32
+#define sb_cut_fine_create sb_cut_fine_create_f32
+#define sb_cut_fine_destroy sb_cut_fine_destroy_f32
+#define sb_cut_fine_update sb_cut_fine_update_f32
+#define sb_cut_fine_get sb_cut_fine_get_f32
 #endif
 #endif
 

@@ -92,7 +92,10 @@ SB_NEO_HOOKEAN_ISOCHORIC = 6
 SB_STABLE_NEO_HOOKEAN = 7
 SB_MOONEY_RIVLIN = 8
 SB_REDUCED_POLYNOMIAL = 9
+SB_OGDEN = 10
+SB_FUNG = 11
 SB_MAX_PRONY_TERMS = 8
+SB_MAX_OGDEN_TERMS = 4
 SB_TANGENT_EXACT = 0
 SB_TANGENT_SPD = 1
 SB_TANGENT_QUASI = 2
@@ -151,6 +154,8 @@ SB_CHECK_UNREFERENCED = 32
 SB_CHECK_UNSUPPORTED = 64
 SB_CHECK_COMPONENTS = 128
 SB_CHECK_DUPLICATES = 256
+SB_TENSOR_STRESS = 1
+SB_TENSOR_STRAIN = 2
 SB_NODE_COPY = 1
 SB_NODE_KEEP_X = 2
 SB_NODE_KEEP_Y = 4
@@ -184,6 +189,7 @@ SB_CUT_GLUE = 1
 SB_CUT_SKIN = 0
 SB_CUT_LIP = 1
 SB_CUT_CHAR = 2
+SB_CUT_RIM = 3
 NDL_STYLET_18G = 1
 NDL_NITINOL_083 = 2
 NDL_HYPODERMIC_22G = 3
@@ -386,6 +392,9 @@ class sb_tear_options(Structure): pass
 class sb_cut_surface(Structure): pass
 class sb_cut_origin(Structure): pass
 class sb_cut_drawing(Structure): pass
+class sb_cut_fine(Structure): pass
+class sb_cut_fine_source(Structure): pass
+class sb_cut_fine_drawing(Structure): pass
 class ndl_rod(Structure): pass
 class ndl_rod_section(Structure): pass
 class ndl_rod_stiffness(Structure): pass
@@ -762,8 +771,15 @@ sb_material._fields_ = [
     ("c01", c_double),
     ("c20", c_double),
     ("c30", c_double),
+    ("fung_exponent", c_double),
+    ("ogden_mu", c_double * 4),
+    ("ogden_alpha", c_double * 4),
     ("fibre_stiffness", c_double),
     ("fibre_exponent", c_double),
+    ("fibre_dispersion", c_double),
+    ("fibre_tension", c_double),
+    ("fibre_optimum", c_double),
+    ("fibre_width", c_double),
     ("prony_count", c_int),
     ("prony_g", c_double * 8),
     ("prony_tau", c_double * 8),
@@ -955,6 +971,7 @@ sb_body_def._fields_ = [
     ("region_materials", POINTER(sb_region_material)),
     ("region_material_count", c_int),
     ("fibres", POINTER(sb_vec3)),
+    ("second_fibres", POINTER(sb_vec3)),
     ("integration", c_int),
     ("single_rotation", c_int),
     ("mass", c_int),
@@ -1315,6 +1332,15 @@ sb_cut_drawing._fields_ = [
     ("first_triangle", c_int),
     ("triangle_end", c_int),
     ("first_vertex", c_int),
+]
+sb_cut_fine_source._fields_ = [
+    ("vertices", c_int * 3),
+    ("weights", c_double * 3),
+]
+sb_cut_fine_drawing._fields_ = [
+    ("drawn", sb_cut_drawing),
+    ("sources", POINTER(sb_cut_fine_source)),
+    ("open_edges", c_int),
 ]
 ndl_rod_section._fields_ = [
     ("radius", c_double),
@@ -2085,7 +2111,11 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_material_neo_hookean_isochoric": (sb_material, (c_double, c_double, c_double, )),
     "sb_material_mooney_rivlin": (sb_material, (c_double, c_double, c_double, c_double, )),
     "sb_material_reduced_polynomial": (sb_material, (c_double, c_double, c_double, c_double, c_double, )),
+    "sb_material_ogden": (sb_material, (POINTER(c_double), POINTER(c_double), c_int, c_double, c_double, )),
+    "sb_material_fung": (sb_material, (c_double, c_double, c_double, c_double, )),
     "sb_material_with_fibres": (sb_material, (sb_material, c_double, c_double, )),
+    "sb_material_with_dispersion": (sb_material, (sb_material, c_double, )),
+    "sb_material_with_contraction": (sb_material, (sb_material, c_double, c_double, c_double, )),
     "sb_material_with_prony": (sb_material, (sb_material, POINTER(c_double), POINTER(c_double), c_int, )),
     "sb_material_preset": (sb_material, (c_int, c_double, )),
     "sb_material_young": (c_double, (POINTER(sb_material), )),
@@ -2102,6 +2132,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_fibre_stress": (c_int, (POINTER(sb_material), POINTER(sb_mat3), sb_vec3, POINTER(sb_mat3), )),
     "sb_fibre_tangent": (c_int, (POINTER(sb_material), POINTER(sb_mat3), sb_vec3, POINTER(c_double), )),
     "sb_material_relaxation": (c_double, (POINTER(sb_material), c_double, )),
+    "sb_material_shear_moduli": (None, (POINTER(sb_material), c_double, POINTER(c_double), POINTER(c_double), )),
     "sb_material_history_stress": (c_int, (POINTER(sb_material), POINTER(sb_material_history), POINTER(sb_mat3), c_double, POINTER(sb_vec3), POINTER(sb_mat3), )),
     "sb_cauchy_stress": (sb_mat3, (sb_mat3, sb_mat3, )),
     "sb_material_cauchy_stress": (sb_mat3, (POINTER(sb_material), sb_mat3, sb_mat3, )),
@@ -2109,6 +2140,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_default_fit_options": (sb_fit_options, ()),
     "sb_material_fit": (c_int, (c_int, POINTER(sb_test_point), c_int, POINTER(sb_fit_options), POINTER(sb_material), POINTER(sb_fit_info), POINTER(sb_error), )),
     "sb_material_fit_prony": (c_int, (POINTER(c_double), POINTER(c_double), c_int, POINTER(c_double), c_int, POINTER(sb_material), POINTER(sb_fit_info), POINTER(sb_error), )),
+    "sb_material_fit_moduli": (c_int, (POINTER(c_double), POINTER(c_double), POINTER(c_double), c_int, POINTER(c_double), c_int, POINTER(sb_material), POINTER(sb_fit_info), POINTER(sb_error), )),
     "sb_matrix_create": (c_int, (c_int, c_int, c_int, POINTER(c_int), POINTER(c_int), POINTER(sb_allocator), POINTER(sb_matrix), POINTER(sb_error), )),
     "sb_matrix_free": (None, (POINTER(sb_matrix), )),
     "sb_matrix_clear": (None, (POINTER(sb_matrix), )),
@@ -2161,8 +2193,11 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_set_material": (c_int, (POINTER(sb_body), POINTER(sb_material), POINTER(sb_error), )),
     "sb_body_set_region_material": (c_int, (POINTER(sb_body), c_int, POINTER(sb_material), POINTER(sb_error), )),
     "sb_body_set_fibres": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_body_set_second_fibres": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_body_set_tension": (c_int, (POINTER(sb_body), c_int, c_double, POINTER(sb_error), )),
     "sb_body_set_gravity": (c_int, (POINTER(sb_body), sb_vec3, )),
     "sb_body_set_damping": (c_int, (POINTER(sb_body), c_double, c_double, )),
+    "sb_body_set_region_damping": (c_int, (POINTER(sb_body), c_int, c_double, c_double, POINTER(sb_error), )),
     "sb_body_set_solver": (c_int, (POINTER(sb_body), c_double, c_int, )),
     "sb_body_hold": (c_int, (POINTER(sb_body), POINTER(c_int), c_int, c_int, POINTER(sb_error), )),
     "sb_body_place": (c_int, (POINTER(sb_body), POINTER(c_int), c_int, c_int, POINTER(sb_vec3), POINTER(sb_error), )),
@@ -2182,6 +2217,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_energy": (c_int, (POINTER(sb_body), POINTER(sb_energy), )),
     "sb_body_multiply_stiffness": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_error), )),
     "sb_body_multiply_tangent": (c_int, (POINTER(sb_body), c_int, POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_body_stiffness_matrix": (c_int, (POINTER(sb_body), c_int, POINTER(POINTER(sb_matrix)), POINTER(sb_error), )),
     "sb_body_mass": (c_double, (POINTER(sb_body), )),
     "sb_body_momentum": (sb_vec3, (POINTER(sb_body), )),
     "sb_body_stress": (c_int, (POINTER(sb_body), c_int, c_int, POINTER(sb_mat3), )),
@@ -2191,6 +2227,11 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_parts": (c_int, (POINTER(sb_body), POINTER(sb_part), c_int, POINTER(c_int), POINTER(c_int), )),
     "sb_body_check": (c_int, (POINTER(sb_body), POINTER(sb_check_report), )),
     "sb_check_string": (c_char_p, (c_uint, )),
+    "sb_body_deformation": (c_int, (POINTER(sb_body), c_int, c_int, POINTER(sb_mat3), )),
+    "sb_body_strain": (c_int, (POINTER(sb_body), c_int, c_int, POINTER(sb_mat3), )),
+    "sb_body_nodal_tensors": (c_int, (POINTER(sb_body), c_int, POINTER(sb_mat3), POINTER(sb_error), )),
+    "sb_body_region_tensors": (c_int, (POINTER(sb_body), c_int, c_int, POINTER(sb_mat3), POINTER(sb_error), )),
+    "sb_body_energy_densities": (c_int, (POINTER(sb_body), POINTER(c_double), POINTER(sb_error), )),
     "sb_default_change_cell": (sb_change_cell, ()),
     "sb_body_change_begin": (c_int, (POINTER(sb_body), POINTER(POINTER(sb_body_change)), POINTER(sb_error), )),
     "sb_body_change_add_node": (c_int, (POINTER(sb_body_change), sb_vec3, POINTER(c_int), POINTER(c_double), c_int, c_int, POINTER(c_int), POINTER(sb_error), )),
@@ -2316,6 +2357,10 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_cut_surface_update": (c_int, (POINTER(sb_cut_surface), POINTER(sb_error), )),
     "sb_cut_surface_get": (sb_cut_drawing, (POINTER(sb_cut_surface), )),
     "sb_cut_surface_skin": (POINTER(sb_skin), (POINTER(sb_cut_surface), )),
+    "sb_cut_fine_create": (c_int, (POINTER(sb_cut), POINTER(sb_mesh), POINTER(sb_allocator), POINTER(POINTER(sb_cut_fine)), POINTER(sb_error), )),
+    "sb_cut_fine_destroy": (None, (POINTER(sb_cut_fine), )),
+    "sb_cut_fine_update": (c_int, (POINTER(sb_cut_fine), POINTER(sb_error), )),
+    "sb_cut_fine_get": (sb_cut_fine_drawing, (POINTER(sb_cut_fine), )),
     "ndl_rod_section_preset": (c_int, (c_int, POINTER(ndl_rod_section), )),
     "ndl_rod_stiffness_of": (ndl_rod_stiffness, (POINTER(ndl_rod_section), )),
     "ndl_default_rod_def": (ndl_rod_def, ()),
@@ -2595,7 +2640,11 @@ DOCUMENTATION = {
     'sb_material_neo_hookean_isochoric': "c10 [Pa] > 0, d1 [1/Pa] > 0: Abaqus' and CalculiX' constants, mu = 2 c10 and bulk = 2/d1.",
     'sb_material_mooney_rivlin': 'The same convention with mu = 2 (c10 + c01) > 0; c10 or c01 [Pa] may be 0 or negative, at the price of a\nmaterial that softens or turns unstable under large strain.',
     'sb_material_reduced_polynomial': 'Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of\nany sign: a negative one that is not outweighed makes the material unstable under large strain.',
+    'sb_material_ogden': "Ogden's material with 1 to SB_MAX_OGDEN_TERMS terms mu[terms] [Pa] and alpha[terms], of any sign; its shear modulus\nis sum of mu_i alpha_i/2 > 0. (Abaqus' mu_i is alpha_i/2 times this one.) One term with alpha 2 is neo-Hookean, two\nwith 2 and -2 are Mooney-Rivlin. Another number of terms gives a material that sb_material_check refuses.",
+    'sb_material_fung': "Fung's exponential: c10 [Pa] > 0 as above, exponent b >= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).\nDirections: sb_material_with_fibres.",
     'sb_material_with_fibres': 'The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):\n    W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,\nand k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu\nstay those of the matrix.',
+    'sb_material_with_dispersion': 'Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes\n    E = kappa I1 + (1 - 3 kappa) I4 - 1,\nkappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume\nthis is the published model. Slack: E <= 0. A body may have a second family of them, see sb_body_def.second_fibres.',
+    'sb_material_with_contraction': 'The hyperelastic material, contracting along its fibres with a tension [Pa] >= 0 per area at rest, at stretch l = |F\na0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family\nalike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by\nsb_body_set_tension. Beyond the optimum the tangent is not positive definite.',
     'sb_material_with_prony': 'A count out of range is kept for sb_material_check to refuse; NULL counts as one.',
     'sb_material_preset': 'A material by name; liver has a density of about 1060 kg/m^3. An unknown preset gives a material that\nsb_material_check refuses.',
     'sb_material_young': "Constants of the small-strain limit: Young's modulus [Pa], Poisson's ratio, bulk modulus [Pa].",
@@ -2606,14 +2655,16 @@ DOCUMENTATION = {
     'sb_material_energy': 'W = elastic energy per reference volume [J/m^3].',
     'sb_material_stress': 'P = dW/dF, first Piola-Kirchhoff stress [Pa]: force per reference area, P N = traction.',
     'sb_material_tangent': "A[9*(3*i+j) + (3*k+l)] = dP_ij/dF_kl [Pa], 81 values, exactly symmetric.\n\nThe corotated models' energy has a kink where the rotation is not unique, at s_2 + s_3 = 0 for principal\nstretches s_1 >= s_2 >= |s_3|: there the exact tangent is infinite. A divides by s_i + s_j, but never by\nless than 1e-6 max(1, s_1 + s_2 + s_3), so it stays finite; SB_TANGENT_SPD likewise. SB_TANGENT_QUASI does\nnot divide by it.",
-    'sb_fibre_energy': "---- fibres ----\nThe fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at\nrest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,\nthe direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The\ntangent is positive semidefinite as it stands, so every sb_tangent_kind takes it.",
+    'sb_fibre_energy': "---- fibres ----\nThe fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at\nrest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,\nthe direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. What is\npassive of the tangent is positive semidefinite as it stands; contraction included, it is exact.",
     'sb_material_relaxation': 'g(t): the share of a relaxing stress that is left a time t [s] after a sudden strain; 1 for t <= 0.',
+    'sb_material_shear_moduli': "Storage and loss modulus [Pa] of small shear that oscillates with omega [rad/s] >= 0:\n    G' = mu (1 - sum g_i/(1 + x_i^2)),   G'' = mu sum g_i x_i/(1 + x_i^2),   x_i = omega tau_i;\nmu and 0 without Prony terms, zeros for NULL. storage and loss may be NULL. Fit: sb_material_fit_moduli.",
     'sb_material_history_stress': 'Moves one point by dt [s] >= 0 (0: a jump; infinite: fully relaxed) to F and gives its stress there, fibres\nincluded: the formula that bodies step by, to draw relaxation curves and to fit them. Exact where S0 changes\nevenly within each step, of second order otherwise. fibre: direction of the fibres at rest, NULL for none.\n*P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible\n(see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not\nhyperelastic, or a pointer but fibre is NULL.',
     'sb_cauchy_stress': 'Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0.',
     'sb_material_cauchy_stress': "The same for a material's P; P itself for SB_LINEAR: small strain does not distinguish the stresses.",
     'sb_von_mises': 'Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress.',
-    'sb_material_fit': "Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is\nthe options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes\nsb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a\nstretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do\nnot distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data\nask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a\nmicrosecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic\nDeformations, 1984, ch. 7.",
+    'sb_material_fit': "Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is\nthe options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes\nsb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a\nstretch <= 0, an option out of range, SB_OGDEN or SB_FUNG, whose exponents no linear fit finds), SB_ERROR_NOT_FINITE,\nSB_ERROR_INDEFINITE naming a constant that the data do not distinguish from the others (simple shear and planar tests\nalone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED\n(compressible only). Cost: below a microsecond a reading at constant volume, about 0.1 ms when compressible.\nFormulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7.",
     'sb_material_fit_prony': 'Fits Prony terms to the relaxation g(time[k]) of a sudden strain: stress over its value at time 0; time [s] > 0.\ntau[terms] [s]: the relaxation times to use, each > 0; NULL: spread evenly in log time from the first to the last\nreading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left\nout, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in\nplace of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),\nSB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or\nSB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order).',
+    'sb_material_fit_moduli': "Fits Prony terms and the shear modulus to storage[count] and loss[count] [Pa] >= 0 of shear that oscillates with\nomega[count] [rad/s] > 0 (a rheometer's G' and G''), errors relative to |G*| of each reading. tau, terms and errors\nas above; tau NULL: spread evenly in log time over 1/omega. On SB_OK *material has these terms in place of its own\nand all of its moduli in proportion, so that mu is the instantaneous modulus and Poisson's ratio stays; info->rms is\nthe relative error of G*. SB_ERROR_ARGUMENT also for fewer than (terms + 1)/2 readings, a modulus below 0, or both 0;\nSB_ERROR_MATERIAL where the data have no modulus left at low frequencies: they are of a fluid, or end too early.",
     'sb_matrix_create': "Makes the matrix whose nodes are coupled when they share a cell (an element, a particle's neighbours ...);\nall values are zero. Nodes without a cell keep their diagonal block.\nnode_count      number of nodes, >= 1\ncell_count      number of cells, >= 0\nnodes_per_cell  nodes of each cell, >= 1; ignored when cell_start is given\ncell_start      [cell_count + 1] first entry of each cell in `cells`, ascending from 0; NULL: fixed size\ncells           node indices of the cells; a node may repeat within a cell\nallocator       NULL: malloc\nReturns SB_ERROR_ARGUMENT, SB_ERROR_INDEX (error->element is the cell) or SB_ERROR_MEMORY (also when there\nwould be more than 2^31-1 blocks) with *matrix untouched. Release with sb_matrix_free. Time and scratch\nmemory are proportional to the cells' node pairs.",
     'sb_matrix_free': 'Releases the arrays and zeroes the struct; a zeroed matrix is fine.',
     'sb_matrix_clear': 'Sets all values to zero and clears the constraint mask.',
@@ -2653,7 +2704,10 @@ DOCUMENTATION = {
     'sb_body_set_material': '---- properties: may change between steps ----\nEach checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose\nsteps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set\nforgets what its Prony terms remember: it counts as long relaxed in its present shape.',
     'sb_body_set_region_material': 'all regions',
     'sb_body_set_fibres': 'Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL\nwhen a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms\nremember of the stress along the old directions stays and fades.',
-    'sb_body_set_damping': 'SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE.',
+    'sb_body_set_second_fibres': 'The same of the second family (sb_body_def.second_fibres); NULL takes it away, as sb_body_set_fibres(NULL) does.\nSB_ERROR_ARGUMENT without a first one, SB_ERROR_UNSUPPORTED in a body whose mesh may change.',
+    'sb_body_set_tension': 'Tension (Pa) >= 0 with which the fibres of a region contract from now on: sb_material.fibre_tension, changed without\nforgetting what Prony terms remember. Set it before each step to drive it in time. SB_ERROR_INDEX: no such region;\nSB_ERROR_MATERIAL: no fibres to contract, or a material without energy for them.',
+    'sb_body_set_damping': 'Of all regions. SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE.',
+    'sb_body_set_region_damping': "Damping of a region's own, in place of the body's, which the others keep: its elements damp with beta (s) times their\nstiffness, and its share of the nodes' lumped masses with alpha (1/s), whatever def.mass is; both >= 0. What ties\ncells of a cut keeps the body's beta. sb_body_set_damping gives all regions the same again. With SB_EULER steps cost\nwhat they did; steps of one iteration of other integrators assemble one matrix more, for which the first call\nallocates. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such region), SB_ERROR_UNSUPPORTED (SB_CENTRAL_DIFFERENCE),\nSB_ERROR_MEMORY change nothing.",
     'sb_body_set_solver': "Tolerance in (0, 1) and cap (>= 1) of a step's linear solve.",
     'sb_body_hold': 'Holds the axes where the nodes are now.',
     'sb_body_place': 'Supports the axes; the next step takes them to positions[count] (m, in space).',
@@ -2669,6 +2723,7 @@ DOCUMENTATION = {
     'sb_body_external_forces': 'All loads of the last solve (gravity, forces, tractions, and what pressures, springs and mappings exerted in it) as\nnodal forces (N), [node_count].',
     'sb_body_multiply_stiffness': 'y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes\nmove by x (m). x and y: [node_count], not overlapping. K is the derivative of the forces, symmetric but not always\npositive definite; Prony terms respond at once. With single_rotation it is that of the same elements with a rotation\nat each point. Supports, loads and constraints have no say. The state stays as it is, and nothing is allocated.\nSB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node) and SB_ERROR_INVERTED (error->element) leave y untouched; error\nmay be NULL.',
     'sb_body_multiply_tangent': 'The same with the tangent that solves use: SB_TANGENT_EXACT is the derivative of above, SB_TANGENT_SPD its positive\nsemidefinite projection at each point, and SB_TANGENT_QUASI what linearised steps take: of the corotated models the\nrotations stay as they are (K = R C R^T), others are projected. SB_TANGENT_QUASI of SB_COROTATED tet4 and tet10 needs\nno matrix: measured, that takes a tenth (tet10) to two fifths (tet4) of assembling one and multiplying.\nSB_ERROR_ARGUMENT: also an unknown kind.',
+    'sb_body_stiffness_matrix': "That matrix itself (N/m; for SB_TANGENT_EXACT the derivative of the internal forces by the nodes' places), lent until\nthe next call on the body, whose copy of it this overwrites. Errors as above; *matrix is then untouched.",
     'sb_body_mass': 'Total mass (kg) and momentum (kg m/s).',
     'sb_body_stress': 'Cauchy stress (Pa) at an integration point of an element, from the current state, with what fibres and Prony terms\nadd. SB_ERROR_INDEX,\nSB_ERROR_INVERTED (material has no stress there); *stress is then untouched.',
     'sb_body_von_mises': 'Von Mises stress (Pa) of every element, mean over its points (over their weights where def.domain was given), 0 where\nthere is none; values[element_count].',
@@ -2676,6 +2731,11 @@ DOCUMENTATION = {
     'sb_body_nodal_rotations': "How the material around each node has turned from the reference shape, as unit quaternions: the rotation of the mean\ndeformation gradient, weighted by volume; identity where there is no material. rotations[node_count], as\nsb_preconditioner_warp takes them. Uses the body's scratch: between steps only.",
     'sb_body_parts': "Lists the parts by ascending `node`.\nparts     [capacity] the first `capacity` of them; NULL when capacity is 0\n*count    how many there are\nnumbers   [sb_body_node_count] number of the part of each node, -1: it has no material; or NULL\nAllocates nothing; uses the body's scratch: between steps only. SB_ERROR_ARGUMENT.",
     'sb_check_string': 'One sentence about one SB_CHECK_ bit; never NULL.',
+    'sb_body_deformation': 'Deformation gradient dx/dX at an integration point of an element, [0, sb_body_point_count). SB_ERROR_INDEX: *F is\nuntouched.',
+    'sb_body_strain': 'Strain there, see SB_TENSOR_STRAIN; errors as above. (Stress: sb_body_stress.)',
+    'sb_body_nodal_tensors': 'A tensor at every node; values[sb_body_node_count], 0 where there is no material. In each element a linear function\nof its local coordinates is fitted to the integration points (tet4: a constant), taken to its nodes, and averaged\nthere, weighted by volume; elements that are cut or have points of their own (sb_body_def.domain) give their mean.\ntensor is an sb_tensor. Measured on irregular meshes\n(tests/verification.md, verification_readings): halving elements divides errors by 3.5 of tet10, hex20 and hex27, by\n2.4 of tet4 and hex8 and by 1.9 at the surface, where these two know the middle of the layer below only.\nSB_ERROR_ARGUMENT: NULL, or another tensor; SB_ERROR_INVERTED: error->element has no stress, its material does not\nadmit the state; *values is then untouched. error may be NULL.',
+    'sb_body_region_tensors': 'The same from the elements of one region alone, 0 at nodes of others: stresses jump where materials meet, and an\naverage over both sides is neither. SB_ERROR_INDEX: the mesh has no such region.',
+    'sb_body_energy_densities': 'Elastic energy of each element per volume at rest (J/m^3), mean over the element; values[sb_body_element_count].\nTimes the volumes they sum to sb_energy.elastic, what ties pieces of a cut to each other left out; with Prony terms\nof the long-term response, as there. SB_ERROR_ARGUMENT; SB_ERROR_INVERTED names the element; SB_ERROR_NOT_FINITE: too\nlarge for sb_real; values are then untouched. error may be NULL.',
     'sb_body_change_begin': 'Begins a change; one at a time. Nothing happens to the body before the commit. Errors of the calls below leave the\nchange as it was before them: it can go on. SB_ERROR_UNSUPPORTED: def.slack was 0. SB_ERROR_STATE: another change is\nopen. SB_ERROR_MEMORY.',
     'sb_body_change_add_node': 'Makes a node at a place of the reference shape (m); *node is its number.\nsources, weights  [count] nodes in use before the change or made by it, >= 1; weights >= 0 that sum to 1\nflags             0 or SB_NODE_COPY with SB_NODE_KEEP_X ...\nSB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY.',
     'sb_body_change_move_node': "Moves a node in the reference shape (m). Its cells change shape, also those not named here. The last move of a node\ncounts.\nsources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so\n                  that the body's motion stays where it was while the node slides through it. count 0: the node keeps\n                  the motion it has, a made one that of its sources\nErrors as of sb_body_change_add_node.",
@@ -2707,7 +2767,7 @@ DOCUMENTATION = {
     'sb_embedding_forces': "Adds to node_forces[mesh.node_count] (N) the forces equivalent to point_forces[point_count] (N) at node_positions:\nthe exact transpose of sb_embedding_update's derivative, with the same net force and moment. What is said there of\nallocation, threads and errors holds.",
     'sb_embedding_get_point': 'SB_ERROR_INDEX for no such point; *point is then untouched.',
     'sb_embedding_mapping': 'SB_ERROR_MEMORY, SB_ERROR_ARGUMENT; *rows is then untouched. A NULL allocator means malloc.',
-    'sb_embedding_follow': "From now on the embedding follows every change of the body's mesh (sb_body_change_commit) and every state loaded with\nanother mesh. Its node positions are those of the body's slots, sb_body_positions(body); def.mesh need not have their\nnumbers, but has the body's rest shape: points are placed anew where they are at rest.\n- A point keeps its place at rest, that is its material, to rounding: in the cell made there when its cell was split\n  or a node slid in the material. Points in cells that did not change have the same bits as before.\n- A point whose cell was removed is held by the nearest of the cells around the change, as points outside are\n  (sb_embedding_kind), or by the nearest of all where these do not reach it; sb_embedded_point.lost and\n  sb_embedding_report.lost say so. It is back inside when cells are made there again.\n- Points outside that are held where the mesh changed are held anew from their places at rest.\n- In an element that is cut (sb_cut) a point goes with the piece that has its material, outside with the piece that\n  has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by\n  the first update after a state with another mesh; of one without nobody knows then which piece that is\n  (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.\n- A change that is refused leaves the embedding as it was, to the bit.\n- A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between\n  its `reserve` and that, the embedding is not to be read.\nCost: a change searches the points of changed cells and makes anew what updates read of them; points and cells far\nfrom it cost nothing (tests/bench/RESULTS.md). The first call takes about as long as the creation. A change allocates\nwhen arrays have to grow, and to find a point that no cell around it holds. Without memory the change is refused\n(SB_ERROR_MEMORY). After a state was loaded without memory for this, the next sb_embedding_update or\nsb_embedding_forces tries again and says SB_ERROR_MEMORY in turn. It ends with either of the two, or\nsb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's), SB_ERROR_STATE (it follows a body\nalready), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it as it was.",
+    'sb_embedding_follow': "From now on the embedding follows every change of the body's mesh (sb_body_change_commit) and every state loaded with\nanother mesh. Its node positions are those of the body's slots, sb_body_positions(body); def.mesh need not have their\nnumbers, but has the body's rest shape: points are placed anew where they are at rest.\n- A point keeps its place at rest, that is its material, to rounding: in the cell made there when its cell was split\n  or a node slid in the material. Points in cells that did not change have the same bits as before.\n- A point whose cell was removed is held by the nearest of the cells around the change, as points outside are\n  (sb_embedding_kind), or by the nearest of all where these do not reach it; sb_embedded_point.lost and\n  sb_embedding_report.lost say so. It is back inside when cells are made there again.\n- Points outside that are held where the mesh changed are held anew from their places at rest.\n- In an element that is cut (sb_cut) a point goes with the piece that has its material, outside with the piece that\n  has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by\n  the first update after a state with another mesh; of one without nobody knows then which piece that is\n  (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.\n- After a state with another mesh was loaded the points are placed anew from the mesh at rest: one on a face or\noutside may be held by another cell than before, and be drawn elsewhere by rounding, or outside by what that cell\nmakes of it. Those of a skin that tools touch (sb_contact_def.skin) are held as they were when the state was saved.\n- A change that is refused leaves the embedding as it was, to the bit.\n- A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between\n  its `reserve` and that, the embedding is not to be read.\nCost: a change searches the points of changed cells and makes anew what updates read of them; points and cells far\nfrom it cost nothing (tests/bench/RESULTS.md). The first call takes about as long as the creation. A change allocates\nwhen arrays have to grow, and to find a point that no cell around it holds. Without memory the change is refused\n(SB_ERROR_MEMORY). After a state was loaded without memory for this, the next sb_embedding_update or\nsb_embedding_forces tries again and says SB_ERROR_MEMORY in turn. It ends with either of the two, or\nsb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's), SB_ERROR_STATE (it follows a body\nalready), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it as it was.",
     'sb_embedding_unfollow': 'It stays as it is, and does not follow any more. SB_ERROR_STATE: it follows no body. SB_ERROR_ARGUMENT: NULL.',
     'sb_skin_create': "A skin of triangles between the points of an embedding.\nembedding  borrowed: destroy the skin first. Follows the body (sb_embedding_follow) where its mesh may change, since\n           before what acts on the skin was made, and until after that is destroyed\nsurface    tri3, whose nodes are the embedding's points; triangles counter-clockwise seen from outside. Copied\nallocator  NULL: malloc\nSB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (other faces than tri3), SB_ERROR_INDEX (error->element: a triangle with a\ncorner that is no point), SB_ERROR_MEMORY; *skin is then untouched.",
     'sb_body_add_constraint': "Adds the equation sum_k coefficient_k u[node_k].axis_k = value (m). The first term is the slave: its displacement\nfollows from the others, as in Abaqus' *EQUATION, so its coefficient must not be 0 (nor so small beside the others\nthat a quotient overflows).\n  terms[count]  count >= 1; other terms may name supported nodes (the slave follows), nodes of no element (as\n                prescribed reference nodes) and slaves of other constraints (chains are resolved)\n  id            receives the constraint's number, >= 0, never used again by this body; may be NULL\nA gap that a new constraint finds open is closed like the way of a moving support: at once by a time step, by load\nincrements in a static solve. A slave's velocity becomes that of its masters.\nErrors, with nothing changed: SB_ERROR_INDEX (a node), SB_ERROR_ARGUMENT (an axis; a slave that is supported, as\nnodes of no element always are, the slave of another constraint, among its own masters, or in a circle of\nconstraints; node and axis named), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY. A constraint with m master nodes couples\nthem all: m^2 matrix blocks.",
@@ -2754,7 +2814,7 @@ DOCUMENTATION = {
     'sb_haptic_get_info': 'Simulation: as of the last sb_haptic_take.',
     'sb_haptic_from_hd': "A device's state from what OpenHaptics gives: HD_CURRENT_TRANSFORM (column-major, mm) and HD_CURRENT_VELOCITY (mm/s).\nTime and buttons are the caller's to fill in; NULL: all 0.",
     'sb_cut_create': 'Makes what cuts a body; one at a time for each body, to be destroyed before or after it. SB_ERROR_ARGUMENT,\nSB_ERROR_UNSUPPORTED (slack 0, other elements), SB_ERROR_STATE (a body that is cut already), SB_ERROR_MEMORY.',
-    'sb_cut_destroy': 'The body stays cut. NULL is fine.',
+    'sb_cut_destroy': 'The body stays cut, and keeps what tells its pieces apart (sb_body_find_cell), for points and needles that are in\nthem: in its own memory; where there is none left they are held as if nobody knew the pieces. NULL is fine.',
     'sb_cut_triangles': "Cuts along triangles: a blade's way, a plane, a closed surface around what is to be taken out.\ntriangles  [count][3] corners where the body is now (m); triangles without area are skipped\ninfo       may be NULL\nOn failure body and cut are as they were: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above), and\nwhat sb_body_change_commit says. Between steps only. Allocates nothing while slack and room last. Cells look for\ntriangles near them in a tree, on the body's jobs, and where cells are parted the mesh changes: 13,440 tets, m = 2,\none thread: 0.02 ms beside the body, 4 ms for a frame that parts 100 cells, 18 ms for a plane through all.",
     'sb_cut_begin': "Begins a stroke of a blade.\nedge    [count] corners of the blade's edge, where it is now (m); 2 or more. It cuts nothing yet\n*stroke is its number\nSB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_STATE (see above, or def.max_strokes are under way),\nSB_ERROR_MEMORY. Allocates nothing while edges go through some 200 faces of elements at most.",
     'sb_cut_move': 'Moves the blade: what lies between where its edge was in the tissue, which may have moved since, and where it is now\nis cut. Once a frame, between steps; also where the blade rests and the tissue moves.\nedge       as many corners as at the beginning, where they are now (m)\ninfo       may be NULL\nOn failure body, cut and stroke are as they were, and the next move goes on from the last good one: SB_ERROR_INDEX\n(no such stroke), and as sb_cut_triangles.',
@@ -2766,6 +2826,8 @@ DOCUMENTATION = {
     'sb_cut_surface_create': 'The surface of a body that is cut by `cut`, which it is to be destroyed before. allocator NULL: malloc.\nSB_ERROR_ARGUMENT, SB_ERROR_STATE (as sb_cut_triangles), SB_ERROR_MEMORY.',
     'sb_cut_surface_update': 'To what the body is now. Where it was cut since the last call, the triangles of all elements with cuts are made anew,\nand arrays may grow; else only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is\nnot whole, and the next call tries again.',
     'sb_cut_surface_skin': "The surface as a skin, for sb_contact_def.skin: tools touch the skin and the lips of the body where they are, not the\nwhole elements whose pieces move there. It is the surface's, and nothing of its own is to be destroyed; the contact\ngoes first.\nContact follows each call that cuts and each state that is loaded in the step that comes next, which may take memory\nthen, and remembers what it did of triangles that are still there; until then it reads as before. It brings the\nsurface up to date for that: arrays of sb_cut_surface_get are to be got again after a step, and the next\nsb_cut_surface_update still names all that was made since the one before. Where that fails, the step says so. NULL of\nNULL.",
+    'sb_cut_fine_create': "A skin for the body that is cut by `cut`, which it is to be destroyed before.\nskin       SB_TRI3, at rest where the body's mesh is (m), copied\nallocator  NULL: malloc\nSB_ERROR_ARGUMENT (other elements), what sb_mesh_validate says of the skin, SB_ERROR_STATE (as sb_cut_triangles),\nSB_ERROR_MEMORY. Finds the element of each vertex: some 2 us each.",
+    'sb_cut_fine_update': 'To what the body is now. Where it was cut since the last call all triangles are listed anew, and arrays may grow;\nelse only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is what it was, and the\nnext call tries again.',
     'ndl_rod_section_preset': "The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270\nmm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,\n0.33, 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for\nan unknown preset leaves *section untouched.",
     'ndl_rod_stiffness_of': 'E A, E pi (r^4 - ri^4)/4 twice, bending/(1 + nu), rho A. The section must be valid.',
     'ndl_rod_create': 'Creates a rod at rest, with no twist but what its rest shape asks for. All memory it will ever need is taken here.\nOn failure *rod is untouched: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named), SB_ERROR_MESH (node\nnamed: an edge without length, or one turned back), SB_ERROR_MEMORY.',

@@ -136,6 +136,10 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    if (result == SB_OK && def->second_fibres && def->slack > 0)
+        result = sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that may change (def.slack) has one family of fibres");
+    if (result == SB_OK && def->second_fibres)
+        result = sb_body_set_second_fibres(body, def->second_fibres, error);
     for (int i = 0; i < body->material_count && result == SB_OK; i++)
         result = sbi_body_prepare_material(body, i, body->materials + i, error);
     if (result == SB_OK)
@@ -206,16 +210,49 @@ SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
     return SB_OK;
 }
 
+static int sbi_body_is_damping(sb_real alpha, sb_real beta)
+{
+    return alpha >= 0 && beta >= 0 && sb_is_finite(alpha) && sb_is_finite(beta);
+}
+
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 {
     const sb_real damping[2] = {alpha, beta};
-    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
+    if (!body || !sbi_body_is_damping(alpha, beta))
         return SB_ERROR_ARGUMENT;
     if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
         return SB_ERROR_UNSUPPORTED;
     body->damping_mass = alpha;
     body->damping_stiffness = beta;
+    if (body->regional_damping)
+        sbi_body_set_regions(body, 0);
     sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_region_damping(sb_body *body, int region, sb_real alpha, sb_real beta, sb_error *error)
+{
+    const sb_real damping[2] = {alpha, beta};
+    sb_result result;
+    int at, found, regional;
+    if (!body || !sbi_body_is_damping(alpha, beta))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a region's damping needs a body and finite alpha, beta >= 0");
+    if (body->integrator == SB_CENTRAL_DIFFERENCE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE damps all regions alike");
+    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
+    if (!found)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
+    regional = body->regional_damping;
+    sbi_body_begin_regions(body);
+    body->regional_damping = 1;
+    result = sbi_body_reserve_damping(body, NULL, 0, error);
+    body->regional_damping = regional;
+    if (result != SB_OK)
+        return result;
+    body->region_alpha[at] = alpha;
+    body->region_beta[at] = beta;
+    sbi_body_set_regions(body, 1);
+    sbi_body_tell(body, SBI_COMMAND_REGION_DAMPING, region, 0, NULL, 0, damping, 2);
     return SB_OK;
 }
 

@@ -47,6 +47,7 @@ static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
     for (int i = 0; i < SBI_BODY_VECTORS; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->node_damping = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
     body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
     body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
     body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
@@ -110,6 +111,7 @@ SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
     for (int i = 0; i < SBI_BODY_VECTORS; i++)
         memcpy(*out[i], *in[i], n * sizeof(sb_vec3));
     memcpy(to->lumped_mass, from->lumped_mass, n * sizeof(sb_real));
+    memcpy(to->node_damping, from->node_damping, n * sizeof(sb_real));
     memcpy(to->load_mass, from->load_mass, n * sizeof(sb_real));
     memcpy(to->fixed, from->fixed, n);
     memcpy(to->node_component, from->node_component, n * sizeof(int));
@@ -127,6 +129,7 @@ SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
         *right[i] = vector;
     }
     a->lumped_mass = b->lumped_mass, b->lumped_mass = other.lumped_mass;
+    a->node_damping = b->node_damping, b->node_damping = other.node_damping;
     a->load_mass = b->load_mass, b->load_mass = other.load_mass;
     a->fixed = b->fixed, b->fixed = other.fixed;
     a->node_component = b->node_component, b->node_component = other.node_component;
@@ -169,6 +172,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_assembly_free(&body->assembly, &allocator);
     sb_domain_free(&body->domain);
     sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->second_fibres);
     sbi_free(&allocator, body->substep_room);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);
@@ -176,6 +180,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_free(&allocator, body->pattern_memory);
     sbi_free(&allocator, body->cell_material);
     sbi_free(&allocator, body->made_young);
+    sbi_free(&allocator, body->region_alpha);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
     sbi_free(&allocator, body->topology_memory);

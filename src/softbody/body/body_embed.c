@@ -3,19 +3,24 @@
 
 #include <string.h>
 
-#include "../geometry/embed_follow.h"
+#include "../geometry/embed_held.h"
 #include "live_private.h"
+
+SBI_API void sbi_body_fill_embed_slots(const sb_body *body, sbi_embed_slots *mesh)
+{
+    mesh->node_end = body->domain.node_count;
+    mesh->cell_end = body->domain.cell_count;
+    mesh->nodes = body->reference;
+    mesh->cells = body->domain.cells;
+    mesh->used = body->live->cells.used;
+    mesh->find_cell = body->live->find;
+    mesh->find_user = body->live->find_user;
+}
 
 static sb_result sbi_body_embed_load(sb_embedding *embedding, const sb_body *body, sb_error *error)
 {
     sbi_embed_slots mesh;
-    mesh.node_end = body->domain.node_count;
-    mesh.cell_end = body->domain.cell_count;
-    mesh.nodes = body->reference;
-    mesh.cells = body->domain.cells;
-    mesh.used = body->live->cells.used;
-    mesh.find_cell = body->live->find;
-    mesh.find_user = body->live->find_user;
+    sbi_body_fill_embed_slots(body, &mesh);
     return sbi_embed_follower_load(embedding, &mesh, error);
 }
 
@@ -45,6 +50,8 @@ static void sbi_body_embed_follow(void *user, const sb_body *body, const sb_mesh
     sb_embedding *embedding = (sb_embedding *)user;
     if (change)
         sbi_embed_follower_follow(embedding);
+    else if (embedding->follower->prepared)
+        sbi_embed_take_prepared(embedding);
     else if (body->live->find)
         embedding->follower->stale = 1; /* until it is used: who knows of cuts has not loaded yet what it knows */
     else

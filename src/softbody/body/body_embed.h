@@ -23,6 +23,9 @@
  *   has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by
  *   the first update after a state with another mesh; of one without nobody knows then which piece that is
  *   (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.
+ * - After a state with another mesh was loaded the points are placed anew from the mesh at rest: one on a face or
+ * outside may be held by another cell than before, and be drawn elsewhere by rounding, or outside by what that cell
+ * makes of it. Those of a skin that tools touch (sb_contact_def.skin) are held as they were when the state was saved.
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between
  *   its `reserve` and that, the embedding is not to be read.
@@ -36,5 +39,11 @@
 SB_API sb_result sb_embedding_follow(sb_embedding *embedding, sb_body *body, sb_error *error);
 /* It stays as it is, and does not follow any more. SB_ERROR_STATE: it follows no body. SB_ERROR_ARGUMENT: NULL. */
 SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- internal: the mesh of a body with slack, as an embedding takes it ---- */
+struct sbi_embed_slots;
+SBI_API void sbi_body_fill_embed_slots(const sb_body *body, struct sbi_embed_slots *mesh);
+#endif
 
 #endif /* SB_BODY_EMBED_H */

@@ -58,6 +58,35 @@ SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *al
     return SB_OK;
 }
 
+SBI_API int sbi_body_has_uncut(const sb_body *owner) { return owner->live && owner->live->uncut; }
+
+SBI_API sb_result sbi_body_copy_uncut(const sb_body *body, const sb_body *owner, const sb_allocator *allocator,
+                                      sb_mesh *mesh, int **cells, sb_error *error)
+{
+    const sbi_uncut *uncut = owner->live->uncut;
+    size_t nodes = (size_t)uncut->node_end, count = (size_t)uncut->cell_count;
+    size_t width = (size_t)body->domain.nodes_per_cell;
+    sb_mesh made = sbi_body_mesh(body);
+    if (uncut->node_end > body->domain.node_count)
+        return sbi_fail(error, SB_ERROR_STATE, "the body has not the nodes of the mesh before its cuts");
+    made.allocator = *allocator;
+    made.node_count = uncut->node_end;
+    made.element_count = uncut->cell_count;
+    made.nodes = (sb_vec3 *)sbi_alloc(allocator, nodes, sizeof(sb_vec3));
+    made.elements = (int *)sbi_alloc(allocator, count, width * sizeof(int));
+    *cells = (int *)sbi_alloc(allocator, count, sizeof(int));
+    if (!made.nodes || !made.elements || !*cells) {
+        sbi_free(allocator, *cells);
+        sb_mesh_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", uncut->node_end);
+    }
+    memcpy(made.nodes, body->reference, nodes * sizeof(sb_vec3));
+    memcpy(made.elements, uncut->nodes, count * width * sizeof(int));
+    memcpy(*cells, uncut->cells, count * sizeof(int));
+    *mesh = made;
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error)
 {
     if (sb_body_mesh_version(body) == version)

@@ -16,6 +16,12 @@ SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed, 
  * Release with sb_mesh_free. SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh,
                                      sb_error *error);
+/* The same of the mesh before any cut, which `owner` knows (sbi_body_has_uncut), with its nodes as the body has them;
+ * cells[count], to be freed: numbers that its elements had as cells. SB_ERROR_MEMORY, SB_ERROR_STATE: the body has
+ * fewer nodes. */
+SBI_API sb_result sbi_body_copy_uncut(const sb_body *body, const sb_body *owner, const sb_allocator *allocator,
+                                      sb_mesh *mesh, int **cells, sb_error *error);
+SBI_API int sbi_body_has_uncut(const sb_body *owner);
 /* SB_ERROR_STATE unless the body's mesh is what it was when sb_body_mesh_version gave `version`. For those that do not
  * follow a change of the mesh, before they use what they know of it. */
 SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);

@@ -237,13 +237,58 @@ static void sbi_body_add_cell_mass(sb_body *body, int cell)
 
 SBI_API void sbi_body_sum_node_mass(sb_body *body, int node)
 {
-    sb_real mass = 0, load = 0;
+    sb_real mass = 0, load = 0, damping = 0;
     for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
         mass += body->live->masses[at][0];
         load += body->live->masses[at][1];
+        if (body->regional_damping)
+            damping += body->region_alpha[body->cell_material[at / 4]] * body->live->masses[at][0];
     }
     body->lumped_mass[node] = mass;
+    body->node_damping[node] = damping;
     body->load_mass[node] = load;
+}
+
+/* The same of a body that does not follow: each cell's masses, no smaller than 0, and what is in body->work[].y of them
+ * all. */
+static void sbi_body_sum_cell_damping(sb_body *body)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    int n = body->domain.nodes_per_cell;
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        sb_real alpha = body->region_alpha[body->cell_material[e]];
+        if (!sbi_live_has_cell(body, e))
+            continue;
+        sbi_body_gather_reference(body, e, x);
+        sbi_body_cell_mass(body, e, SB_MASS_LUMPED, x, mass, NULL);
+        for (int a = 0; a < n; a++) {
+            sb_real m = sbi_live_density(body, e) * sb_max(mass[a * n + a], 0);
+            body->node_damping[cell[a]] += alpha * m;
+            body->work[cell[a]].y += m;
+        }
+    }
+}
+
+SBI_API void sbi_body_sum_damping(sb_body *body)
+{
+    int n = body->domain.node_count;
+    memset(body->node_damping, 0, (size_t)n * sizeof(sb_real));
+    if (!body->regional_damping)
+        return;
+    if (sbi_live_follows(body)) {
+        for (int at = 0; at < 4 * body->domain.cell_count; at++)
+            if (sbi_live_has_cell(body, at / 4))
+                body->node_damping[body->domain.cells[at]] +=
+                    body->region_alpha[body->cell_material[at / 4]] * body->live->masses[at][0];
+        return;
+    }
+    memset(body->work, 0, (size_t)n * sizeof(sb_vec3));
+    sbi_body_sum_cell_damping(body);
+    for (int i = 0; i < n; i++) /* masses that were lifted: the mean alpha of the node */
+        if (body->work[i].y > 0)
+            body->node_damping[i] *= body->lumped_mass[i] / body->work[i].y;
 }
 
 SBI_API void sbi_body_update_mass(sb_body *body)
@@ -286,6 +331,8 @@ SBI_API void sbi_body_update_mass(sb_body *body)
     }
     if (body->domain.cell_mass && (sbi_body_lift_masses(body) || lifted))
         sbi_body_tilt_masses(body);
+    if (body->regional_damping)
+        sbi_body_sum_damping(body);
 }
 
 SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out)

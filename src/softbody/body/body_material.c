@@ -9,8 +9,7 @@
 
 static int sbi_body_region(const sb_mesh *mesh, int element) { return mesh->regions ? mesh->regions[element] : 0; }
 
-/* Index of a region in the ascending list, or where it would stand (then *found is 0). */
-static int sbi_body_find_region(const int *regions, int count, int region, int *found)
+SBI_API int sbi_body_find_region(const int *regions, int count, int region, int *found)
 {
     int low = 0, high = count;
     while (low < high) {
@@ -62,7 +61,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
     body->materials = (sb_material *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_material));
     body->made_young = (sb_real *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_real));
     body->cell_material = (int *)sbi_alloc(&body->allocator, (size_t)def->mesh->element_count, sizeof(int));
-    if (!body->materials || !body->made_young || !body->cell_material)
+    if (!body->materials || !body->made_young || !body->cell_material || !sbi_body_take_regions(body))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d materials", count);
     for (int e = 0; e < def->mesh->element_count; e++)
         body->cell_material[e] =
@@ -96,7 +95,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
 /* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
 static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
 {
-    for (int e = 0; e < body->domain.cell_count && material->fibre_stiffness > 0; e++)
+    for (int e = 0; e < body->domain.cell_count && sbi_material_has_fibres(material); e++)
         if ((index < 0 || body->cell_material[e] == index) && sbi_live_has_cell(body, e))
             return sbi_fail_element(error, SB_ERROR_MATERIAL, e,
                                     "the material of element %d has fibres, but no directions were given (def.fibres)",
@@ -118,26 +117,48 @@ SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count
     }
 }
 
+/* Names the first direction that is not finite. */
+static sb_result sbi_body_check_fibres(const sb_body *body, const sb_vec3 *fibres, sb_error *error)
+{
+    for (int e = 0; fibres && e < body->domain.cell_count; e++)
+        if (!sb_v3_is_finite(fibres[e]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite",
+                                    e);
+    return SB_OK;
+}
+
+/* A family (1: the first, 2: the second) has these directions from now on. */
+static void sbi_body_fibres_changed(sb_body *body, int family, const sb_vec3 *fibres)
+{
+    body->assembly.fibres = body->fibres;
+    body->assembly.second_fibres = body->second_fibres;
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_FIBRES, fibres != NULL, family, NULL, 0, fibres ? &fibres[0].x : NULL,
+                  fibres ? 3 * (size_t)body->domain.cell_count : 0);
+}
+
 SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error)
 {
     int count;
     sb_vec3 *copy;
+    sb_result result;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_fibres needs a body");
     count = body->domain.cell_count;
-    for (int e = 0; fibres && e < count; e++)
-        if (!sb_v3_is_finite(fibres[e]))
-            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite",
-                                    e);
+    result = sbi_body_check_fibres(body, fibres, error);
+    if (result != SB_OK)
+        return result;
     copy = body->fibres;
     if (!fibres) {
         for (int i = 0; i < body->material_count; i++) {
-            sb_result result = sbi_body_miss_fibres(body, i, body->materials + i, error);
+            result = sbi_body_miss_fibres(body, i, body->materials + i, error);
             if (result != SB_OK)
                 return result;
         }
         sbi_free(&body->allocator, copy);
-        copy = NULL;
+        sbi_free(&body->allocator, body->second_fibres);
+        copy = body->second_fibres = NULL;
     } else if (!copy) {
         copy = (sb_vec3 *)sbi_alloc_zeroed(&body->allocator, (size_t)sbi_live_cell_room(body), sizeof *copy);
         if (!copy)
@@ -146,11 +167,33 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     if (fibres)
         sbi_body_copy_fibres(copy, fibres, count);
     body->fibres = copy;
-    body->assembly.fibres = copy;
-    body->force_current = 0;
-    body->acceleration_known = 0;
-    sbi_body_tell(body, SBI_COMMAND_FIBRES, fibres != NULL, 0, NULL, 0, fibres ? &fibres[0].x : NULL,
-                  fibres ? 3 * (size_t)count : 0);
+    sbi_body_fibres_changed(body, 1, fibres);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_second_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error)
+{
+    sb_result result;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_second_fibres needs a body");
+    if (fibres && body->live)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that may change (def.slack) has one family of fibres");
+    if (fibres && !body->fibres)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a second family of fibres needs a first one: sb_body_set_fibres");
+    result = sbi_body_check_fibres(body, fibres, error);
+    if (result != SB_OK)
+        return result;
+    if (!fibres) {
+        sbi_free(&body->allocator, body->second_fibres);
+        body->second_fibres = NULL;
+    } else if (!body->second_fibres) {
+        body->second_fibres = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)body->domain.cell_count, sizeof(sb_vec3));
+        if (!body->second_fibres)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", body->domain.cell_count);
+    }
+    if (fibres)
+        sbi_body_copy_fibres(body->second_fibres, fibres, body->domain.cell_count);
+    sbi_body_fibres_changed(body, 2, fibres);
     return SB_OK;
 }
 
@@ -174,13 +217,26 @@ SBI_API sb_result sbi_body_check_material(const sb_material *material, int singl
 
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
-    const sb_real moduli[SBI_MATERIAL_MODULI] = {material->density,       material->lambda, material->mu,
-                                                 material->c10,           material->d1,     material->c01,
-                                                 material->c20,           material->c30,    material->fibre_stiffness,
-                                                 material->fibre_exponent};
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {material->density,
+                                                 material->lambda,
+                                                 material->mu,
+                                                 material->c10,
+                                                 material->d1,
+                                                 material->c01,
+                                                 material->c20,
+                                                 material->c30,
+                                                 material->fibre_stiffness,
+                                                 material->fibre_exponent,
+                                                 material->fung_exponent,
+                                                 material->fibre_dispersion,
+                                                 material->fibre_tension,
+                                                 material->fibre_optimum,
+                                                 material->fibre_width};
     memcpy(reals, moduli, sizeof moduli);
-    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
-    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+    memcpy(reals + SBI_MATERIAL_OGDEN, material->ogden_mu, sizeof material->ogden_mu);
+    memcpy(reals + SBI_MATERIAL_OGDEN + SB_MAX_OGDEN_TERMS, material->ogden_alpha, sizeof material->ogden_alpha);
+    memcpy(reals + SBI_MATERIAL_PRONY, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_PRONY + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
 }
 
 SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
@@ -199,8 +255,15 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
     m.c30 = reals[7];
     m.fibre_stiffness = reals[8];
     m.fibre_exponent = reals[9];
-    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
-    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    m.fung_exponent = reals[10];
+    m.fibre_dispersion = reals[11];
+    m.fibre_tension = reals[12];
+    m.fibre_optimum = reals[13];
+    m.fibre_width = reals[14];
+    memcpy(m.ogden_mu, reals + SBI_MATERIAL_OGDEN, sizeof m.ogden_mu);
+    memcpy(m.ogden_alpha, reals + SBI_MATERIAL_OGDEN + SB_MAX_OGDEN_TERMS, sizeof m.ogden_alpha);
+    memcpy(m.prony_g, reals + SBI_MATERIAL_PRONY, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_PRONY + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
     return m;
 }
 
@@ -268,37 +331,26 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
     return SB_OK;
 }
 
-/* ---- Newton iterations that materials need ---- */
-
-/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
- * linearised steps add up until the body explodes: only a linear body may take them. */
-static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
+SB_API sb_result sb_body_set_tension(sb_body *body, int region, sb_real tension, sb_error *error)
 {
-    return model == SB_LINEAR ||
-           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
-}
-
-SBI_API int sbi_body_max_newton(const sb_body *body)
-{
-    if (body->max_newton != SB_AUTO)
-        return body->max_newton;
-    for (int i = 0; i < body->material_count; i++)
-        if (!sbi_body_is_one_step(body, body->materials[i].model))
-            return 20;
-    return 1;
-}
-
-/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
-{
-    int needed = body->max_newton > 1;
-    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
-        needed |= !sbi_body_is_one_step(body, materials[i].model);
-    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
-        return SB_OK;
-    body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)sbi_matrix_capacity(&body->matrix) + 1, 9 * sizeof(sb_real));
-    if (!body->damping_blocks)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
+    sb_material material;
+    sb_result result;
+    int at, found;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_tension needs a body");
+    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
+    if (!found)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
+    material = body->materials[at];
+    material.fibre_tension = tension;
+    result = sbi_body_check_material(&material, body->domain.single_rotation, error);
+    if (result == SB_OK && !body->fibres)
+        result = sbi_body_miss_fibres(body, at, &material, error);
+    if (result != SB_OK)
+        return result;
+    body->materials[at] = material;
+    sbi_body_materials_changed(body);
+    body->guard.ledger_open = 0; /* what a muscle gives or takes is no loss */
+    sbi_body_tell_material(body, SBI_MATERIAL_TENSION, region, &material);
     return SB_OK;
 }

@@ -6,6 +6,7 @@
 #include "body.h"
 #include "body_guest.h"
 #include "elimination.h"
+#include "step_touch.h"
 
 enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
 
@@ -67,8 +68,9 @@ typedef struct sbi_step_guard {
 /* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
  * row in the replay table of record.c. Codes stand in files: never change one. */
 typedef enum sbi_command_code {
-    SBI_COMMAND_DESTROY = 0,   /* the body is about to go */
-    SBI_COMMAND_MATERIAL = 1,  /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_DESTROY = 0, /* the body is about to go */
+    SBI_COMMAND_MATERIAL =
+        1, /* a: 1 for all regions, 2 for its tension only; ints: region, model, Prony terms; reals: packed material */
     SBI_COMMAND_GRAVITY = 2,   /* reals: 3 */
     SBI_COMMAND_DAMPING = 3,   /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,    /* a: max_iterations; reals: tolerance */
@@ -85,7 +87,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
     SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress,
                                     * instantaneous + 2 quasi_newton + 4 forces_only + 8 newton; reals: tolerance */
-    SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away; reals: one vector per element */
+    SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away, b: 2 of the second family; reals: one vector per element */
     SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
     SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
     SBI_COMMAND_ADD_SPRINGS = 20,  /* b: uniform; ints: nodes; reals: points, stiffness */
@@ -98,11 +100,12 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
     SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
-    SBI_COMMAND_CHANGE = 29,    /* ints and reals: the calls of a change of the mesh, see live_change.c */
-    SBI_COMMAND_PLACE = 32,     /* ints: the preconditioner's memory; reals: one displacement per node */
-    SBI_COMMAND_LINES = 33,     /* a: load; reals: one line per row, or none to take them away */
-    SBI_COMMAND_PART = 34,      /* ints: name of a part of the state, and its own; reals: its own */
-    SBI_COMMAND_PART_STEP = 35, /* a: result; the same of a step */
+    SBI_COMMAND_CHANGE = 29,         /* ints and reals: the calls of a change of the mesh, see live_change.c */
+    SBI_COMMAND_PLACE = 32,          /* ints: the preconditioner's memory; reals: one displacement per node */
+    SBI_COMMAND_LINES = 33,          /* a: load; reals: one line per row, or none to take them away */
+    SBI_COMMAND_PART = 34,           /* ints: name of a part of the state, and its own; reals: its own */
+    SBI_COMMAND_PART_STEP = 35,      /* a: result; the same of a step */
+    SBI_COMMAND_REGION_DAMPING = 36, /* a: region; reals: alpha, beta */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -131,6 +134,7 @@ struct sb_body {
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
+    sbi_touch_keeper touch_keeper; /* who keeps that, or zeros */
     unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
     size_t substep_room_size;
     const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
@@ -156,8 +160,10 @@ struct sb_body {
                              * also those of another mesh, so that they do not depend on when that came */
     int *cell_material;     /* [cell_count] */
     sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
-    sb_real force_unit;     /* stiffness times volume over size (N): times epsilon, rounding in the forces */
-    int component_count;    /* connected parts */
+    sb_vec3
+        *second_fibres;  /* [cell_count] of the second family; NULL: none. Only where fibres are, and the mesh stays */
+    sb_real force_unit;  /* stiffness times volume over size (N): times epsilon, rounding in the forces */
+    int component_count; /* connected parts */
     sb_index_table element_component;
     sb_index_lists node_elements;
     int *node_component; /* [node_count], -1: no element */
@@ -174,16 +180,21 @@ struct sb_body {
     sb_integrator integrator;
     sb_vec3 gravity;
     sb_real damping_mass, damping_stiffness;
+    int regional_damping;    /* 1: regions have their own, below */
+    sb_real *region_alpha;   /* [material_count] (1/s), one block with the next two */
+    sb_real *region_beta;    /* [material_count] (s) */
+    sb_real *region_factors; /* [material_count] scratch of a step: of each region's stiffness */
     sb_real tolerance, newton_tolerance;
     int max_iterations, max_newton;
     sb_real spectral_radius;
     int max_substeps;
 
     /* mass */
-    sb_real *lumped_mass; /* [node_count] (kg) */
-    sb_real *part_scale;  /* [parts of the matrix] largest force (N) of each, to compare its residual with */
-    sb_real *mass_blocks; /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
-    sb_real *load_mass;   /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
+    sb_real *lumped_mass;  /* [node_count] (kg) */
+    sb_real *node_damping; /* [node_count] (kg/s) what the regions' alphas make of it; 0 without regional_damping */
+    sb_real *part_scale;   /* [parts of the matrix] largest force (N) of each, to compare its residual with */
+    sb_real *mass_blocks;  /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
+    sb_real *load_mass;    /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
 
     /* supports and loads */
     unsigned char *fixed;    /* [node_count] axes as bits; unreferenced nodes always all */
@@ -298,7 +309,13 @@ SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kin
                                 sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
-enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };
+enum { SBI_MATERIAL_TENSION = 2 }; /* a of SBI_COMMAND_MATERIAL */
+enum {
+    SBI_MATERIAL_MODULI = 15,
+    SBI_MATERIAL_OGDEN = SBI_MATERIAL_MODULI, /* where the lists start */
+    SBI_MATERIAL_PRONY = SBI_MATERIAL_OGDEN + 2 * SB_MAX_OGDEN_TERMS,
+    SBI_MATERIAL_REALS = SBI_MATERIAL_PRONY + 2 * SB_MAX_PRONY_TERMS
+};
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
 SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals);
 
@@ -339,6 +356,19 @@ SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_real *young
 SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count);
 /* memory, which only ever grows: */
 SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
+/* Room for material_count regions' damping, and with another body's in it; 0: no memory. */
+SBI_API int sbi_body_take_regions(sb_body *body);
+SBI_API int sbi_body_copy_regions(sb_body *to, const sb_body *from);
+/* Where all damp alike, each region gets what the body has. */
+SBI_API void sbi_body_begin_regions(sb_body *body);
+/* 1 when some stiffness damps. */
+SBI_API int sbi_body_has_beta(const sb_body *body);
+/* Regions damp by what they have (1), or all by what the body has (0). */
+SBI_API void sbi_body_set_regions(sb_body *body, int regional);
+/* node_damping, from the regions' alphas and masses. */
+SBI_API void sbi_body_sum_damping(sb_body *body);
+/* Index of a region in the ascending list, or where it would stand (then *found is 0). */
+SBI_API int sbi_body_find_region(const int *regions, int count, int region, int *found);
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
 /* and what follows from the materials. */
 SBI_API void sbi_body_materials_changed(sb_body *body);
@@ -418,6 +448,9 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
 }
 /* Points of an element that others may see: its mean point is ours. */
 SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_points; }
+/* F, mean points last, and Cauchy stresses (Pa) at the points of an element; where there is no stress it is 0, and
+ * admissible[point] 0. All: [SBI_CELL_POINTS]. */
+SBI_API void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 *f, sb_mat3 *stress, int *admissible);
 /* Of the material at rest (m^3); 0 of a free cell. */
 SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element);
 

@@ -193,43 +193,64 @@ SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy)
     return SB_OK;
 }
 
-/* y = K x; -1, or the first cell without a tangent. */
+/* Without x the body's matrix = K, otherwise y = K x; -1, or the first cell without a tangent. */
 static int sbi_body_tangent_product(sb_body *body, sb_tangent_kind kind, const sb_vec3 *x, sb_vec3 *y)
 {
     int bad;
-    if (kind == SB_TANGENT_QUASI && sbi_assembly_multiply(&body->assembly, x, y))
+    if (x && kind == SB_TANGENT_QUASI && sbi_assembly_multiply(&body->assembly, x, y))
         return -1;
     bad = sbi_assembly_tangent(&body->assembly, body->displacement, kind, 1, &body->matrix);
-    if (bad < 0)
+    if (x && bad < 0)
         sb_matrix_multiply(&body->matrix, &x[0].x, &y[0].x, &body->jobs);
     return bad;
 }
 
-SB_API sb_result sb_body_multiply_tangent(sb_body *body, sb_tangent_kind kind, const sb_vec3 *x, sb_vec3 *y,
-                                          sb_error *error)
+/* The same at the rotations of now, which stay as they are. */
+static sb_result sbi_body_apply_tangent(sb_body *body, sb_tangent_kind kind, const sb_vec3 *x, sb_vec3 *y,
+                                        sb_error *error)
 {
-    int bad = -1, has_rotations;
-    if (!body || !x || !y)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a product with the stiffness needs a body, x and y");
+    int bad = -1, has_rotations = body->force_current;
     if (kind != SB_TANGENT_EXACT && kind != SB_TANGENT_SPD && kind != SB_TANGENT_QUASI)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the kind of tangent %d is unknown", (int)kind);
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (!sb_v3_is_finite(x[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "the displacement of node %d is not finite", i);
-    has_rotations = body->force_current;
     if (!has_rotations) { /* forces leave traces in the warm starts */
         sbi_assembly_save_rotations(&body->assembly);
         bad = sbi_assembly_force(&body->assembly, body->displacement, body->work);
     }
     if (bad < 0)
-        bad = sbi_body_tangent_product(body, kind, x, body->work2);
+        bad = sbi_body_tangent_product(body, kind, x, y);
     if (!has_rotations)
         sbi_assembly_restore_rotations(&body->assembly);
     if (bad >= 0)
         return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
-    memcpy(y, body->work2, (size_t)body->domain.node_count * sizeof *y);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_multiply_tangent(sb_body *body, sb_tangent_kind kind, const sb_vec3 *x, sb_vec3 *y,
+                                          sb_error *error)
+{
+    sb_result result;
+    if (!body || !x || !y)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a product with the stiffness needs a body, x and y");
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (!sb_v3_is_finite(x[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "the displacement of node %d is not finite", i);
+    result = sbi_body_apply_tangent(body, kind, x, body->work2, error);
+    if (result == SB_OK)
+        memcpy(y, body->work2, (size_t)body->domain.node_count * sizeof *y);
+    return result;
+}
+
+SB_API sb_result sb_body_stiffness_matrix(sb_body *body, sb_tangent_kind kind, const sb_matrix **matrix,
+                                          sb_error *error)
+{
+    sb_result result;
+    if (!body || !matrix)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the stiffness needs a body and where its matrix goes");
+    result = sbi_body_apply_tangent(body, kind, NULL, NULL, error);
+    if (result == SB_OK)
+        *matrix = &body->matrix;
+    return result;
 }
 
 SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error)
@@ -270,11 +291,10 @@ static void sbi_body_add_mean_stress(const sb_body *body, const sb_real xi[3], c
     }
 }
 
-/* Cauchy stresses at the points of an element; 0, and admissible[point] 0, where there is none. */
-static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 *stress, int *admissible)
+SBI_API void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 *f, sb_mat3 *stress, int *admissible)
 {
     const sb_material *material = body->materials + body->cell_material[element];
-    sb_mat3 f[SBI_CELL_POINTS], p[SBI_CELL_POINTS];
+    sb_mat3 p[SBI_CELL_POINTS];
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     int ordinary = sbi_body_points(body);
     if (body->domain.mean_points > 1) /* one has the same share everywhere */
@@ -299,13 +319,13 @@ static void sbi_body_element_stresses(const sb_body *body, int element, sb_mat3 
 
 SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_mat3 *stress)
 {
-    sb_mat3 all[SBI_CELL_POINTS];
+    sb_mat3 f[SBI_CELL_POINTS], all[SBI_CELL_POINTS];
     int admissible[SBI_CELL_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
     if (!sb_body_cell_in_use(body, element) || point < 0 || point >= sbi_body_points(body))
         return SB_ERROR_INDEX;
-    sbi_body_element_stresses(body, element, all, admissible);
+    sbi_body_element_stresses(body, element, f, all, admissible);
     if (!admissible[point])
         return SB_ERROR_INVERTED;
     *stress = all[point];
@@ -323,11 +343,11 @@ SBI_API sb_real sbi_body_element_volume(const sb_body *body, int element)
 
 static sb_real sbi_body_element_von_mises(const sb_body *body, int element)
 {
-    sb_mat3 stress[SBI_CELL_POINTS];
+    sb_mat3 f[SBI_CELL_POINTS], stress[SBI_CELL_POINTS];
     int admissible[SBI_CELL_POINTS];
     const sb_real *weights = body->domain.weights + (size_t)element * (size_t)body->domain.points_per_cell;
     sb_real sum = 0;
-    sbi_body_element_stresses(body, element, stress, admissible);
+    sbi_body_element_stresses(body, element, f, stress, admissible);
     for (int p = 0; body->own_points && p < sbi_body_points(body); p++)
         sum += weights[p] * sb_von_mises(stress[p]);
     if (body->own_points) {

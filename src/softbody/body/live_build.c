@@ -140,7 +140,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
         next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
         !next->materials || !next->made_young || !next->cell_material || (mesh->fibres && !next->fibres) ||
-        !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
+        !sbi_body_copy_regions(next, body) || !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
         !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
         return sbi_live_no_memory(error, mesh->nodes.end);
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
@@ -551,6 +551,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->parts = old.parts;
     next->parts = NULL;
     body->touch = old.touch;
+    body->touch_keeper = old.touch_keeper;
     body->substep_room = old.substep_room;
     body->substep_room_size = old.substep_room_size;
     next->touch = NULL;
@@ -568,6 +569,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->last_listener = live->last_listener;
     made->find = live->find;
     made->find_user = live->find_user;
+    made->uncut = live->uncut;
     live->open = NULL;
     live->listeners = NULL;
     live->listener_count = 0;

@@ -379,7 +379,7 @@ static void sbi_live_blank_node(sb_body *body, int node)
     for (int k = 0; k < SBI_LIVE_CARRIED; k++)
         carried[k][node] = sb_v3(0, 0, 0);
     body->reference[node] = body->position[node] = sb_v3(0, 0, 0);
-    body->lumped_mass[node] = body->load_mass[node] = 0;
+    body->lumped_mass[node] = body->load_mass[node] = body->node_damping[node] = 0;
     body->fixed[node] = SB_XYZ;
     body->node_component[node] = -1;
 }

@@ -31,6 +31,13 @@ SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot);
 
 typedef int sbi_cell_find(void *user, int cell, const sb_real xi[3]);
 
+/* The mesh before any cut, as what knows the pieces has it. */
+typedef struct sbi_uncut {
+    int cell_count, node_end;
+    const int *nodes; /* [cell_count][nodes of a cell] */
+    const int *cells; /* [cell_count] numbers that they had */
+} sbi_uncut;
+
 typedef struct sbi_listener {
     int id;
     int leads; /* 1: comes before those that do not, whenever it was registered: these may read it */
@@ -57,11 +64,12 @@ typedef struct sbi_live {
     sbi_push *pushes;       /* [push_capacity] */
     int push_count, push_capacity;
     sb_quadrature_kind rule; /* of the domain's points */
-    sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows */
-    void *find_user;
-    int find_knows;       /* 1: it knows the mesh that the change under way leads to, too */
-    int follows;          /* 1: domain, matrix and assembly follow changes: tet4 */
-    double slack;         /* of the def */
+    sbi_cell_find *find;     /* see sb_body_find_cell; NULL: nobody knows, or not this mesh */
+    void *find_user;         /* also while it does not know this mesh */
+    const sbi_uncut *uncut;  /* of find_user; NULL: none */
+    int find_knows;          /* 1: it knows the mesh that the change under way leads to, too */
+    int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;            /* of the def */
     sb_real (*masses)[2]; /* [4 cells.capacity] of a body that follows: lumped mass and int rho N dV of each corner (kg)
                            */
     int *node_marks;      /* [nodes.capacity] zeros between calls */

@@ -19,7 +19,7 @@
 #include "../base/output.h"
 
 enum {
-    SBI_RECORD_VERSION = 2,
+    SBI_RECORD_VERSION = 3,
     SBI_RECORD_HEAD = SBI_IMAGE_HEAD + 32,
     SBI_RECORD_COMMAND = 32,
     SBI_RECORD_RANGES = 16,
@@ -307,11 +307,12 @@ static const sb_vec3 *sbi_record_vectors(const sbi_command *c) { return (const s
 static sb_result sbi_play_material(sb_body *body, const sbi_command *c, sb_error *error)
 {
     sb_material material;
-    if (c->ints[1] < SB_LINEAR || c->ints[1] > SB_REDUCED_POLYNOMIAL || c->ints[2] < 0 ||
-        c->ints[2] > SB_MAX_PRONY_TERMS)
+    if (c->ints[1] < SB_LINEAR || c->ints[1] > SBI_LAST_MODEL || c->ints[2] < 0 || c->ints[2] > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_FORMAT, "material model %d or Prony term count %d is out of range", c->ints[1],
                         c->ints[2]);
     material = sbi_body_unpack_material(c->ints[1], c->ints[2], c->reals);
+    if (c->a == SBI_MATERIAL_TENSION)
+        return sb_body_set_tension(body, c->ints[0], material.fibre_tension, error);
     return c->a ? sb_body_set_material(body, &material, error)
                 : sb_body_set_region_material(body, c->ints[0], &material, error);
 }
@@ -435,10 +436,17 @@ static sb_result sbi_record_refuse_counts(const sbi_command *c, sb_error *error)
                     (unsigned long)c->int_count, (unsigned long)c->real_count);
 }
 
+static sb_result sbi_play_region_damping(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sb_body_set_region_damping(body, c->a, c->reals[0], c->reals[1], error);
+}
+
 static sb_result sbi_play_fibres(sb_body *body, const sbi_command *c, sb_error *error)
 {
     if (c->real_count != (c->a ? 3 * (size_t)body->domain.cell_count : 0))
         return sbi_record_refuse_counts(c, error);
+    if (c->b == 2)
+        return sb_body_set_second_fibres(body, c->a ? sbi_record_vectors(c) : NULL, error);
     return sb_body_set_fibres(body, c->a ? sbi_record_vectors(c) : NULL, error);
 }
 
@@ -628,6 +636,7 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
     {SBI_COMMAND_PART, "command of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
+    {SBI_COMMAND_REGION_DAMPING, "damping of a region", 0, 2, sbi_play_region_damping},
     {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 

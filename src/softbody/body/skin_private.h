@@ -3,6 +3,7 @@
 #define SBI_SKIN_PRIVATE_H
 
 #include "body.h"
+#include "state_part.h"
 
 /* Where a point is in the body: sum (N_a(xi) + dN_a/dxi . step) x_a over the nodes of a cell. */
 typedef struct sbi_skin_point {
@@ -24,6 +25,18 @@ struct sb_skin {
     /* A name of a point, the same wherever the skin is made of the same body, whatever its number; NULL: numbers are.
      */
     uint64_t (*get_name)(const struct sb_skin *skin, int point);
+
+    /* How its points are held, where the body's mesh does not say it alone; NULL, all of them: it does.
+     * save: the end of a part of the body's state. check, load, give_up: what sbi_state_part says of them; load may
+     * come after the listeners have followed, and returns 1 when the skin is to be brought up to it. */
+    void (*save)(const struct sb_skin *skin, sbi_state_out *out);
+    sb_result (*check)(struct sb_skin *skin, const sb_body *body, sbi_part_in in, sb_error *error);
+    int (*load)(struct sb_skin *skin);
+    void (*give_up)(struct sb_skin *skin);
+    /* The same in memory[kept_size], for steps that are taken back. 0: no memory, and all is as before. */
+    size_t (*kept_size)(const struct sb_skin *skin);
+    int (*keep)(const struct sb_skin *skin, void *memory);
+    int (*rewind)(struct sb_skin *skin, const void *memory);
 };
 
 #endif /* SBI_SKIN_PRIVATE_H */

@@ -9,13 +9,12 @@
  * fibres and what Prony terms remember, settings, reactions and the solvers' warm starts. What follows a load is what
  * followed the save, bit for bit, also in another body, process or machine. Loads and constraints come back with the
  * numbers they had, those added since go, those removed since return. Needles and remeshers of a body (needle.h) are
- * saved with it. Points that follow a mesh which has changed (body_embed.h) are placed anew after a load: one on a face
- * or outside may be held by another cell than before, and where tools touch a skin of such points, what follows differs
- * by rounding at first. Only of a body with slack it holds the mesh, as changes have left it; otherwise a state is
- * loaded into a body that was made from the same mesh (and the same table of custom elements) with the same
- * integration, mass, preconditioner and single_rotation, in the same precision; with multigrid also from materials
- * whose stiffness jumps at the same places by the same factors, else what follows differs within the tolerance of the
- * solves.
+ * saved with it. Points that are drawn on a mesh which has changed (body_embed.h) are placed
+ * anew after a load; those of a skin that tools touch are saved with it, too. Only of a body with slack it holds the
+ * mesh, as changes have left it; otherwise a state is loaded into a body that was made from the same mesh (and the same
+ * table of custom elements) with the same integration, mass, preconditioner and single_rotation, in the same precision;
+ * with multigrid also from materials whose stiffness jumps at the same places by the same factors, else what follows
+ * differs within the tolerance of the solves.
  *
  * The bytes are little-endian everywhere:
  *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),

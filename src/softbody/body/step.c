@@ -286,7 +286,7 @@ static sb_result sbi_step_start(sbi_step *step)
     sb_result result = SB_OK;
     sbi_step_dead_loads(b);
     step->pushed = sbi_live_hold_pushes(b, step->dt);
-    if (!step->linearised && b->damping_stiffness > 0)
+    if (sbi_body_has_beta(b) && (!step->linearised || (b->regional_damping && b->integrator != SB_EULER)))
         result = sbi_step_keep_damping(step);
     sbi_step_look_back(step);
     if (result == SB_OK && step->needs_acceleration)
@@ -396,6 +396,8 @@ static sb_result sbi_step_accept_touch(sbi_step *step)
     int is_safe = held == SB_OK && touch->accept(touch->user, step->body->displacement);
     if (held != SB_OK)
         return held;
+    if (touch->missed)
+        return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "organs that were far apart may have met in this step");
     if (!is_safe && touch->apart && touch->is_last) {
         sb_result result = sbi_step_mend_touch(step, 0);
         if (result != SB_OK)
@@ -447,13 +449,15 @@ static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
 {
     sbi_step fresh;
-    int later = sbi_step_can_balance_later(step, *result), less = sbi_step_can_touch_less(step, *result);
-    if (!later && !less)
+    int wider = *result != SB_OK && step->touch_begun && step->touch->missed && !step->wide;
+    int later = !wider && sbi_step_can_balance_later(step, *result), less = sbi_step_can_touch_less(step, *result);
+    if (!wider && !later && !less)
         return 0;
     memset(&fresh, 0, sizeof fresh);
     sbi_step_undo_guests(step);
     sbi_step_undo_touch(step);
-    fresh.tries = step->tries + (later ? 0 : 1);
+    fresh.tries = step->tries + (later || wider ? 0 : 1);
+    fresh.wide = step->wide || wider;
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
     fresh.guests = fresh.given = step->given;

@@ -48,6 +48,7 @@ typedef struct sbi_step {
     int moved; /* 1: what touches has moved the end of the step away from its balance, which body->previous keeps */
     int tries; /* how often the step began anew because something may have passed through a tool, or tools that move may
                 * have made it fail */
+    int wide;  /* 1: it began anew because what touches had looked for too little */
     sb_real part; /* share of what is left of a divided step; else 1 */
 
     /* what is solved */

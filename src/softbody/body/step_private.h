@@ -37,6 +37,8 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind);
 SBI_API sb_real sbi_step_mass_factor(const sbi_step *step);
 /* Keeps the stiffness at the start of the step for D. */
 SBI_API sb_result sbi_step_keep_damping(sbi_step *step);
+/* Of the K of D: 1 where regions have theirs in it. */
+SBI_API sb_real sbi_step_beta(const sb_body *body);
 /* out = K x with the K of D. */
 SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out);
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */

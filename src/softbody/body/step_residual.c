@@ -2,7 +2,8 @@
  *
  * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
  * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
- * A du = -r. */
+ * A du = -r. Where regions have their own damping, D is the sum of alpha M of nodes (node_damping) and of beta K of
+ * elements. */
 #include <math.h>
 #include <string.h>
 
@@ -73,15 +74,43 @@ SBI_API sb_result sbi_step_force(sbi_step *step)
     return SB_OK;
 }
 
+/* Of all the body's mass; 0 where nodes have theirs. */
+static sb_real sbi_step_alpha(const sb_body *b) { return b->regional_damping ? 0 : b->damping_mass; }
+
+SBI_API sb_real sbi_step_beta(const sb_body *b) { return b->regional_damping ? 1 : b->damping_stiffness; }
+
 SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
 {
-    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : step->hold;
+    return step->dynamic ? step->ca + sbi_step_alpha(step->body) * step->cv : step->hold;
 }
 
 /* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
 static sb_real sbi_step_stiffness_factor(const sbi_step *step)
 {
     return step->dynamic && !step->lagged_damping ? 1 + step->body->damping_stiffness * step->cv : 1;
+}
+
+/* The same of each region; NULL: all have the one above. */
+static const sb_real *sbi_step_stiffness_factors(const sbi_step *step)
+{
+    const sb_body *b = step->body;
+    if (!b->regional_damping || !step->dynamic || step->lagged_damping)
+        return NULL;
+    for (int i = 0; i < b->material_count; i++)
+        b->region_factors[i] = 1 + b->region_beta[i] * step->cv;
+    return b->region_factors;
+}
+
+/* matrix += cv node_damping */
+static void sbi_step_add_node_damping(const sbi_step *step)
+{
+    sb_matrix *matrix = &step->body->matrix;
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_real *block = matrix->blocks[matrix->diagonal[i]], damping = step->cv * step->body->node_damping[i];
+        block[0] += damping;
+        block[4] += damping;
+        block[8] += damping;
+    }
 }
 
 /* The body's matrix with the damping stiffness in place of the tangent; borrowed. */
@@ -97,11 +126,14 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
 {
     sb_body *b = step->body;
     double begin = sbi_body_now(b);
-    sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
+    sbi_assembly_weighted_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factors(step),
+                                  sbi_step_stiffness_factor(step), &b->matrix);
     if (step->dynamic || step->hold > 0)
         sbi_body_add_mass(b, sbi_step_mass_factor(step));
+    if (step->dynamic && b->regional_damping)
+        sbi_step_add_node_damping(step);
     if (step->lagged_damping) {
-        sb_real factor = b->damping_stiffness * step->cv;
+        sb_real factor = sbi_step_beta(b) * step->cv;
         for (int k = 0; k < b->matrix.block_count; k++)
             for (int c = 0; c < 9; c++)
                 b->matrix.blocks[k][c] += factor * b->damping_blocks[k][c];
@@ -123,14 +155,16 @@ SBI_API sb_result sbi_step_keep_damping(sbi_step *step)
     if (result != SB_OK)
         return result;
     begin = sbi_body_now(b);
-    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
+    sbi_assembly_weighted_tangent(&b->assembly, b->displacement, step->linearised ? SB_TANGENT_QUASI : SB_TANGENT_SPD,
+                                  b->regional_damping ? b->region_beta : NULL,
+                                  b->regional_damping ? b->damping_stiffness : 1, &b->matrix);
     memcpy(b->damping_blocks, b->matrix.blocks, (size_t)b->matrix.block_count * sizeof b->matrix.blocks[0]);
     step->info->seconds_tangent += sbi_body_now(b) - begin;
     step->lagged_damping = 1;
     return SB_OK;
 }
 
-/* out = K x with the K of D. In a linearised step it comes from A = cm M + ck K + (springs), which is assembled by
+/* out = K x with the K of D. Where it is not kept, it comes from A = cm M + ck K + (springs), which is assembled by
  * then. */
 SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out)
 {
@@ -168,18 +202,20 @@ static void sbi_step_add_dynamics(sbi_step *step)
     sb_body *b = step->body;
     int n = b->domain.node_count;
     for (int i = 0; i < n; i++)
-        b->work[i] = sb_v3_madd(sbi_step_acceleration(step, i), b->damping_mass, sbi_step_velocity(step, i));
+        b->work[i] = sb_v3_madd(sbi_step_acceleration(step, i), sbi_step_alpha(b), sbi_step_velocity(step, i));
     sbi_body_mass_multiply(b, b->work, b->work2);
+    for (int i = 0; i < n && b->regional_damping; i++)
+        b->work2[i] = sb_v3_madd(b->work2[i], b->node_damping[i], sbi_step_velocity(step, i));
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
     sbi_step_raise_scale(step, b->work2, SBI_STEP_ALL);
-    if (!(b->damping_stiffness > 0) || !step->has_velocity)
+    if (!sbi_body_has_beta(b) || !step->has_velocity)
         return;
     for (int i = 0; i < n; i++)
         b->work[i] = sbi_step_velocity(step, i);
     sbi_step_damping_product(step, b->work, b->rhs);
     for (int i = 0; i < n; i++)
-        b->residual[i] = sb_v3_madd(b->residual[i], b->damping_stiffness, b->rhs[i]);
+        b->residual[i] = sb_v3_madd(b->residual[i], sbi_step_beta(b), b->rhs[i]);
 }
 
 /* residual += stiffness of live_push.c times what a node has gone farther than it would at its speed. */

@@ -65,9 +65,11 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
     if (step->dynamic) {
         sbi_body_mass_multiply(b, b->increment, b->work);
         line.quadratic = sbi_step_mass_factor(step) * sbi_step_dot(b->increment, b->work, n);
+        for (int i = 0; i < n && b->regional_damping; i++)
+            line.quadratic += step->cv * b->node_damping[i] * sb_v3_dot(b->increment[i], b->increment[i]);
         if (step->lagged_damping) {
             sbi_step_damping_product(step, b->increment, b->work);
-            line.quadratic += b->damping_stiffness * step->cv * sbi_step_dot(b->increment, b->work, n);
+            line.quadratic += sbi_step_beta(b) * step->cv * sbi_step_dot(b->increment, b->work, n);
         }
         line.quadratic *= (sb_real)0.5;
     }

@@ -14,6 +14,17 @@ SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
     body->substep_room = NULL;
     body->substep_room_size = 0;
 }
+SBI_API void sbi_body_set_touch_keeper(sb_body *body, const sbi_touch_keeper *keeper)
+{
+    const sbi_touch_keeper none = {NULL, NULL};
+    body->touch_keeper = keeper ? *keeper : none;
+}
+
+SBI_API int sbi_body_reserve_touch_kept(const sb_body *body)
+{
+    return !body->touch_keeper.reserve || body->touch_keeper.reserve(body->touch_keeper.user);
+}
+
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
 SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)
@@ -97,13 +108,14 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
+    told.wide = step->wide;
     told.part = step->dynamic ? step->part : 1;
     sbi_touch_tell_whole(step, &told);
     step->touch_begun = 1;
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
     step->touch->coupling.node_count = 0;
-    step->touch->apart = step->touch->parts = 0;
+    step->touch->apart = step->touch->parts = step->touch->missed = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
     step->touch->refused |= step->touch->apart;
     if (result == SB_OK)

@@ -29,6 +29,7 @@ typedef struct sbi_touch_step {
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+    int wide;       /* 1: begin looks as far as it ever does, since with less a step like this one missed something */
     sb_real whole_stiff, whole_mass; /* A of the caller's whole step, of which this is a part, is so much of A and of
                                       * the mass (1/s^2); else 1 and 0 */
     sb_real part;                    /* share of what is left of a divided step, and of its motion; else 1 */
@@ -49,6 +50,8 @@ typedef struct sbi_touch {
     int refused;   /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
     int apart;     /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
     int parts;     /* what begin would have a step divided into that it refuses; the owner's */
+    int missed;    /* 1: accept refuses a step in which something may have come near that begin did not look at, as it
+                    * would in a wide one; the owner's */
     sb_real share; /* of the caller's step that the one under way is; the step's */
     int steady;    /* 1: the stiffness of contact is to be that of the caller's whole step; the step's */
     int mended;    /* 1: motion was taken out of a part of the caller's step; the step's */
@@ -120,6 +123,14 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
 SBI_API sb_real sbi_body_diagonal_mass(const sb_body *body, int node); /* kg, of the mass matrix */
+/* Who keeps it for steps that it may take back (needles): asked for room whenever kept_size has grown. */
+typedef struct sbi_touch_keeper {
+    void *user;
+    int (*reserve)(void *user); /* 0: no memory, and all is as before */
+} sbi_touch_keeper;
+SBI_API void sbi_body_set_touch_keeper(sb_body *body, const sbi_touch_keeper *keeper); /* one at a time; NULL: none */
+/* 0: its keeper has no memory. */
+SBI_API int sbi_body_reserve_touch_kept(const sb_body *body);
 /* Takes beforehand what steps need for a coupling of so many nodes. SB_ERROR_MEMORY leaves the body as it was. */
 SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error);
 /* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,

@@ -282,17 +282,23 @@ static void sbi_apart_set_ways(sb_contact *contact, const sb_vec3 *u)
     sbi_pairs_follow(contact, contact->moved, 1);
 }
 
-SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u)
+SBI_API void sbi_pairs_set_ways(sb_contact *contact, const sb_vec3 *u)
+{
+    if (!contact->pairs.kinds)
+        return;
+    if (contact->level < 1) /* what balances within the step goes on to its end */
+        sbi_apart_set_ways(contact, u);
+    else
+        sbi_pairs_follow(contact, contact->moved, 1);
+}
+
+SBI_API int sbi_pairs_are_safe(sb_contact *contact)
 {
     sbi_apart_look look;
     if (!contact->pairs.kinds)
         return 1;
     memset(&look, 0, sizeof look);
     look.contact = contact;
-    if (contact->level < 1) /* what balances within the step goes on to its end */
-        sbi_apart_set_ways(contact, u);
-    else
-        sbi_pairs_follow(contact, contact->moved, 1);
     return sbi_apart_look_around(&look);
 }
 

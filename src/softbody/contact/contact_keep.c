@@ -10,6 +10,7 @@ typedef struct sbi_contact_kept {
     sb_contact_info info;
     int mesh_version;
     int entry_count, waiting, pressure_count, pair_count, pair_pressure_count;
+    sb_real strayed;
 } sbi_contact_kept;
 
 typedef struct sbi_contact_block {
@@ -20,6 +21,7 @@ typedef struct sbi_contact_block {
     sbi_contact_pressure *pressures; /* [corner_room max_contacts] */
     sbi_pair_entry *pairs;           /* likewise, where there are pairs */
     sbi_pair_pressure *pair_pressures;
+    unsigned char *held; /* how the points of a skin are held */
 } sbi_contact_block;
 
 static size_t sbi_contact_chain_points(const sb_contact *contact)
@@ -45,6 +47,10 @@ static size_t sbi_contact_lay_out_block(const sb_contact *contact, void *memory,
     block->pairs = (sbi_pair_entry *)sbi_arena_take(&arena, pairs ? samples : 0, sizeof *block->pairs);
     block->pair_pressures =
         (sbi_pair_pressure *)sbi_arena_take(&arena, pairs ? corners : 0, sizeof *block->pair_pressures);
+    block->held = (unsigned char *)sbi_arena_take(
+        &arena,
+        contact->skin.source && contact->skin.source->keep ? contact->skin.source->kept_size(contact->skin.source) : 0,
+        1);
     return arena.overflow ? (size_t)-1 : arena.used;
 }
 
@@ -97,10 +103,13 @@ static void sbi_contact_copy_block(sb_contact *contact, const sbi_contact_block 
 SBI_API int sbi_contact_keep(void *user, void *memory)
 {
     sb_contact *contact = (sb_contact *)user;
+    const sb_skin *source = contact->skin.source;
     sbi_contact_block block;
     if (sbi_contact_update_faces(contact, NULL) != SB_OK)
         return 0;
     (void)sbi_contact_lay_out_block(contact, memory ? memory : contact->own_block, &block);
+    if (source && source->keep && !source->keep(source, block.held))
+        return 0;
     block.head->info = contact->info;
     block.head->mesh_version = sb_body_mesh_version(contact->body);
     block.head->entry_count = contact->entry_count;
@@ -108,6 +117,7 @@ SBI_API int sbi_contact_keep(void *user, void *memory)
     block.head->pressure_count = contact->pressure_count;
     block.head->pair_count = contact->pairs.entry_count;
     block.head->pair_pressure_count = contact->pairs.pressure_count;
+    block.head->strayed = contact->pairs.strayed;
     for (int e = 0; contact->skin.source && e < contact->entry_count; e++) {
         int face = contact->entries[e].face;
         contact->entries[e].name = sbi_contact_skin_name(contact, face, sbi_contact_face_nodes(contact->faces, face));
@@ -124,11 +134,16 @@ SBI_API int sbi_contact_rewind(void *user, const void *memory)
     sbi_contact_block block;
     const sbi_contact_kept *head;
     int renamed;
-    if (sbi_contact_update_faces(contact, NULL) != SB_OK)
-        return 0;
     (void)sbi_contact_lay_out_block(contact, memory ? (void *)(size_t)memory : contact->own_block, &block);
     head = block.head;
     renamed = contact->skin.source && head->mesh_version != sb_body_mesh_version(contact->body);
+    if (renamed && contact->skin.source->rewind) {
+        contact->faces_old = 1;
+        if (!contact->skin.source->rewind(contact->skin.source, block.held))
+            return 0;
+    }
+    if (sbi_contact_update_faces(contact, NULL) != SB_OK)
+        return 0;
     sbi_contact_copy_block(contact, &block, 1);
     contact->info = head->info;
     contact->entry_count = renamed ? 0 : head->entry_count;
@@ -136,6 +151,7 @@ SBI_API int sbi_contact_rewind(void *user, const void *memory)
     contact->pressure_count = head->pressure_count;
     contact->pairs.entry_count = head->pair_count;
     contact->pairs.pressure_count = head->pair_pressure_count;
+    contact->pairs.strayed = head->strayed;
     contact->is_solved = contact->touch.links = 0; /* the body's system is of the step that is taken back */
     if (contact->skin.waiting > 0)
         sbi_contact_skin_take_waiting(contact);

@@ -147,7 +147,7 @@ static sb_real sbi_near_thickness(sb_contact *contact, int face, const sb_vec3 *
 static sb_real sbi_near_farthest(const sb_contact *contact, int face)
 {
     const sb_real length = contact->faces->lengths[face], lean = SBI_PAIR_LEAN;
-    sb_real height = sb_max(sbi_pairs_highest(contact, face), SBI_PAIR_DEEP * length);
+    sb_real height = sb_max(sbi_pairs_highest_ever(contact, face), SBI_PAIR_DEEP * length);
     return SBI_NEAR_LOOSE * (sb_sqrt(1 + lean * lean) * height + SBI_PAIR_BESIDE * length);
 }
 
@@ -180,8 +180,11 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
     sbi_near_measure_organs(contact);
     sbi_near_list_around(contact);
     sbi_contact_faces_refit(contact->faces, rest, NULL, 0);
-    contact->pairs.farthest = 0;
+    contact->pairs.farthest = contact->pairs.longest_face = contact->pairs.longest_curved = 0;
     for (int f = 0; f < contact->faces->face_end; f++) {
+        contact->pairs.longest_face = sb_max(contact->pairs.longest_face, contact->faces->lengths[f]);
+        if (contact->faces->kinds[contact->faces->sizes[f]].corners < contact->faces->sizes[f])
+            contact->pairs.longest_curved = sb_max(contact->pairs.longest_curved, contact->faces->lengths[f]);
         contact->pairs.thickness[f] = sbi_near_thickness(contact, f, rest);
         contact->pairs.farthest = sb_max(contact->pairs.farthest, sbi_near_farthest(contact, f));
     }
@@ -389,9 +392,34 @@ SBI_API sb_real sbi_pairs_deepest(const sb_contact *contact, int face)
     return SBI_NEAR_DEEPEST * sb_min(pairs->thickness[face], 2 * pairs->organ_lengths[pairs->organs[face]]);
 }
 
-SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face)
+SBI_API sb_real sbi_pairs_highest_ever(const sb_contact *contact, int other)
 {
-    return sb_max(contact->pairs.distance, SBI_NEAR_HIGH * contact->faces->lengths[face]);
+    return sb_max(contact->pairs.distance, SBI_NEAR_HIGH * contact->faces->lengths[other]);
+}
+
+/* How much nearer to a face's plane another one coasts. */
+static sb_real sbi_near_coasts(const sbi_pairs *pairs, int face, int other)
+{
+    sb_vec3 against = sb_v3_sub(pairs->ways[face], pairs->ways[other]);
+    sb_real nearer = pairs->bulges[other] > 0 ? sb_v3_norm(against) : -sb_v3_dot(pairs->normals[other], against);
+    return sb_max((sb_real)0, sb_min(nearer + pairs->spreads[face] + pairs->spreads[other], 2 * pairs->still.ahead));
+}
+
+SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face, int other)
+{
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real most = sbi_pairs_highest_ever(contact, other), near = pairs->distance + pairs->leeway;
+    return near < most ? sb_min(most, near + sbi_near_coasts(pairs, face, other)) : most;
+}
+
+SBI_API int sbi_pairs_is_inside_out(const sb_contact *contact, int face)
+{
+    const int count = contact->body->domain.nodes_per_cell;
+    const int *cell = sbi_contact_cell_nodes(contact->body, contact->faces->elements[face]);
+    sb_vec3 middle = {0, 0, 0};
+    for (int a = 0; a < count; a++)
+        middle = sb_v3_madd(middle, 1 / (sb_real)count, contact->x[cell[a]]);
+    return !(sb_v3_dot(contact->pairs.normals[face], sb_v3_sub(contact->pairs.middles[face], middle)) > 0);
 }
 
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most)
@@ -410,8 +438,12 @@ SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other)
     sb_real turn = sb_v3_dot(n, pairs->normals[face]), radius = pairs->radii[face];
     sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
     sb_real wide = radius + pairs->radii[other] + rounded, thick = pairs->bulges[face] + pairs->bulges[other] + rounded;
-    sb_real most = sbi_pairs_highest(contact, other), closing, tall, low, high, reach;
+    sb_real soon = 2 * pairs->still.ahead, most, closing, tall, low, high, reach;
     int lists = 0;
+    most = sb_min(sbi_pairs_highest_ever(contact, other), pairs->distance + pairs->leeway + soon);
+    if (height > sb_max(most, soon) + radius + thick) /* most are */
+        return 0;
+    most = sbi_pairs_highest(contact, face, other);
     if (height > most + radius + thick && !(turn < SBI_NEAR_FACING))
         return 0;
     closing = turn < SBI_NEAR_FACING ? sbi_pairs_closing(contact, face, other) : 0;
@@ -620,18 +652,16 @@ SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most)
                           sb_v3(at.x + most, at.y + most, at.z + most));
 }
 
-SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
-                                  sb_real grow)
+/* A face's way from x to x + dt v. */
+static sbi_pair_box sbi_near_box(const sbi_contact_faces *faces, int face, const sb_vec3 *x, const sb_vec3 *v,
+                                 sb_real dt)
 {
-    const sbi_contact_faces *faces = contact->faces;
     const int *nodes = sbi_contact_face_nodes(faces, face);
-    sbi_pairs *pairs = &contact->pairs;
-    sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
-    const sb_real reach = grow;
-    int count, kept = 0;
     /* a curved face stays within half of its length of its corners' box */
-    if (faces->kinds[faces->sizes[face]].corners < faces->sizes[face])
-        grow += (sb_real)0.5 * faces->lengths[face];
+    const int is_curved = faces->kinds[faces->sizes[face]].corners < faces->sizes[face];
+    const sb_real grow = is_curved ? (sb_real)0.5 * faces->lengths[face] : 0;
+    sb_vec3 low = {SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX}, high = {-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX};
+    sbi_pair_box box;
     for (int a = 0; a < faces->sizes[face]; a++) {
         sb_vec3 at = x[nodes[a]], to = v ? sb_v3_madd(at, dt, v[nodes[a]]) : at;
         low = sb_v3(sb_min(low.x, sb_min(at.x, to.x)), sb_min(low.y, sb_min(at.y, to.y)),
@@ -639,12 +669,70 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
         high = sb_v3(sb_max(high.x, sb_max(at.x, to.x)), sb_max(high.y, sb_max(at.y, to.y)),
                      sb_max(high.z, sb_max(at.z, to.z)));
     }
-    count = sbi_near_query(contact, face, sb_v3(low.x - grow, low.y - grow, low.z - grow),
-                           sb_v3(high.x + grow, high.y + grow, high.z + grow));
+    box.low = sb_v3(low.x - grow, low.y - grow, low.z - grow);
+    box.high = sb_v3(high.x + grow, high.y + grow, high.z + grow);
+    return box;
+}
+
+static int sbi_near_meets(const sbi_pair_box *a, const sbi_pair_box *b, sb_real grow)
+{
+    return a->low.x - b->high.x <= grow && b->low.x - a->high.x <= grow && a->low.y - b->high.y <= grow &&
+           b->low.y - a->high.y <= grow && a->low.z - b->high.z <= grow && b->low.z - a->high.z <= grow;
+}
+
+/* Faces that a box meets which is larger by `grow`, as sbi_near_query. */
+static int sbi_near_query_box(sb_contact *contact, int face, const sbi_pair_box *box, sb_real grow)
+{
+    return sbi_near_query(contact, face, sb_v3(box->low.x - grow, box->low.y - grow, box->low.z - grow),
+                          sb_v3(box->high.x + grow, box->high.y + grow, box->high.z + grow));
+}
+
+SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
+                                  sb_real grow)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    sbi_pair_box box = sbi_near_box(contact->faces, face, x, v, dt);
+    int count = sbi_near_query_box(contact, face, &box, grow), kept = 0;
     for (int i = 0; i < count; i++)
         if (pairs->found[i] != face && sbi_pairs_may_touch(contact, face, pairs->found[i]) &&
-            !sbi_near_is_far(contact, face, pairs->found[i], reach))
+            !sbi_near_is_far(contact, face, pairs->found[i], grow))
             pairs->found[kept++] = pairs->found[i];
+    return kept;
+}
+
+SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow)
+{
+    sbi_pair_box box =
+        sbi_near_box(contact->faces, face, contact->x, contact->pairs.still.velocity, contact->pairs.still.dt);
+    return sbi_near_query_box(contact, face, &box, grow + (sb_real)0.5 * contact->pairs.longest_curved);
+}
+
+SBI_API void sbi_pairs_box_near(sb_contact *contact)
+{
+    sbi_pairs_still *still = &contact->pairs.still;
+    memcpy(still->boxed, contact->pairs.near,
+           (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
+    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
+        still->boxes[face] = sbi_near_box(contact->faces, face, contact->x, still->velocity, still->dt);
+}
+
+SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int count)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sb_vec3 *v = pairs->still.velocity;
+    const sb_real dt = pairs->still.dt, reach = pairs->reach;
+    const sbi_pair_box own = sbi_near_box(contact->faces, face, contact->x, v, dt);
+    int kept = 0;
+    for (int i = 0; i < count; i++) {
+        const int other = from[i];
+        sbi_pair_box box;
+        if (other == face || !sbi_pairs_may_touch(contact, face, other) || sbi_near_is_far(contact, face, other, reach))
+            continue;
+        box = sbi_near_is_marked(pairs->still.boxed, other) ? pairs->still.boxes[other]
+                                                            : sbi_near_box(contact->faces, other, contact->x, v, dt);
+        if (sbi_near_meets(&own, &box, reach))
+            pairs->found[kept++] = other;
+    }
     return kept;
 }
 

@@ -4,7 +4,8 @@
  * An organ is a connected part of the mesh. Faces that look at each other and are near (contact_near.c) have samples as
  * they have for tools; each is paired for the step with the nearest point of the faces that it looks at, y = sum v_b
  * x_b, whose normal is smooth over the surface (contact_closest.c). Between the two acts the law of tools, with weights
- * (w, -v), so that forces balance to the last bit. Both sides have samples, with half of their areas each.
+ * (w, -v), so that forces balance to the last bit. Both sides have samples, with half of their areas each. Where a cell
+ * behind a face is inside out there is no friction: organs that a blow has crumpled would hold each other so.
  *
  * Blocks of one side, w w^T K and v v^T K, have places in the matrix. Those across, -w v^T K, have none: conjugate
  * gradients multiply by them beside it. Pairs, weights and normals stay over a step. */
@@ -31,6 +32,7 @@ typedef struct sbi_pair_sample {
     sb_real area, spacing;              /* m^2 at rest: half of the sample's; m */
     sb_real k, memory;                  /* Pa/m; l (Pa) */
     sb_vec3 remembered;                 /* t (Pa) */
+    sb_real friction;                   /* mu */
     sb_vec3 normal, start;              /* out of the other face; x - y at the start of the step (m) */
     sb_vec3 point;                      /* x (m) */
     sb_real left;                       /* gap (m, <= 0) up to which overlap of the start is not pushed out */
@@ -80,10 +82,10 @@ enum { SBI_PAIR_CORNERS = 4 }; /* of a face at most */
 enum { SBI_PAIR_HOLDERS = 0, SBI_PAIR_BACKS = 1, SBI_PAIR_COMERS = 2, SBI_PAIR_LISTS = 3 };
 
 /* A face in such a list: no point of it is farther from the middle than the radius; a sample farther from it than most
- * has nothing to do with it (m). */
+ * has nothing to do with it, nor has one higher above it than that (m). */
 typedef struct sbi_pair_ball {
     sb_vec3 middle;
-    sb_real radius, most;
+    sb_real radius, most, highest;
     int face;
 } sbi_pair_ball;
 
@@ -92,22 +94,39 @@ typedef struct sbi_pair_cone {
     float low[3], high[3];
 } sbi_pair_cone;
 
+/* What a face's way lies in (m). */
+typedef struct sbi_pair_box {
+    sb_vec3 low, high;
+} sbi_pair_box;
+
 /* Which faces near each other count: those of two organs; that look at each other, too; whose samples can be paired. */
 typedef enum sbi_near_kind { SBI_NEAR_ANY, SBI_NEAR_LOOKING, SBI_NEAR_PAIRED } sbi_near_kind;
 
 typedef enum sbi_zones { SBI_ZONES_NONE, SBI_ZONES_NODES, SBI_ZONES_ORGANS } sbi_zones;
 
+enum { SBI_STILL_LISTED = 24 }; /* faces near a face, in the mean of all that there are */
+
 /* What need not be looked for anew while nodes have gone little since it was, see contact_still.c. What it leaves out
  * has no partner: results are those without it. */
 typedef struct sbi_pairs_still {
-    int known;          /* 0: nothing is */
-    sb_vec3 *seen;      /* [nodes] where the last step began */
-    sb_real gone;       /* m: as far as faces may have gone in all since `near` was made */
-    sb_real last;       /* m: in the last step alone */
-    sb_real ahead;      /* m: in this step, as it coasts */
-    uint64_t *near;     /* faces which were then near others */
-    sb_real *until;     /* [faces] gone (m) up to which no sample has a partner, of those that are not thinned */
+    int known;               /* 0: nothing is */
+    sb_vec3 *seen;           /* [nodes] where the last step began */
+    sb_real gone;            /* m: as far as faces may have gone in all since `near` was made */
+    sb_real last;            /* m: in the last step alone */
+    sb_real ahead;           /* m: in this step, as it coasts: */
+    sb_real dt;              /* s, with: */
+    const sb_vec3 *velocity; /* [rows] */
+    sb_real farthest;        /* m: nothing that is farther from a face is paired with it in this step */
+    uint64_t *near;          /* faces which were then near others */
+    uint64_t *boxed;         /* faces with a box: */
+    sbi_pair_box *boxes;     /* [faces] their ways in this step, as they coast */
+    sb_real *until;     /* [faces] gone + farthest / 2 (m) up to which no sample has a partner, of those that are not
+                         * thinned */
     signed char *tired; /* [faces] times that it is not asked for */
+    int *listed;        /* [faces] what is near one as long as `near` is, in `list` from here on; -1: not listed */
+    int *listed_count;  /* [faces] */
+    int *list;          /* [SBI_STILL_LISTED faces] */
+    int list_count;
 } sbi_pairs_still;
 
 typedef struct sbi_pairs {
@@ -123,8 +142,11 @@ typedef struct sbi_pairs {
     int *organ_counts;             /* [nodes] */
     int *first_face, *around;      /* [nodes + 1], faces of each node */
     sb_real longest, shortest;     /* of organ_lengths */
+    sb_real longest_face;          /* m */
+    sb_real longest_curved;        /* m: of those that are, else 0 */
     sb_real farthest;              /* m: nothing in front of any face that is farther from it is paired with it */
     sb_real reach;                 /* m: boxes this near are looked at */
+    sb_real leeway;                /* m: how much nearer than by coasting two points may come in this step unseen */
     sbi_pair_cone *cones;          /* by the tree's boxes */
     int *first_organ, *last_organ; /* likewise */
     sb_vec3 *box_low, *box_high;   /* m, by the tree's places: of the walk at hand */
@@ -154,6 +176,7 @@ typedef struct sbi_pairs {
     sbi_pair_sample *samples; /* [max_contacts] */
     int sample_count;
     sb_real foreseen; /* overlap at the end of the step without contact, of what is safe: the largest */
+    sb_real straying; /* m: how far from coasting a node went at most, at the last look at the step's end */
     int *active;      /* [max_contacts] those that touch */
     int active_count;
     sb_real *region_sum; /* [regions] */
@@ -168,6 +191,7 @@ typedef struct sbi_pairs {
     int link_count;
 
     /* of the last step */
+    sb_real strayed; /* m: straying in it */
     sbi_pair_entry *entries, *spare;
     int entry_count;
     sbi_pair_pressure *pressures, *spare_pressures; /* [corners max_contacts] */
@@ -186,6 +210,7 @@ typedef struct sbi_pair_search {
     const sbi_touch_step *step;
     int face, others; /* the others are in pairs->found */
     int first;        /* of them: is likely to be the nearest; -1: nothing is known */
+    int slips;        /* 1: the face has no friction in this step */
     sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
     int best;         /* -1: none */
     sb_real measure;

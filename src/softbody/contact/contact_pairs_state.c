@@ -4,7 +4,7 @@
 
 #include "contact_private.h"
 
-enum { SBI_PAIR_VERSION = 3, SBI_PAIR_REALS = 15 };
+enum { SBI_PAIR_VERSION = 4, SBI_PAIR_REALS = 15 };
 
 static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
 {
@@ -33,6 +33,7 @@ static void sbi_pair_save(const void *user, sbi_state_out *out)
     sbi_part_put_int(out, pairs->kinds);
     sbi_part_put_reals(out, &pairs->friction, 1);
     sbi_part_put_reals(out, &pairs->distance, 1);
+    sbi_part_put_reals(out, &pairs->strayed, 1);
     sbi_part_put_int(out, pairs->entry_count);
     for (int e = 0; e < pairs->entry_count; e++)
         sbi_pair_put_entry(contact, pairs->entries + e, out);
@@ -94,10 +95,12 @@ static sb_result sbi_pair_check(void *user, const sb_body *body, const unsigned 
 {
     const sb_contact *contact = (const sb_contact *)user;
     sbi_part_in in = sbi_part_read(bytes, size);
-    sb_real law[2];
+    sb_real law[2], strayed;
     int kinds = sbi_part_get_int(&in), count, pressures;
     (void)body;
     sbi_part_get_reals(&in, law, 2);
+    sbi_part_get_reals(&in, &strayed, 1);
+    in.bad |= !(strayed >= 0);
     if (!in.bad &&
         (kinds != contact->pairs.kinds || law[0] != contact->pairs.friction || law[1] != contact->pairs.distance))
         return sbi_fail(error, SB_ERROR_STATE,
@@ -141,6 +144,7 @@ static void sbi_pair_load(void *user, const unsigned char *bytes, size_t size)
     int count, pressures;
     (void)sbi_part_get_int(&in);
     sbi_part_get_reals(&in, law, 2);
+    sbi_part_get_reals(&in, &pairs->strayed, 1);
     count = sbi_part_get_int(&in);
     pairs->entry_count = pairs->pressure_count = 0;
     if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */

@@ -42,7 +42,7 @@ static sb_real sbi_partner_rounded(const sbi_pair_search *search, int other)
 /* How far a partner of this face may be, whichever way it leans (m). */
 static sb_real sbi_partner_farthest(const sb_contact *contact, int other)
 {
-    sb_real height = sb_max(sbi_pairs_deepest(contact, other), sbi_pairs_highest(contact, other));
+    sb_real height = sb_max(sbi_pairs_deepest(contact, other), sbi_pairs_highest_ever(contact, other));
     return (1 + SBI_PAIR_LEAN) * height + SBI_PAIR_BESIDE * contact->faces->lengths[other];
 }
 
@@ -98,7 +98,7 @@ static void sbi_partner_try_nearest(sbi_pair_search *search, int other, sbi_part
     }
 }
 
-static void sbi_partner_try_near(sbi_pair_search *search, int other)
+static void sbi_partner_try_near(sbi_pair_search *search, int other, sb_real highest)
 {
     sb_contact *contact = search->contact;
     sb_real length = contact->faces->lengths[other], lean;
@@ -107,7 +107,7 @@ static void sbi_partner_try_near(sbi_pair_search *search, int other)
     sbi_partner_try_nearest(search, other, &look);
     deep = -look.height > SBI_PAIR_DEEP * length;
     lean = look.height > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE;
-    if ((!deep && !sbi_pairs_face(contact, search->face, other)) || look.height > sbi_pairs_highest(contact, other) ||
+    if ((!deep && !sbi_pairs_face(contact, search->face, other)) || look.height > highest ||
         -look.height > sbi_pairs_deepest(contact, other) ||
         look.beside > lean * sb_abs(look.height) + SBI_PAIR_BESIDE * length ||
         (search->best >= 0 && !(look.away < search->measure)) ||
@@ -132,7 +132,7 @@ static int sbi_partner_is_no_nearer(const sbi_pair_search *search, int other, sb
 
 /* 1 when a face's own rule cannot hold the sample, or no better than what does: by how high it is above the plane
  * (lower: behind) and how far beside the face. */
-static int sbi_partner_is_useless(const sbi_pair_search *search, int other)
+static int sbi_partner_is_useless(const sbi_pair_search *search, int other, sb_real highest)
 {
     const sb_contact *contact = search->contact;
     const sbi_pairs *pairs = &contact->pairs;
@@ -141,7 +141,7 @@ static int sbi_partner_is_useless(const sbi_pair_search *search, int other)
     sb_real bulge = pairs->bulges[other], rounded = sbi_partner_rounded(search, other);
     reach = pairs->radii[other] + rounded +
             (height + bulge > 0 ? SBI_PAIR_LEAN : SBI_PAIR_LEAN_INSIDE) * (sb_abs(height) + bulge);
-    return beside > reach * reach || height - bulge > sbi_pairs_highest(contact, other) + rounded ||
+    return beside > reach * reach || height - bulge > highest + rounded ||
            -height - bulge > sbi_pairs_deepest(contact, other) + rounded ||
            (search->best >= 0 &&
             sbi_partner_is_no_nearer(search, other, sb_max((sb_real)0, sb_abs(height) - bulge), beside));
@@ -159,13 +159,15 @@ static void sbi_partner_try_holders(sbi_pair_search *search, int first)
     const sbi_pairs *pairs = &search->contact->pairs;
     const sbi_pair_ball *balls = pairs->lists[SBI_PAIR_HOLDERS];
     search->best = search->nearest = -1;
-    if (first >= 0 && !sbi_partner_is_far(search, first, sbi_partner_farthest(search->contact, first)) &&
-        !sbi_partner_is_useless(search, first))
-        sbi_partner_try_near(search, first);
+    if (first >= 0 && !sbi_partner_is_far(search, first, sbi_partner_farthest(search->contact, first))) {
+        sb_real highest = sbi_pairs_highest(search->contact, search->face, first);
+        if (!sbi_partner_is_useless(search, first, highest))
+            sbi_partner_try_near(search, first, highest);
+    }
     for (int i = 0; i < pairs->list_counts[SBI_PAIR_HOLDERS]; i++)
         if (!sbi_partner_is_out_of(balls + i, search->at, sbi_partner_most(search, balls[i].most)) &&
-            balls[i].face != first && !sbi_partner_is_useless(search, balls[i].face))
-            sbi_partner_try_near(search, balls[i].face);
+            balls[i].face != first && !sbi_partner_is_useless(search, balls[i].face, balls[i].highest))
+            sbi_partner_try_near(search, balls[i].face, balls[i].highest);
 }
 
 /* ---- a sample behind faces none of which holds it ---- */
@@ -305,12 +307,13 @@ static void sbi_partner_try_way(sbi_pair_search *search, int other)
 
 /* ---- a face and its samples ---- */
 
-static void sbi_partner_list(sbi_pairs *pairs, int list, int face, sb_real most)
+static void sbi_partner_list(sbi_pairs *pairs, int list, int face, sb_real most, sb_real highest)
 {
     sbi_pair_ball *ball = pairs->lists[list] + pairs->list_counts[list]++;
     ball->middle = pairs->middles[face];
     ball->radius = pairs->radii[face];
     ball->most = most;
+    ball->highest = highest;
     ball->face = face;
 }
 
@@ -321,15 +324,17 @@ SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *s
     search->contact = contact;
     search->step = step;
     search->face = face;
-    search->others = sbi_pairs_find_others(contact, face, contact->x, step->velocity, step->dt, pairs->reach);
+    search->others = sbi_pairs_find_coming(contact, face);
     search->first = -1;
+    search->slips = search->others > 0 && sbi_pairs_is_inside_out(contact, face);
     memset(pairs->list_counts, 0, sizeof pairs->list_counts);
     for (int i = 0; i < search->others; i++) {
         int other = pairs->found[i], lists = sbi_pairs_relate(contact, face, other);
-        sb_real farthest = sbi_partner_farthest(contact, other);
+        sb_real farthest = sbi_partner_farthest(contact, other), highest;
+        highest = lists >> SBI_PAIR_HOLDERS & 1 ? sbi_pairs_highest(contact, face, other) : 0;
         for (int list = 0; list < SBI_PAIR_LISTS; list++)
             if (lists >> list & 1)
-                sbi_partner_list(pairs, list, other, farthest);
+                sbi_partner_list(pairs, list, other, farthest, highest);
     }
 }
 

@@ -234,8 +234,12 @@ SBI_API int sbi_pairs_face(const sb_contact *contact, int face, int other);
 /* Unit normals out of the body where faces were looked at: of a face, and of the smooth surface at a point of it. */
 SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face);
 SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_real *shares);
-/* How high (m) above a face a sample may be that is paired with it where the step begins. */
-SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face);
+/* How high (m) above a face a sample may be that is paired with it, in any step; and a face's where this one begins:
+ * only so high that it may touch at its end. */
+SBI_API sb_real sbi_pairs_highest_ever(const sb_contact *contact, int other);
+SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face, int other);
+/* 1: where the step begins the middle of the cell behind a face is not behind it. */
+SBI_API int sbi_pairs_is_inside_out(const sb_contact *contact, int face);
 /* 1 when a point is higher than that above a face, wherever beside it. */
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most);
 /* Marks faces that have others within `grow` (m) of their boxes, as those were refitted last. */
@@ -246,6 +250,14 @@ SBI_API int sbi_pairs_next_near(const sb_contact *contact, int face);
 SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *x, const sb_vec3 *v, sb_real dt,
                                   sb_real grow);
 
+/* Faces whose boxes a face's way may meet, as it coasts, and more: all those within `grow` (m); in pairs.found. */
+SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow);
+/* Notes the boxes of all that is marked in pairs.near. */
+SBI_API void sbi_pairs_box_near(sb_contact *contact);
+/* Of those in a list the ones that a face may touch as both coast, within pairs.reach, in pairs.found; how many. */
+SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int count);
+/* The same of all faces, ascending. */
+SBI_API int sbi_pairs_find_coming(sb_contact *contact, int face);
 /* What is within `most` (m) of a face, and more, in pairs.found; returns how many. */
 SBI_API int sbi_pairs_find_around(sb_contact *contact, int face, sb_real most);
 /* Distance (m) that two faces surely keep, as do their middles; lower than 0: they may touch. */
@@ -258,6 +270,8 @@ SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other);
 /* ---- contact_still.c ---- */
 /* Faces near those of other organs where the step begins, or on its way, marked in pairs.near. */
 SBI_API void sbi_pairs_renew_near(sb_contact *contact, const sbi_touch_step *step);
+/* At the end of the step: 0 where points may have come near each other that were not looked at. */
+SBI_API int sbi_pairs_foresaw(sb_contact *contact);
 /* 1: no sample of a face has a partner in this step. */
 SBI_API int sbi_pairs_is_still(const sb_contact *contact, int face);
 /* None has one now: for how long is noted. Writes pairs.found and contact->scratch. */
@@ -302,8 +316,10 @@ SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face);
  * looks, is nearer than `most` (m). Nodes are at x + way (way NULL: at x). */
 SBI_API int sbi_pairs_is_inside(sb_contact *contact, int face, int other, sb_vec3 at, sb_real most, const sb_vec3 *x,
                                 const sb_vec3 *way);
-/* 1: nothing has passed through; contact->moved and the faces' boxes are those of displacements u. */
-SBI_API int sbi_pairs_are_safe(sb_contact *contact, const sb_vec3 *u);
+/* contact->moved and the faces' boxes, which are those of displacements u, become those of the step's end. */
+SBI_API void sbi_pairs_set_ways(sb_contact *contact, const sb_vec3 *u);
+/* 1: nothing has passed through on these ways. */
+SBI_API int sbi_pairs_are_safe(sb_contact *contact);
 /* As sbi_touch.mend. */
 SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole);
 /* As sbi_touch.brake, of what the last call of that has made one. */

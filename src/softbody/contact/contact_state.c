@@ -6,7 +6,8 @@
 #include "../base/bytes.h"
 #include "contact_private.h"
 
-enum { SBI_CONTACT_VERSION = 6 }; /* 3: springs of tools; 4: skins; 5: integers of four bytes; 6: names of triangles */
+/* 3: springs of tools; 4: skins; 5: integers of four bytes; 6: names of triangles; 7: how points of skins are held */
+enum { SBI_CONTACT_VERSION = 7 };
 
 /* ---- what goes from step to step ---- */
 
@@ -93,6 +94,8 @@ static void sbi_contact_save(const void *user, sbi_state_out *out)
         sbi_part_put_int(out, contact->pressures[i].node);
         sbi_part_put_reals(out, &contact->pressures[i].value, 1);
     }
+    if (contact->skin.source && contact->skin.source->save)
+        contact->skin.source->save(contact->skin.source, out);
 }
 
 /* ---- loading: a check without effect, then the same walk with it ---- */
@@ -210,10 +213,10 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
                                    sb_error *error)
 {
     sb_contact *contact = (sb_contact *)user;
+    sb_skin *source = contact->skin.source;
     sbi_part_in in = sbi_part_read(bytes, size);
     sb_result result = SB_OK;
     int count, pressures;
-    (void)body;
     if (sbi_part_get_int(&in) != contact->max_tools)
         return sbi_fail(error, SB_ERROR_STATE, "the state is of a contact with another max_tools than %d",
                         contact->max_tools);
@@ -234,9 +237,9 @@ static sb_result sbi_contact_check(void *user, const sb_body *body, const unsign
     pressures = sbi_contact_get_pressure_count(contact, &in);
     for (int i = 0; i < pressures && !in.bad; i++)
         (void)sbi_contact_get_pressure(contact, &in);
-    if (in.bad || count < 0 || in.left != 0)
+    if (in.bad || count < 0 || (in.left != 0 && !(source && source->check)))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved contact is damaged");
-    return SB_OK;
+    return source && source->check ? source->check(source, body, in, error) : SB_OK;
 }
 
 static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size)
@@ -253,6 +256,8 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
     contact->is_solved = 0;
     memset(&contact->info, 0, sizeof contact->info);
     contact->skin.waiting = 0;
+    if (contact->skin.source && contact->skin.source->load && contact->skin.source->load(contact->skin.source))
+        contact->faces_old = 1;
     waits = sbi_contact_skin_is_late(contact, 1) && contact->faces_old;
     if (!waits && sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
         return;
@@ -272,6 +277,13 @@ static void sbi_contact_load(void *user, const unsigned char *bytes, size_t size
         if (pressure.node < sbi_contact_body_room(contact))
             contact->pressures[contact->pressure_count++] = pressure;
     }
+}
+
+static void sbi_contact_give_up_state(void *user)
+{
+    sb_skin *source = ((sb_contact *)user)->skin.source;
+    if (source && source->give_up)
+        source->give_up(source);
 }
 
 /* ---- recording ---- */
@@ -312,6 +324,7 @@ SBI_API sb_result sbi_contact_join_state(sb_contact *contact, sb_error *error)
     part.save = sbi_contact_save;
     part.check = sbi_contact_check;
     part.load = sbi_contact_load;
+    part.give_up = sbi_contact_give_up_state;
     part.replay = sbi_contact_replay;
     return sbi_body_join(contact->body, &part, error);
 }

@@ -618,8 +618,10 @@ static int sbi_contact_accept(void *user, const sb_vec3 *u)
     contact->touch.apart = 0;
     if (!sbi_contact_is_safe(contact, u))
         return 0;
-    contact->touch.apart = !sbi_pairs_are_safe(contact, u);
-    return !contact->touch.apart;
+    sbi_pairs_set_ways(contact, u);
+    contact->touch.missed = !sbi_pairs_foresaw(contact);
+    contact->touch.apart = !contact->touch.missed && !sbi_pairs_are_safe(contact);
+    return !contact->touch.apart && !contact->touch.missed;
 }
 
 static int sbi_contact_hold(void *user, sb_vec3 *u) { return sbi_pairs_hold((sb_contact *)user, u); }
@@ -817,6 +819,7 @@ static void sbi_contact_commit(void *user)
             contact->pressure_count = 0; /* by substeps they would swing up: the matrix is too stiff for them */
         else
             sbi_contact_keep_pressures(contact, 1);
+        contact->pairs.strayed = contact->is_explicit ? 0 : contact->pairs.straying / contact->touch.share;
         sbi_pairs_keep_pressures(contact, 1);
         sbi_contact_keep_entries(contact);
         sbi_contact_keep_springs(contact);

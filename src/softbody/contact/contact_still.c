@@ -1,5 +1,9 @@
 /* contact_still: what need not be looked for in every step, since nodes have gone little since it was.
  *
+ * A sample is paired with a face that it may touch in the step: one that it is near, and nearer than both coast towards
+ * each other and stray from that. How far they stray is foreseen by the step before; where they went farther the step
+ * begins again, and looks for all that it ever would.
+ *
  * Faces near those of other organs are kept as long as nothing has gone farther than the margin that they were looked
  * for with. Of those, faces that are surely too far from all other organs for any partner are left out until what moves
  * may have brought them near enough. Both are bounds on what the search would find: what is left out has no partner,
@@ -15,8 +19,14 @@
 #define SBI_STILL_MARGIN ((sb_real)0.2)
 /* Of that way: what moves more in a step is looked at in the next one anyway. */
 #define SBI_STILL_FAST ((sb_real)0.5)
+/* More than rounding takes from distances. */
+#define SBI_STILL_LOOSE ((sb_real)1.001)
 /* Steps in which a face that could not be left out is not asked again. */
 enum { SBI_STILL_RESTS = 8 };
+/* Of the shortest organ's faces: the least way that two points may come nearer unforeseen, with what they remember of
+ * pressures; and of how far they strayed in the last step. */
+#define SBI_STILL_LEEWAY ((sb_real)0.05)
+#define SBI_STILL_STRAYS ((sb_real)2)
 
 /* How far control points of faces go when nodes go 1: the sum of weights of each, without their signs. */
 static sb_real sbi_still_stretch(const sb_contact *contact)
@@ -25,22 +35,67 @@ static sb_real sbi_still_stretch(const sb_contact *contact)
     return width <= 4 ? 1 : width == 6 ? 3 : 9;
 }
 
-/* Adds what nodes have gone since the last step began, and foresees this one. */
-static void sbi_still_follow(sb_contact *contact, const sbi_touch_step *step)
+/* How far points go in this step, as they coast. */
+static void sbi_still_coast(sb_contact *contact, const sbi_touch_step *step)
 {
     sbi_pairs_still *still = &contact->pairs.still;
     const sbi_face_tree *tree = &contact->faces->tree;
-    sb_real gone = 0, ahead = 0;
+    sb_real ahead = 0;
+    still->velocity = step->velocity;
+    still->dt = step->dt;
+    for (int i = 0; i < tree->node_count; i++) {
+        sb_vec3 v = step->velocity[tree->nodes[i]];
+        ahead = sb_max(ahead, sb_v3_dot(v, v));
+    }
+    still->ahead = sbi_still_stretch(contact) * step->dt * sb_sqrt(ahead);
+}
+
+/* How near samples have to be to be paired, and how far from all faces those have none: no more than in any step. */
+static void sbi_still_narrow(sb_contact *contact, const sbi_touch_step *step)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sb_real lean = SBI_PAIR_LEAN;
+    sb_real high;
+    pairs->leeway = SB_REAL_MAX;
+    pairs->still.farthest = pairs->farthest;
+    if (step->wide || !(step->dt > 0) || contact->is_explicit)
+        return;
+    pairs->leeway = sb_max(SBI_STILL_LEEWAY * pairs->shortest, 2 * SBI_STILL_STRAYS * pairs->strayed);
+    high = sb_sqrt(1 + lean * lean) * (pairs->distance + pairs->leeway + 2 * pairs->still.ahead);
+    pairs->still.farthest = sb_min(pairs->farthest, SBI_STILL_LOOSE * (high + SBI_PAIR_BESIDE * pairs->longest_face));
+}
+
+SBI_API int sbi_pairs_foresaw(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sb_real square = 0;
+    if (!pairs->kinds || contact->is_explicit || contact->is_static)
+        return 1;
+    pairs->straying = 0;
     for (int i = 0; i < tree->node_count; i++) {
         int node = tree->nodes[i];
-        sb_vec3 way = sb_v3_sub(contact->x[node], still->seen[node]), v = step->velocity[node];
+        sb_vec3 off = sb_v3_madd(contact->moved[node], -pairs->still.dt, pairs->still.velocity[node]);
+        square = sb_max(square, sb_v3_dot(off, off));
+    }
+    pairs->straying = sbi_still_stretch(contact) * sb_sqrt(square);
+    return !(pairs->leeway < SB_REAL_MAX) || 2 * pairs->straying <= pairs->leeway;
+}
+
+/* Adds what nodes have gone since the last step began. */
+static void sbi_still_follow(sb_contact *contact)
+{
+    sbi_pairs_still *still = &contact->pairs.still;
+    const sbi_face_tree *tree = &contact->faces->tree;
+    sb_real gone = 0;
+    for (int i = 0; i < tree->node_count; i++) {
+        int node = tree->nodes[i];
+        sb_vec3 way = sb_v3_sub(contact->x[node], still->seen[node]);
         gone = sb_max(gone, sb_v3_dot(way, way));
-        ahead = sb_max(ahead, sb_v3_dot(v, v));
         still->seen[node] = contact->x[node];
     }
     still->last = sbi_still_stretch(contact) * sb_sqrt(gone);
     still->gone += still->last;
-    still->ahead = sbi_still_stretch(contact) * step->dt * sb_sqrt(ahead);
 }
 
 /* Forgets all, where the step begins. */
@@ -61,8 +116,11 @@ static void sbi_still_look(sb_contact *contact, sb_real margin)
     sbi_pairs_still *still = &contact->pairs.still;
     sbi_pairs_find_near(contact, contact->pairs.reach + 2 * margin, SBI_NEAR_ANY);
     memcpy(still->near, contact->pairs.near, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
-    for (int f = 0; f < contact->faces->face_end; f++)
+    for (int f = 0; f < contact->faces->face_end; f++) {
         still->until[f] -= still->gone;
+        still->listed[f] = -1;
+    }
+    still->list_count = 0;
     still->gone = 0;
     still->known = 1;
 }
@@ -72,13 +130,15 @@ SBI_API void sbi_pairs_renew_near(sb_contact *contact, const sbi_touch_step *ste
     sbi_pairs *pairs = &contact->pairs;
     sbi_pairs_still *still = &pairs->still;
     const sb_real margin = SBI_STILL_MARGIN * pairs->longest;
+    sbi_still_coast(contact, step);
+    sbi_still_narrow(contact, step);
     if (pairs->kinds & SB_CONTACT_SELF) {
         sbi_pairs_find_near(contact, pairs->reach, SBI_NEAR_PAIRED);
         return;
     }
     if (!still->known)
         sbi_still_start(contact);
-    sbi_still_follow(contact, step);
+    sbi_still_follow(contact);
     if (still->known && still->gone + still->ahead < margin)
         memcpy(pairs->near, still->near, (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
     else if (still->last + still->ahead < SBI_STILL_FAST * margin)
@@ -92,7 +152,35 @@ SBI_API void sbi_pairs_renew_near(sb_contact *contact, const sbi_touch_step *ste
 SBI_API int sbi_pairs_is_still(const sb_contact *contact, int face)
 {
     const sbi_pairs_still *still = &contact->pairs.still;
-    return still->known && still->gone + still->ahead < still->until[face];
+    return still->known && still->gone + still->ahead + still->farthest / 2 < still->until[face];
+}
+
+/* What a face may come near as long as `near` is, in still->list. 0: no room is left. */
+static int sbi_still_list(sb_contact *contact, int face)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    sbi_pairs_still *still = &pairs->still;
+    const sb_real margin = SBI_STILL_MARGIN * pairs->longest;
+    int count = sbi_pairs_query(contact, face, pairs->reach + 2 * margin), kept = 0;
+    for (int i = 0; i < count; i++)
+        if (pairs->organs[pairs->found[i]] != pairs->organs[face])
+            pairs->found[kept++] = pairs->found[i];
+    if (kept > SBI_STILL_LISTED * contact->faces->face_room - still->list_count)
+        return 0;
+    memcpy(still->list + still->list_count, pairs->found, (size_t)kept * sizeof(int));
+    still->listed[face] = still->list_count;
+    still->listed_count[face] = kept;
+    still->list_count += kept;
+    return 1;
+}
+
+SBI_API int sbi_pairs_find_coming(sb_contact *contact, int face)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    sbi_pairs_still *still = &pairs->still;
+    if (still->known && (still->listed[face] >= 0 || sbi_still_list(contact, face)))
+        return sbi_pairs_select(contact, face, still->list + still->listed[face], still->listed_count[face]);
+    return sbi_pairs_select(contact, face, pairs->found, sbi_pairs_query(contact, face, pairs->reach));
 }
 
 /* Distance (m) that no point of a face, nor its middle, is nearer to one of another organ than; no more than `least`.
@@ -126,8 +214,8 @@ static sb_real sbi_still_sample_apart(const sb_contact *contact, int face, int c
     return least;
 }
 
-/* The least of all samples of a flat face; 0 where the face between them may be touched. */
-static sb_real sbi_still_samples_apart(const sb_contact *contact, int face, int count, sb_real least)
+/* The least of all samples of a flat face; 0 where one may be within another organ. */
+static sb_real sbi_still_samples_apart(sb_contact *contact, int face, int count, sb_real least)
 {
     const sbi_contact_faces *faces = contact->faces;
     const int *nodes = sbi_contact_face_nodes(faces, face);
@@ -137,26 +225,42 @@ static sb_real sbi_still_samples_apart(const sb_contact *contact, int face, int 
         sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)i * (size_t)size, nodes, size, contact->x);
         least = sbi_still_sample_apart(contact, face, count, at, least);
     }
-    /* every point of it is within an edge's part of a sample */
-    return least > 2 * contact->pairs.radii[face] / (sb_real)parts ? least : 0;
+    /* every point of it is within an edge's part of a sample: all are on its middle's side */
+    if (least > 2 * contact->pairs.radii[face] / (sb_real)parts)
+        return least;
+    for (int i = 0; least > contact->pairs.still.farthest && i < rule->count; i++) {
+        sb_vec3 at = sbi_contact_mean(rule->weights + (size_t)i * (size_t)size, nodes, size, contact->x);
+        if (sbi_pairs_is_within_others(contact, contact->pairs.organs[face], at, contact->x))
+            return 0;
+    }
+    return least;
+}
+
+/* What is within pairs.reach of a face where the step begins, and more, in pairs.found; returns how many. */
+static int sbi_still_find_around(sb_contact *contact, int face)
+{
+    const sbi_pairs_still *still = &contact->pairs.still;
+    if (still->listed[face] < 0)
+        return sbi_pairs_find_around(contact, face, contact->pairs.reach);
+    memcpy(contact->pairs.found, still->list + still->listed[face], (size_t)still->listed_count[face] * sizeof(int));
+    return still->listed_count[face];
 }
 
 SBI_API void sbi_pairs_let_be(sb_contact *contact, int face)
 {
     sbi_pairs *pairs = &contact->pairs;
     sbi_pairs_still *still = &pairs->still;
-    sb_real slack, soon = still->last + still->ahead;
+    sb_real apart, soon = still->last + still->ahead;
     int count;
-    if (!still->known || 2 * soon > pairs->reach - pairs->farthest || still->tired[face]-- > 0)
+    if (!still->known || 2 * soon > pairs->reach - still->farthest || still->tired[face]-- > 0)
         return;
     still->tired[face] = SBI_STILL_RESTS;
-    count = sbi_pairs_find_around(contact, face, pairs->reach);
-    slack = (contact->faces->sizes[face] == 3 ? sbi_still_samples_apart(contact, face, count, pairs->reach)
-                                              : sbi_still_apart(contact, face, count, pairs->reach)) -
-            pairs->farthest;
-    if (slack > 4 * soon &&
+    count = sbi_still_find_around(contact, face);
+    apart = contact->faces->sizes[face] == 3 ? sbi_still_samples_apart(contact, face, count, pairs->reach)
+                                             : sbi_still_apart(contact, face, count, pairs->reach);
+    if (apart - still->farthest > 4 * soon &&
         !sbi_pairs_is_within_others(contact, pairs->organs[face], pairs->middles[face], contact->x)) {
-        still->until[face] = still->gone + slack / 2;
+        still->until[face] = still->gone + apart / 2;
         still->tired[face] = 0;
     }
 }

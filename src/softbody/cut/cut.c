@@ -87,6 +87,9 @@ static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
     cut->cells_at_first = (int *)sbi_alloc(&cut->allocator, cells, sizeof(int));
     if (!cut->tets || !cut->nodes || !cut->cells_at_first)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for cutting %d cells", sb_body_element_count(body));
+    cut->uncut.nodes = cut->nodes;
+    cut->uncut.cells = cut->cells_at_first;
+    cut->uncut.node_end = cut->node_end;
     for (int e = 0; e < sb_body_element_count(body); e++)
         if (sb_body_cell_in_use(body, e)) {
             const int *nodes = sb_body_cell_nodes(body, e);
@@ -94,6 +97,7 @@ static sb_result sbi_cut_take_mesh(sb_cut *cut, sb_error *error)
             memcpy(cut->tets + 4 * (size_t)cut->tet_count, nodes, 4 * sizeof(int));
             cut->cells_at_first[cut->tet_count++] = e;
         }
+    cut->uncut.cell_count = cut->tet_count;
     mesh.element_type = body->domain.element_type;
     mesh.node_count = cut->node_end;
     mesh.nodes = body->reference;
@@ -169,8 +173,10 @@ static void sbi_cut_follow(void *user, const sb_body *body, const sb_mesh_change
     sb_cut *cut = (sb_cut *)user;
     (void)body;
     (void)change;
-    if (!cut->changing)
-        cut->stale = 1;
+    if (cut->changing)
+        return;
+    cut->stale = 1;
+    sbi_cut_lend_finder(cut);
 }
 
 static void sbi_cut_body_ends(void *user) { ((sb_cut *)user)->body = NULL; }
@@ -221,8 +227,8 @@ SB_API sb_result sb_cut_create(const sb_cut_def *def, sb_cut **cut, sb_error *er
         sb_cut_destroy(made);
         return result;
     }
-    made->body->live->find = sbi_cut_find_cell;
-    made->body->live->find_user = made;
+    sbi_cut_drop_finder(made->body);
+    sbi_cut_lend_finder(made);
     *cut = made;
     return SB_OK;
 }
@@ -236,11 +242,11 @@ SB_API void sb_cut_destroy(sb_cut *cut)
     sbi_cut_leave_state(cut);
     if (cut->body && cut->listener >= 0)
         sb_body_unlisten(cut->body, cut->listener);
+    if (cut->body && cut->body->live && cut->body->live->find_user == cut)
+        sbi_cut_leave_finder(cut);
     sbi_cut_free_force(cut);
     sbi_cut_free_tears(cut);
     sbi_cut_free_strokes(cut);
-    if (cut->body && cut->body->live->find_user == cut)
-        cut->body->live->find = NULL;
     sb_index_table_free(&cut->neighbours);
     sb_index_lists_free(&cut->node_tets);
     if (cut->nodes != cut->tets)

@@ -139,6 +139,8 @@ struct sb_cut {
     int changing;      /* 1: the change under way is our own */
     int stale;         /* 1: the body's mesh is not what we know */
     int keeps_rings;   /* 1: links in rings stay whole: for tests */
+    sbi_uncut uncut;   /* what the body knows of the mesh below */
+    uint64_t mesh_was; /* of what a destroyed cut has left: hash of the mesh that it knows */
     int glues;         /* 1: SB_CUT_GLUE */
     sb_real beta;      /* of the glue */
     sb_real toughness; /* J_c (J/m^2) */
@@ -224,6 +226,12 @@ struct sb_cut {
 
 /* The first piece of a tet, or -1. */
 SB_INLINE int sbi_cut_first_piece(const sb_cut *cut, int tet) { return cut->pieces[tet].cell < 0 ? -1 : tet; }
+
+/* 1 when a tet is one whole piece, with the cell that it had at first. */
+SB_INLINE int sbi_cut_is_whole(const sb_cut *cut, int tet)
+{
+    return cut->pieces[tet].next < 0 && cut->links.lost[tet] == 0;
+}
 
 enum { SBI_CUT_ALL_PARTS = -1 };
 SB_INLINE int sbi_cut_is_of(const sb_cut *cut, int node, int part)
@@ -432,6 +440,13 @@ SBI_API sb_result sbi_cut_part(sb_cut *cut, sb_error *error);
 /* The cell of the body whose material is at xi of the tet that `cell` is of, see sb_body_find_cell: user is the cut.
  * Within a change of its own it is as after it. */
 SBI_API int sbi_cut_find_cell(void *user, int cell, const sb_real xi[3]);
+/* The body asks this cut which piece has what material, or, where it does not know the mesh any more, nobody. */
+SBI_API void sbi_cut_lend_finder(sb_cut *cut);
+/* As a cut is destroyed: what finds the pieces of its body stays with that, if there are any, in the body's memory;
+ * where there is none, nobody knows them any more. */
+SBI_API void sbi_cut_leave_finder(const sb_cut *cut);
+/* Takes what a destroyed cut has left out of a body, before another one is made. */
+SBI_API void sbi_cut_drop_finder(sb_body *body);
 /* Forgets what tets have been touched. */
 SBI_API void sbi_cut_clear(sb_cut *cut);
 

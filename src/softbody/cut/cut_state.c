@@ -75,12 +75,6 @@ static void sbi_cut_save_lost(const sb_cut *cut, sbi_state_out *out)
     }
 }
 
-/* 1 when a tet is one whole piece, with the cell that it had at first. */
-static int sbi_cut_is_whole(const sb_cut *cut, int tet)
-{
-    return cut->pieces[tet].next < 0 && cut->links.lost[tet] == 0;
-}
-
 static void sbi_cut_save_pieces(const sb_cut *cut, sbi_state_out *out)
 {
     int parted = 0;
@@ -567,6 +561,7 @@ static void sbi_cut_load(void *user, const unsigned char *bytes, size_t size)
     for (int i = 0; i < SBI_CUT_MAKE; i++)
         (void)sbi_part_get_int(&in);
     cut->stale = sbi_part_get_int(&in) != 0;
+    sbi_cut_lend_finder(cut);
     if (cut->stale)
         return;
     cut->links = cut->loaded_links, cut->loaded_links = links;

@@ -115,6 +115,7 @@ typedef struct sbi_assembly_job {
     sb_matrix *matrix;
     sb_tangent_kind kind;
     sb_real factor;
+    const sb_real *factors; /* [material_count] of cells, in place of the one; or NULL */
 } sbi_assembly_job;
 
 static void sbi_assembly_chunk(void *user, int index);
@@ -198,14 +199,21 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
 
 static int sbi_cell_has_extras(const sb_material *material)
 {
-    return material->fibre_stiffness > 0 || material->prony_count > 0;
+    return sbi_material_has_fibres(material) || material->prony_count > 0;
 }
 
 /* Ordinary points of a cell whose material has fibres, otherwise 0: mean points have none. */
 static int sbi_cell_fibre_points(const sbi_assembly *assembly, const sb_material *material)
 {
     const sb_domain *domain = assembly->domain;
-    return material->fibre_stiffness > 0 ? domain->points_per_cell - domain->mean_points : 0;
+    return sbi_material_has_fibres(material) ? domain->points_per_cell - domain->mean_points : 0;
+}
+
+/* Families of fibres, and the direction of one in a cell. */
+static int sbi_cell_families(const sbi_assembly *assembly) { return assembly->second_fibres ? 2 : 1; }
+static sb_vec3 sbi_cell_fibre(const sbi_assembly *assembly, int e, int family)
+{
+    return family ? assembly->second_fibres[e] : assembly->fibres[e];
 }
 
 /* The constant second Piola-Kirchhoff stress H of the present step at a point (symmetric). */
@@ -223,11 +231,12 @@ static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, cons
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)assembly->domain->points_per_cell;
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
-        if ((weights[p] > 0 || flags) && !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
-            admissible = 0;
-            if (flags)
-                flags[p] = 0;
-        }
+        for (int k = 0; k < sbi_cell_families(assembly) && (weights[p] > 0 || flags); k++)
+            if (!sbi_fibre_stress(material, &f[p], sbi_cell_fibre(assembly, e, k), &stress[p])) {
+                admissible = 0;
+                if (flags)
+                    flags[p] = 0;
+            }
     for (int p = 0; material->prony_count > 0 && p < assembly->domain->points_per_cell; p++)
         stress[p] = sb_m3_add(stress[p], sb_m3_mul(f[p], sbi_point_prestress(assembly, e, p)));
     return admissible;
@@ -243,8 +252,9 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
         sb_real density = 0;
         if (weights[p] == 0)
             continue;
-        if (!sbi_fibre_energy(material, &f[p], assembly->fibres[e], &density))
-            return 0;
+        for (int k = 0; k < sbi_cell_families(assembly); k++)
+            if (!sbi_fibre_energy(material, &f[p], sbi_cell_fibre(assembly, e, k), &density))
+                return 0;
         *sum += weights[p] * density;
     }
     for (int p = 0; material->prony_count > 0 && p < q; p++)
@@ -273,8 +283,9 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
-    if (p < sbi_cell_fibre_points(assembly, material) && !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
-        return 0;
+    for (int k = 0; p < sbi_cell_fibre_points(assembly, material) && k < sbi_cell_families(assembly); k++)
+        if (!sbi_fibre_tangent(material, f, sbi_cell_fibre(assembly, e, k), kind, tangent))
+            return 0;
     if (material->prony_count == 0)
         return 1;
     h = sbi_point_prestress(assembly, e, p);
@@ -531,6 +542,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
     const int extras = sbi_cell_has_extras(shares);
     const sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
     const int mixed = assembly->came_from && !rotated && job->kind == SB_TANGENT_EXACT;
+    const sb_real factor = job->factors ? job->factors[assembly->cell_material[e]] : job->factor;
     sb_mat3 f[SBI_CELL_POINTS], before[SBI_CELL_POINTS];
     if (!rotated)
         sbi_cell_deformations(domain, e, job->u, n, q, f);
@@ -540,7 +552,7 @@ SBI_FORCE_INLINE int sbi_cell_tangent(const sbi_assembly_job *job, int e, const 
         size_t point = (size_t)e * (size_t)q + (size_t)p;
         const sb_material *material = shares + (p >= sbi_cell_ordinary(q, scheme));
         const sb_real *g = domain->gradients + point * 3 * (size_t)n;
-        sb_real w = domain->weights[point] * job->factor, tangent[81];
+        sb_real w = domain->weights[point] * factor, tangent[81];
         sb_quat start = rotation[p];
         if (domain->weights[point] == 0)
             continue;
@@ -741,13 +753,20 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix)
 {
+    return sbi_assembly_weighted_tangent(assembly, u, kind, NULL, factor, matrix);
+}
+
+SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind,
+                                          const sb_real *factors, sb_real factor, sb_matrix *matrix)
+{
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_TANGENT, u);
     int bad;
     job.kind = kind;
     job.factor = factor;
+    job.factors = factors;
     job.matrix = matrix;
     if (assembly->batched && kind == SB_TANGENT_QUASI) {
-        sbi_batch_tangent(assembly, factor, matrix);
+        sbi_batch_tangent(assembly, factors, factors ? 1 : factor, matrix);
         bad = -1;
     } else {
         memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
@@ -803,4 +822,18 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
+}
+
+SBI_API int sbi_assembly_cell_energy(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_real *energy)
+{
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell;
+    sb_mat3 f[SBI_CELL_POINTS];
+    sb_real sum = 0;
+    sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
+    if (!sbi_cell_energy(assembly, cell, u, f, q, sbi_cell_scheme(domain),
+                         assembly->rotations + (size_t)cell * (size_t)q, &sum))
+        return 0;
+    *energy = sum;
+    return 1;
 }

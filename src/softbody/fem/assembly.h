@@ -47,12 +47,13 @@ typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials; /* [material_count] */
     int material_count;
-    const int *cell_material; /* [cell_count] index into materials */
-    sb_material *shares;      /* [material_count][2] what a cell's points and its mean point evaluate at present:
-                               * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
-    sb_material *relaxing;    /* [material_count][2] what their Prony terms relax */
-    const sb_vec3 *fibres;    /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
-                               * fibres */
+    const int *cell_material;     /* [cell_count] index into materials */
+    sb_material *shares;          /* [material_count][2] what a cell's points and its mean point evaluate at present:
+                                   * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
+    sb_material *relaxing;        /* [material_count][2] what their Prony terms relax */
+    const sb_vec3 *second_fibres; /* [cell_count] of a second family, borrowed; or NULL */
+    const sb_vec3 *fibres;        /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
+                                   * fibres */
     const sb_jobs *jobs;
     const sb_vec3 *reference;   /* [node_count] (m) */
     const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */
@@ -143,6 +144,10 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
+/* The same with a factor (>= 0) for the cells of each material, factors[material_count]; `factor` is that of all that
+ * is no cell. */
+SBI_API int sbi_assembly_weighted_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind,
+                                          const sb_real *factors, sb_real factor, sb_matrix *matrix);
 /* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y:
  * [node_count]. Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched.
  * For one product this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
@@ -217,5 +222,8 @@ SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment
  * the stress last. admissible[point] is 0 where the material does not admit F. */
 SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_mat3 *f, sb_mat3 *p,
                                  int *admissible);
+/* *energy (J) of one cell at u, its share of what sbi_assembly_energy sums; 0 with *energy untouched where the material
+ * does not admit an F. */
+SBI_API int sbi_assembly_cell_energy(const sbi_assembly *assembly, const sb_vec3 *u, int cell, sb_real *energy);
 
 #endif /* SB_ASSEMBLY_H */

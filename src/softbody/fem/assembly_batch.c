@@ -623,9 +623,20 @@ SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, 
 
 /* ---- tangent: rotated gradients ---- */
 
-/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch, for all nodes a. */
-SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, int batch, int p, const int n,
-                                                 const int q, sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
+/* Rotations times the roots of their cells' factors. */
+static void sbi_batch_weight(const sbi_assembly *assembly, const sb_real *factors, int batch,
+                             sb_real (*r)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real root = sb_sqrt(factors[assembly->cell_material[sbi_batch_cell(assembly->domain, batch, l)]]);
+        for (int k = 0; k < 9; k++)
+            r[k][l] *= root;
+    }
+}
+
+/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch, for all nodes a; factors or NULL. */
+SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, const sb_real *factors, int batch, int p,
+                                                 const int n, const int q, sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
 {
     const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
     const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
@@ -634,6 +645,8 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
             r[k][l] *= scale[l];
+    if (factors)
+        sbi_batch_weight(assembly, factors, batch, r);
     memset(sum, 0, sizeof sum);
     for (int a = 1; a < n; a++, g += 3) {
         sb_real(*to)[SB_POLAR_LANES] = h + 3 * (q * a + p);
@@ -650,13 +663,14 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
 }
 
 /* The rotated gradients of the cells of a batch. */
-SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, int batch, const int n, const int q)
+SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, const sb_real *factors, int batch, const int n,
+                                       const int q)
 {
     int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
     sb_real *out = assembly->rotated + (size_t)batch * SB_POLAR_LANES * (size_t)(3 * n * q);
     sbi_batch_rows h[120];
     for (int p = 0; p < q; p++)
-        sbi_batch_rotate_gradients(assembly, batch, p, n, q, h);
+        sbi_batch_rotate_gradients(assembly, factors, batch, p, n, q, h);
     for (int l = 0; l < count; l++, out += 3 * n * q)
         for (int k = 0; k < 3 * n * q; k++)
             out[k] = h[k][l];
@@ -665,19 +679,21 @@ SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, int batch, 
 typedef struct sbi_batch_job {
     sbi_assembly *assembly;
     sb_matrix *matrix;
+    const sb_real *factors; /* [material_count], or NULL */
     sb_real factor;
 } sbi_batch_job;
 
 static void sbi_batch_rotate_chunk(void *user, int chunk)
 {
+    const sb_real *factors = ((const sbi_batch_job *)user)->factors;
     sbi_assembly *assembly = ((const sbi_batch_job *)user)->assembly;
     int batch = chunk * (assembly->chunk_size / SB_POLAR_LANES);
     int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
     for (; batch < end; batch++)
         if (sbi_batch_is_tet4(assembly))
-            sbi_batch_rotate(assembly, batch, 4, 1);
+            sbi_batch_rotate(assembly, factors, batch, 4, 1);
         else
-            sbi_batch_rotate(assembly, batch, 10, 4);
+            sbi_batch_rotate(assembly, factors, batch, 10, 4);
 }
 
 /* ---- tangent: rows ---- */
@@ -691,6 +707,31 @@ typedef sbi_lanes sbi_batch_row;
 SBI_FORCE_INLINE sbi_batch_row sbi_batch_scale(sb_real a, const sb_real *b) { return a * SBI_LANES_AT(b); }
 SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_batch_row b) { return sum + a * b; }
 SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) { return a + b; }
+#elif SBI_HAS_PAIRS
+typedef struct sbi_batch_row {
+    sbi_pair xy;
+    sb_real z;
+} sbi_batch_row;
+#define SBI_ROW_AT(row, j) ((j) == 2 ? (row).z : (row).xy[(j)&1])
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_scale(sb_real a, const sb_real *b)
+{
+    sbi_batch_row row;
+    row.xy = a * SBI_PAIR_AT(b);
+    row.z = a * b[2];
+    return row;
+}
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_batch_row b)
+{
+    sum.xy += a * b.xy;
+    sum.z += a * b.z;
+    return sum;
+}
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b)
+{
+    a.xy += b.xy;
+    a.z += b.z;
+    return a;
+}
 #else
 typedef sb_vec3 sbi_batch_row;
 #define SBI_ROW_AT(row, j) ((j) == 0 ? (row).x : (j) == 1 ? (row).y : (row).z)
@@ -836,41 +877,105 @@ static void sbi_batch_upper(void *user, int index)
         sbi_batch_upper_rows(job, index, 10, 4, 0, 0);
 }
 
+/* A block, two by two as it lies in memory where that pays. Both forms give the same bits. */
+#if SBI_HAS_PAIRS
+typedef struct sbi_batch_nine {
+    sbi_pair p0, p2, p4, p6;
+    sb_real p8;
+} sbi_batch_nine;
+
+SBI_FORCE_INLINE sbi_batch_nine sbi_batch_nine_at(const sb_real *b)
+{
+    sbi_batch_nine v;
+    v.p0 = SBI_PAIR_AT(b), v.p2 = SBI_PAIR_AT(b + 2), v.p4 = SBI_PAIR_AT(b + 4), v.p6 = SBI_PAIR_AT(b + 6);
+    v.p8 = b[8];
+    return v;
+}
+
+SBI_FORCE_INLINE sbi_batch_nine sbi_batch_transposed_at(const sb_real *b)
+{
+    sbi_batch_nine v;
+    v.p0 = sbi_pair_make(b[0], b[3]), v.p2 = sbi_pair_make(b[6], b[1]);
+    v.p4 = sbi_pair_make(b[4], b[7]), v.p6 = sbi_pair_make(b[2], b[5]);
+    v.p8 = b[8];
+    return v;
+}
+
+SBI_FORCE_INLINE sbi_batch_nine sbi_batch_subtract_nine(sbi_batch_nine a, sbi_batch_nine b)
+{
+    a.p0 -= b.p0, a.p2 -= b.p2, a.p4 -= b.p4, a.p6 -= b.p6;
+    a.p8 -= b.p8;
+    return a;
+}
+
+SBI_FORCE_INLINE void sbi_batch_put_nine(sb_real *to, sbi_batch_nine v)
+{
+    sbi_pair *pairs = (sbi_pair *)(void *)to;
+    pairs[0] = v.p0, pairs[1] = v.p2, pairs[2] = v.p4, pairs[3] = v.p6;
+    to[8] = v.p8;
+}
+#else
+typedef struct sbi_batch_nine {
+    sb_real v[9];
+} sbi_batch_nine;
+
+SBI_FORCE_INLINE sbi_batch_nine sbi_batch_nine_at(const sb_real *b)
+{
+    sbi_batch_nine v;
+    memcpy(v.v, b, sizeof v.v);
+    return v;
+}
+
+SBI_FORCE_INLINE sbi_batch_nine sbi_batch_transposed_at(const sb_real *b)
+{
+    sbi_batch_nine v = {{b[0], b[3], b[6], b[1], b[4], b[7], b[2], b[5], b[8]}};
+    return v;
+}
+
+SBI_FORCE_INLINE sbi_batch_nine sbi_batch_subtract_nine(sbi_batch_nine a, sbi_batch_nine b)
+{
+    for (int c = 0; c < 9; c++)
+        a.v[c] -= b.v[c];
+    return a;
+}
+
+SBI_FORCE_INLINE void sbi_batch_put_nine(sb_real *to, sbi_batch_nine v) { memcpy(to, v.v, sizeof v.v); }
+#endif
+
 /* Transposes below the diagonal, and the diagonal: a rigid translation costs nothing, so K_ii = - sum over j != i of
  * K_ij. */
 static void sbi_batch_lower(void *user, int index)
 {
+    static const sb_real zeros[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
     sb_matrix *matrix = ((const sbi_batch_job *)user)->matrix;
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
     for (int row = begin; row < end; row++) {
         int diagonal = matrix->diagonal[row];
-        sb_real sum[9] = {0}, *out = matrix->blocks[diagonal];
+        sbi_batch_nine sum = sbi_batch_nine_at(zeros);
+        sb_real k_ii[9], *out = matrix->blocks[diagonal];
         for (int k = matrix->row_start[row]; k < diagonal; k++) {
-            const sb_real *upper = matrix->blocks[matrix->transpose[k]];
-            sb_real *lower = matrix->blocks[k];
-            for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++) {
-                    sum[3 * j + i] -= upper[3 * i + j];
-                    lower[3 * j + i] = upper[3 * i + j];
-                }
+            sbi_batch_nine block = sbi_batch_transposed_at(matrix->blocks[matrix->transpose[k]]);
+            sum = sbi_batch_subtract_nine(sum, block);
+            sbi_batch_put_nine(matrix->blocks[k], block);
         }
         for (int k = diagonal + 1; k < matrix->row_end[row]; k++)
-            for (int c = 0; c < 9; c++)
-                sum[c] -= matrix->blocks[k][c];
+            sum = sbi_batch_subtract_nine(sum, sbi_batch_nine_at(matrix->blocks[k]));
+        sbi_batch_put_nine(k_ii, sum);
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
-                out[3 * i + j] = (sb_real)0.5 * (sum[3 * i + j] + sum[3 * j + i]);
+                out[3 * i + j] = (sb_real)0.5 * (k_ii[3 * i + j] + k_ii[3 * j + i]);
     }
 }
 
-SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix)
+SBI_API void sbi_batch_tangent(sbi_assembly *assembly, const sb_real *factors, sb_real factor, sb_matrix *matrix)
 {
     int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
     sbi_batch_job job;
     job.assembly = assembly;
     job.matrix = matrix;
     job.factor = factor;
+    job.factors = factors;
     sbi_run(assembly->jobs, sbi_batch_rotate_chunk, &job, assembly->chunk_count);
     sbi_run(assembly->jobs, sbi_batch_upper, &job, tasks);
     sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);

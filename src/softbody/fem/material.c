@@ -106,10 +106,46 @@ SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_r
     return m;
 }
 
+SB_API sb_material sb_material_ogden(const sb_real *mu, const sb_real *alpha, int terms, sb_real d1, sb_real density)
+{
+    sb_real sum = 0;
+    int given = mu && alpha && terms >= 1 && terms <= SB_MAX_OGDEN_TERMS ? terms : 0;
+    sb_material m;
+    for (int i = 0; i < given; i++)
+        sum += mu[i] * alpha[i];
+    m = sbi_material_isochoric(SB_OGDEN, sum / 4, 0, d1, density);
+    for (int i = 0; i < given; i++) {
+        m.ogden_mu[i] = mu[i];
+        m.ogden_alpha[i] = alpha[i];
+    }
+    return m;
+}
+
+SB_API sb_material sb_material_fung(sb_real c10, sb_real exponent, sb_real d1, sb_real density)
+{
+    sb_material m = sbi_material_isochoric(SB_FUNG, c10, 0, d1, density);
+    m.fung_exponent = exponent;
+    return m;
+}
+
 SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2)
 {
     material.fibre_stiffness = k1;
     material.fibre_exponent = k2;
+    return material;
+}
+
+SB_API sb_material sb_material_with_dispersion(sb_material material, sb_real kappa)
+{
+    material.fibre_dispersion = kappa;
+    return material;
+}
+
+SB_API sb_material sb_material_with_contraction(sb_material material, sb_real tension, sb_real optimum, sb_real width)
+{
+    material.fibre_tension = tension;
+    material.fibre_optimum = optimum;
+    material.fibre_width = width;
     return material;
 }
 
@@ -156,7 +192,7 @@ SB_API sb_material sb_material_preset(sb_preset preset, sb_real density)
 
 static int sbi_material_is_isochoric(sb_material_model model)
 {
-    return model == SB_NEO_HOOKEAN_ISOCHORIC || model == SB_MOONEY_RIVLIN || model == SB_REDUCED_POLYNOMIAL;
+    return model == SB_NEO_HOOKEAN_ISOCHORIC || (int)model >= (int)SB_MOONEY_RIVLIN;
 }
 
 static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error)
@@ -172,7 +208,39 @@ static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error
                             "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))", names[i],
                             (double)values[i]);
     }
+    if (m->model == SB_FUNG && !sb_is_finite(m->fung_exponent))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "material Fung exponent is %g, not finite",
+                        (double)m->fung_exponent);
+    for (int i = 0; m->model == SB_OGDEN && i < SB_MAX_OGDEN_TERMS; i++)
+        if (!sb_is_finite(m->ogden_mu[i]) || !sb_is_finite(m->ogden_alpha[i]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "material Ogden term %d has mu %g Pa and alpha %g, not finite",
+                            i, (double)m->ogden_mu[i], (double)m->ogden_alpha[i]);
     return SB_OK;
+}
+
+/* The exponents of Fung's and Ogden's models. */
+static sb_result sbi_material_check_exponents(const sb_material *m, sb_error *error)
+{
+    if (m->model == SB_FUNG && m->fung_exponent < 0)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material Fung exponent is %g, must be >= 0",
+                        (double)m->fung_exponent);
+    for (int i = 0; m->model == SB_OGDEN && i < SB_MAX_OGDEN_TERMS; i++)
+        if (sb_abs(m->ogden_mu[i]) > 0 && !(sb_abs(m->ogden_alpha[i]) > 0))
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Ogden term %d has mu %g Pa, but alpha 0", i,
+                            (double)m->ogden_mu[i]);
+    return SB_OK;
+}
+
+/* Half of the shear modulus that an isochoric model's constants give, and what to call it. */
+static sb_real sbi_material_half_mu(const sb_material *m, const char **name)
+{
+    sb_real sum = 0;
+    *name = m->model == SB_OGDEN ? "(sum of mu_i alpha_i)/4" : m->model == SB_MOONEY_RIVLIN ? "c10 + c01" : "c10";
+    if (m->model != SB_OGDEN)
+        return m->model == SB_MOONEY_RIVLIN ? m->c10 + m->c01 : m->c10;
+    for (int i = 0; i < SB_MAX_OGDEN_TERMS; i++)
+        sum += m->ogden_mu[i] * m->ogden_alpha[i];
+    return sum / 4;
 }
 
 /* 2 (c10 + c01) > 0 and d1 > 0, and the Hooke limit that goes with them (1e-3: hand-written numbers are rounded). */
@@ -180,8 +248,8 @@ static sb_result sbi_material_check_isochoric(const sb_material *m, sb_error *er
 {
     const sb_real tolerance = (sb_real)1e-3;
     int mooney = m->model == SB_MOONEY_RIVLIN;
-    const char *name = mooney ? "c10 + c01" : "c10";
-    sb_real sum = mooney ? m->c10 + m->c01 : m->c10, mu = 2 * sum, bulk;
+    const char *name;
+    sb_real sum = sbi_material_half_mu(m, &name), mu = 2 * sum, bulk;
     if (!(sum > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material %s is %g Pa, must be > 0", name, (double)sum);
     if (!(m->d1 > 0))
@@ -204,7 +272,20 @@ static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error
     if (m->fibre_stiffness < 0 || m->fibre_exponent < 0)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have k1 %g Pa and k2 %g, must be >= 0",
                         (double)m->fibre_stiffness, (double)m->fibre_exponent);
-    if (m->fibre_stiffness > 0 && !sb_material_is_hyperelastic(m->model))
+    if (!sb_is_finite(m->fibre_dispersion) || !sb_is_finite(m->fibre_tension) || !sb_is_finite(m->fibre_optimum) ||
+        !sb_is_finite(m->fibre_width))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE,
+                        "material fibres have dispersion %g, tension %g Pa, optimum %g and width %g, not finite",
+                        (double)m->fibre_dispersion, (double)m->fibre_tension, (double)m->fibre_optimum,
+                        (double)m->fibre_width);
+    if (m->fibre_dispersion < 0 || 3 * m->fibre_dispersion > 1 + 4 * SB_EPSILON)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have dispersion %g, must be in [0, 1/3]",
+                        (double)m->fibre_dispersion);
+    if (m->fibre_tension < 0 || m->fibre_width < 0 || (m->fibre_width > 0 && !(m->fibre_optimum > 0)))
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material fibres have tension %g Pa, width %g and optimum %g, must be >= 0 (the optimum > 0)",
+                        (double)m->fibre_tension, (double)m->fibre_width, (double)m->fibre_optimum);
+    if (sbi_material_has_fibres(m) && !sb_material_is_hyperelastic(m->model))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but the %s model is not hyperelastic",
                         m->model == SB_LINEAR ? "linear" : "corotated");
     return SB_OK;
@@ -259,7 +340,7 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
     sb_result result;
     if (!material)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material is NULL");
-    if ((int)material->model < SB_LINEAR || (int)material->model > SB_REDUCED_POLYNOMIAL)
+    if ((int)material->model < SB_LINEAR || (int)material->model > SBI_LAST_MODEL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)material->model);
     result = sbi_material_check_finite(material, error);
     if (result == SB_OK && !(material->density > 0))
@@ -267,6 +348,8 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
             sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0", (double)material->density);
     if (result == SB_OK && sbi_material_is_isochoric(material->model))
         result = sbi_material_check_isochoric(material, error);
+    if (result == SB_OK)
+        result = sbi_material_check_exponents(material, error);
     if (result == SB_OK)
         result = sbi_material_check_moduli(material, error);
     if (result == SB_OK)
@@ -287,7 +370,9 @@ SB_API int sb_material_allows_inversion(sb_material_model model)
     case SB_NEO_HOOKEAN:
     case SB_NEO_HOOKEAN_ISOCHORIC:
     case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return 0;
+    case SB_REDUCED_POLYNOMIAL:
+    case SB_OGDEN:
+    case SB_FUNG: return 0;
     }
     return 0;
 }
@@ -296,7 +381,7 @@ SB_API int sb_material_is_linear(sb_material_model model) { return model == SB_L
 
 SB_API int sb_material_is_hyperelastic(sb_material_model model)
 {
-    return (int)model >= SB_SVK && (int)model <= SB_REDUCED_POLYNOMIAL;
+    return (int)model >= SB_SVK && (int)model <= SBI_LAST_MODEL;
 }
 
 /* ---- evaluation ---- */
@@ -390,8 +475,8 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
 {
     sb_vec3 unit;
     sb_real tangent[81] = {0};
-    if (!A || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_tangent(material, F, unit, tangent) ||
-        !sbi_material_all_finite(tangent, 81))
+    if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_tangent(material, F, unit, SB_TANGENT_EXACT, tangent) || !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
         A[i] += tangent[i];
@@ -432,7 +517,18 @@ static void sbi_material_scale_shear(sb_material *m, sb_real factor)
     m->c01 *= factor;
     m->c20 *= factor;
     m->c30 *= factor;
+    for (int i = 0; i < SB_MAX_OGDEN_TERMS; i++)
+        m->ogden_mu[i] *= factor;
     m->fibre_stiffness *= factor;
+}
+
+SBI_API sb_material sbi_material_scaled(const sb_material *material, sb_real factor)
+{
+    sb_material m = *material;
+    sbi_material_scale_shear(&m, factor);
+    m.lambda *= factor;
+    m.d1 /= factor;
+    return m;
 }
 
 SBI_API sb_material sbi_material_share_of(const sb_material *material, sbi_material_share share)
@@ -452,6 +548,7 @@ SBI_API sb_material sbi_material_relaxing(const sb_material *material)
     sb_material m = *material;
     m.lambda = -2 * m.mu / 3;
     m.d1 = SB_REAL_MAX;
+    m.fibre_tension = 0;
     return m;
 }
 
@@ -534,6 +631,21 @@ SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
     for (int i = 0; i < sbi_min_int(material->prony_count, SB_MAX_PRONY_TERMS) && time > 0; i++)
         left -= material->prony_g[i] * (1 - sb_exp(-time / material->prony_tau[i]));
     return left;
+}
+
+SB_API void sb_material_shear_moduli(const sb_material *material, sb_real omega, sb_real *storage, sb_real *loss)
+{
+    sb_real held = 1, lost = 0, mu = material ? material->mu : 0;
+    for (int i = 0; material && i < sbi_min_int(material->prony_count, SB_MAX_PRONY_TERMS); i++) {
+        sb_real x = omega * material->prony_tau[i];
+        held -= material->prony_g[i] / (1 + x * x);
+        if (x > 0)
+            lost += material->prony_g[i] / (x + 1 / x); /* right for infinite x, too */
+    }
+    if (storage)
+        *storage = mu * held;
+    if (loss)
+        *loss = mu * lost;
 }
 
 /* Stress at the end of a step: of the elastic material that is left of it, and of what it remembers. */

@@ -28,29 +28,43 @@ typedef enum sb_material_model {
     /* C10 (I1b - 3) + C01 (I2b - 3) + (J - 1)^2/D1, I1b = J^(-2/3) I1, I2b = J^(-4/3) I2; needs J > 0. */
     SB_MOONEY_RIVLIN = 8,
     /* sum over i = 1..3 of Ci0 (I1b - 3)^i, + (J - 1)^2/D1; needs J > 0. */
-    SB_REDUCED_POLYNOMIAL = 9
+    SB_REDUCED_POLYNOMIAL = 9,
+    /* sum of mu_i/alpha_i (l_0^alpha_i + l_1^alpha_i + l_2^alpha_i - 3), + (J - 1)^2/D1, with l_k = J^(-1/3) s_k of the
+     * principal stretches s_k (Ogden 1972); needs J > 0. */
+    SB_OGDEN = 10,
+    /* C10/b (exp(b (I1b - 3)) - 1) + (J - 1)^2/D1: Fung's exponential for tissue without directions (Demiray 1972);
+     * needs J > 0. */
+    SB_FUNG = 11
 } sb_material_model;
 
-enum { SB_MAX_PRONY_TERMS = 8 };
+enum { SB_MAX_PRONY_TERMS = 8, SB_MAX_OGDEN_TERMS = 4 };
 
 /* A material: plain data, filled by a constructor below or by hand (then see sb_material_check). The
  * constructors set every field for every model: all models have Hooke's tangent with lambda, mu at F = I,
- * and c10 + c01 = mu/2, d1 = 2/bulk. Only the isochoric models (SB_NEO_HOOKEAN_ISOCHORIC, SB_MOONEY_RIVLIN,
- * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
+ * and c10 + c01 = mu/2, d1 = 2/bulk. Only the isochoric models (SB_NEO_HOOKEAN_ISOCHORIC and those from
+ * SB_MOONEY_RIVLIN on) evaluate the c's, SB_OGDEN its terms in their place, and d1; the others evaluate lambda and mu.
+ */
 typedef struct sb_material {
     sb_material_model model;
-    sb_real density;                       /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
-    sb_real lambda;                        /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
-    sb_real mu;                            /* shear modulus [Pa], > 0 */
-    sb_real c10;                           /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
-    sb_real d1;                            /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;                           /* [Pa], any sign; Mooney-Rivlin, else 0 */
-    sb_real c20, c30;                      /* [Pa], any sign; reduced polynomial, else 0 */
-    sb_real fibre_stiffness;               /* k1 [Pa], >= 0; 0: no fibres */
-    sb_real fibre_exponent;                /* k2, >= 0 */
-    int prony_count;                       /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
-    sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
-    sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
+    sb_real density;                         /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
+    sb_real lambda;                          /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
+    sb_real mu;                              /* shear modulus [Pa], > 0 */
+    sb_real c10;                             /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
+    sb_real d1;                              /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;                             /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30;                        /* [Pa], any sign; reduced polynomial, else 0 */
+    sb_real fung_exponent;                   /* b, >= 0; Fung, else 0 */
+    sb_real ogden_mu[SB_MAX_OGDEN_TERMS];    /* [Pa], any sign; Ogden, else 0. 0: no term */
+    sb_real ogden_alpha[SB_MAX_OGDEN_TERMS]; /* any sign, not 0 where mu is not; sum of mu_i alpha_i > 0 */
+    sb_real fibre_stiffness;                 /* k1 [Pa], >= 0; 0: no fibres */
+    sb_real fibre_exponent;                  /* k2, >= 0 */
+    sb_real fibre_dispersion;                /* kappa, [0, 1/3]: 0 all along one direction, 1/3 along all alike */
+    sb_real fibre_tension;                   /* T [Pa], >= 0: active contraction; 0: none */
+    sb_real fibre_optimum;                   /* stretch at which it is strongest, > 0 where there is a width */
+    sb_real fibre_width;                     /* > 0: no tension so far from the optimum; 0: the same at any stretch */
+    int prony_count;                         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    sb_real prony_g[SB_MAX_PRONY_TERMS];     /* each in (0, 1), their sum below 1 */
+    sb_real prony_tau[SB_MAX_PRONY_TERMS];   /* [s], > 0 */
 } sb_material;
 
 /* Which derivative of P a solver gets. */
@@ -78,11 +92,29 @@ SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d
 /* Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of
  * any sign: a negative one that is not outweighed makes the material unstable under large strain. */
 SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1, sb_real density);
+/* Ogden's material with 1 to SB_MAX_OGDEN_TERMS terms mu[terms] [Pa] and alpha[terms], of any sign; its shear modulus
+ * is sum of mu_i alpha_i/2 > 0. (Abaqus' mu_i is alpha_i/2 times this one.) One term with alpha 2 is neo-Hookean, two
+ * with 2 and -2 are Mooney-Rivlin. Another number of terms gives a material that sb_material_check refuses. */
+SB_API sb_material sb_material_ogden(const sb_real *mu, const sb_real *alpha, int terms, sb_real d1, sb_real density);
+/* Fung's exponential: c10 [Pa] > 0 as above, exponent b >= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).
+ * Directions: sb_material_with_fibres. */
+SB_API sb_material sb_material_fung(sb_real c10, sb_real exponent, sb_real d1, sb_real density);
 /* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
  *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
  * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
  * stay those of the matrix. */
 SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2);
+/* Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes
+ *     E = kappa I1 + (1 - 3 kappa) I4 - 1,
+ * kappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume
+ * this is the published model. Slack: E <= 0. A body may have a second family of them, see sb_body_def.second_fibres.
+ */
+SB_API sb_material sb_material_with_dispersion(sb_material material, sb_real kappa);
+/* The hyperelastic material, contracting along its fibres with a tension [Pa] >= 0 per area at rest, at stretch l = |F
+ * a0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family
+ * alike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by
+ * sb_body_set_tension. Beyond the optimum the tangent is not positive definite. */
+SB_API sb_material sb_material_with_contraction(sb_material material, sb_real tension, sb_real optimum, sb_real width);
 /* The hyperelastic material, relaxing by g(t) = 1 - sum g_i (1 - exp(-t/tau_i)): what it has of stress at constant
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
@@ -153,8 +185,8 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
 /* ---- fibres ----
  * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
  * rest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,
- * the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The
- * tangent is positive semidefinite as it stands, so every sb_tangent_kind takes it. */
+ * the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. What is
+ * passive of the tangent is positive semidefinite as it stands; contraction included, it is exact. */
 SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real *W);
 SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_mat3 *P);
 SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real A[81]);
@@ -163,6 +195,11 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
 
 /* g(t): the share of a relaxing stress that is left a time t [s] after a sudden strain; 1 for t <= 0. */
 SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time);
+
+/* Storage and loss modulus [Pa] of small shear that oscillates with omega [rad/s] >= 0:
+ *     G' = mu (1 - sum g_i/(1 + x_i^2)),   G'' = mu sum g_i x_i/(1 + x_i^2),   x_i = omega tau_i;
+ * mu and 0 without Prony terms, zeros for NULL. storage and loss may be NULL. Fit: sb_material_fit_moduli. */
+SB_API void sb_material_shear_moduli(const sb_material *material, sb_real omega, sb_real *storage, sb_real *loss);
 
 /* What a point of a material with Prony terms remembers. All zero: at rest for ever. Plain data. */
 typedef struct sb_material_history {
@@ -189,6 +226,10 @@ SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F,
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Whether a material does anything along fibres. */
+SB_INLINE int sbi_material_has_fibres(const sb_material *m) { return m->fibre_stiffness > 0 || m->fibre_tension > 0; }
+/* The last of the models. */
+enum { SBI_LAST_MODEL = SB_FUNG };
 /* ==== internal: shares of a material =====================================================================
  * Every hyperelastic energy here is linear in its moduli, so that a share of a material is a material. */
 
@@ -196,6 +237,9 @@ SB_API sb_real sb_von_mises(sb_mat3 sigma);
  * W = W_shear + W_volume, with mu (and fibres) in the first, lambda in the second; isochoric models: psi and U. */
 typedef enum sbi_material_share { SBI_SHARE_WHOLE, SBI_SHARE_SHEAR, SBI_SHARE_VOLUME } sbi_material_share;
 SBI_API sb_material sbi_material_share_of(const sb_material *material, sbi_material_share share);
+
+/* The material with all of its moduli times a factor > 0: Poisson's ratio and exponents stay. */
+SBI_API sb_material sbi_material_scaled(const sb_material *material, sb_real factor);
 
 /* What Prony terms relax: everything in proportion to the shear modulus at a constant bulk modulus (isochoric
  * models: psi), fibres included. Only its stress means anything: its lambda is -2 mu/3. */

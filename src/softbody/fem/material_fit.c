@@ -5,7 +5,7 @@
 
 /* ---- least squares of a few unknowns ---- */
 
-enum { SBI_FIT_UNKNOWNS = SB_MAX_PRONY_TERMS };
+enum { SBI_FIT_UNKNOWNS = SB_MAX_PRONY_TERMS + 1 };
 
 /* |A c - b|^2 in triangular form: R c = Q^T b in r[k][0..n-1] and r[k][n], and what no c can remove in rest. */
 typedef struct sbi_fit_system {
@@ -120,7 +120,7 @@ static int sbi_fit_count_bits(int mask)
     return count;
 }
 
-/* Nonnegative least squares by looking at every set of unknowns, small sets first (there are 256 at most): a larger
+/* Nonnegative least squares by looking at every set of unknowns, small sets first (there are 512 at most): a larger
  * set must remove an error that is more than rounding. */
 static void sbi_fit_solve_nonnegative(const sbi_fit_system *system, double *c)
 {
@@ -605,7 +605,8 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
 {
     const sb_fit_options *o = &fit->options;
     if ((int)fit->model < SB_LINEAR || (int)fit->model > SB_REDUCED_POLYNOMIAL)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)fit->model);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown, or not linear in its constants",
+                        (int)fit->model);
     if (!sb_is_finite(o->poisson) || !sb_is_finite(o->d1) || !sb_is_finite(o->density))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "fit options have poisson %g, d1 %g, density %g, not finite",
                         (double)o->poisson, (double)o->d1, (double)o->density);
@@ -711,26 +712,43 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
 
 /* ---- Prony series ---- */
 
-/* Times to fit with: the given ones, or evenly spread in log time over the readings. */
-static void sbi_fit_spread(const sb_real *time, int count, const sb_real *given, int terms, double *tau)
+/* Times to fit with: the given ones, or evenly spread in log time from first to last. */
+static void sbi_fit_spread(double first, double last, const sb_real *given, int terms, double *tau)
 {
-    double first = (double)time[0], last = first;
-    for (int k = 1; k < count; k++) {
-        first = fmin(first, (double)time[k]);
-        last = fmax(last, (double)time[k]);
-    }
     for (int i = 0; i < terms; i++) {
         double along = terms > 1 ? (double)i / (terms - 1) : 0.5;
         tau[i] = given ? (double)given[i] : first * sbi_dense_exp(along * sbi_dense_log(last / first));
     }
 }
 
-static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
-                                     sb_error *error)
+static void sbi_fit_range(const sb_real *values, int count, double *least, double *most)
+{
+    *least = *most = (double)values[0];
+    for (int k = 1; k < count; k++) {
+        *least = fmin(*least, (double)values[k]);
+        *most = fmax(*most, (double)values[k]);
+    }
+}
+
+/* The terms' number and times. */
+static sb_result sbi_fit_check_terms(const sb_real *tau, int terms, sb_error *error)
 {
     if (terms < 1 || terms > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d Prony terms asked for, must be 1 to %d", terms,
                         (int)SB_MAX_PRONY_TERMS);
+    for (int i = 0; tau && i < terms; i++)
+        if (!sb_is_finite(tau[i]) || !(tau[i] > 0))
+            return sbi_fail(error, sb_is_finite(tau[i]) ? SB_ERROR_ARGUMENT : SB_ERROR_NOT_FINITE,
+                            "tau %d is %g s, must be > 0 and finite", i, (double)tau[i]);
+    return SB_OK;
+}
+
+static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                     sb_error *error)
+{
+    sb_result result = sbi_fit_check_terms(tau, terms, error);
+    if (result != SB_OK)
+        return result;
     if (count < terms)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings are too few for %d Prony terms", count, terms);
     for (int k = 0; k < count; k++) {
@@ -740,10 +758,6 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
         if (!(time[k] > 0))
             return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k, (double)time[k]);
     }
-    for (int i = 0; tau && i < terms; i++)
-        if (!sb_is_finite(tau[i]) || !(tau[i] > 0))
-            return sbi_fail(error, sb_is_finite(tau[i]) ? SB_ERROR_ARGUMENT : SB_ERROR_NOT_FINITE,
-                            "tau %d is %g s, must be > 0 and finite", i, (double)tau[i]);
     return SB_OK;
 }
 
@@ -788,6 +802,7 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     sb_fit_info found;
     sb_material fitted;
     sb_result result;
+    double first, last;
     int kept = 0, weakest;
     memset(&found, 0, sizeof found);
     if (!time || !g || !material)
@@ -795,7 +810,8 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     result = sbi_fit_check_prony(time, g, count, tau, terms, error);
     if (result != SB_OK)
         return result;
-    sbi_fit_spread(time, count, tau, terms, times);
+    sbi_fit_range(time, count, &first, &last);
+    sbi_fit_spread(first, last, tau, terms, times);
     sbi_fit_prony_system(time, g, count, times, terms, &system);
     weakest = sbi_fit_weakest(&system, &own);
     if (tau && own < sbi_fit_least_own)
@@ -814,6 +830,135 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
         return result;
     found.weakest = (sb_real)own;
     sbi_fit_judge_prony(&fitted, time, g, count, &found);
+    *material = fitted;
+    if (info)
+        *info = found;
+    return SB_OK;
+}
+
+/* ---- moduli of oscillations ---- */
+
+static sb_result sbi_fit_check_moduli(const sb_real *omega, const sb_real *storage, const sb_real *loss, int count,
+                                      int terms, sb_error *error)
+{
+    if (count < 1 || count < (terms + 2) / 2)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings are too few for %d Prony terms and a modulus", count,
+                        terms);
+    for (int k = 0; k < count; k++) {
+        if (!sb_is_finite(omega[k]) || !sb_is_finite(storage[k]) || !sb_is_finite(loss[k]))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has omega %g rad/s, G' %g and G'' %g Pa", k,
+                            (double)omega[k], (double)storage[k], (double)loss[k]);
+        if (!(omega[k] > 0))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has omega %g rad/s, must be > 0", k,
+                            (double)omega[k]);
+        if (storage[k] < 0 || loss[k] < 0 || !(storage[k] + loss[k] > 0))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has G' %g and G'' %g Pa, must be >= 0 and not both 0",
+                            k, (double)storage[k], (double)loss[k]);
+    }
+    return SB_OK;
+}
+
+/* G' = c_0 + sum c_i x^2/(1 + x^2) and G'' = sum c_i x/(1 + x^2), x = omega tau_i, over |G*| of each reading. */
+static void sbi_fit_moduli_system(const sb_real *omega, const sb_real *storage, const sb_real *loss, int count,
+                                  const double *tau, int terms, sbi_fit_system *system)
+{
+    sbi_fit_begin(system, terms + 1);
+    for (int k = 0; k < count; k++) {
+        double held[SBI_FIT_UNKNOWNS], lost[SBI_FIT_UNKNOWNS], first = (double)storage[k], second = (double)loss[k];
+        double weight = 1 / sqrt(first * first + second * second);
+        held[0] = weight;
+        lost[0] = 0;
+        for (int i = 0; i < terms; i++) {
+            double x = (double)omega[k] * tau[i];
+            lost[i + 1] = weight / (x + 1 / x);
+            held[i + 1] = x * lost[i + 1];
+        }
+        sbi_fit_add(system, held, weight * first);
+        sbi_fit_add(system, lost, weight * second);
+    }
+}
+
+static void sbi_fit_judge_moduli(const sb_material *m, const sb_real *omega, const sb_real *storage,
+                                 const sb_real *loss, int count, sb_fit_info *info)
+{
+    double mean[2] = {(double)storage[0], (double)loss[0]}, relative = 0, squares = 0, variance = 0;
+    for (int k = 1; k < count; k++) {
+        mean[0] += ((double)storage[k] - (double)storage[0]) / count;
+        mean[1] += ((double)loss[k] - (double)loss[0]) / count;
+    }
+    for (int k = 0; k < count; k++) {
+        double first = (double)storage[k], second = (double)loss[k], error;
+        sb_real held, lost;
+        sb_material_shear_moduli(m, omega[k], &held, &lost);
+        error = pow((double)held - first, 2) + pow((double)lost - second, 2);
+        relative += error / (first * first + second * second);
+        squares += error;
+        variance += pow(first - mean[0], 2) + pow(second - mean[1], 2);
+    }
+    info->points = 2 * count;
+    info->constants = m->prony_count + 1;
+    info->iterations = 1;
+    info->rms = (sb_real)sqrt(relative / count);
+    info->r_squared = variance > 0 ? (sb_real)(1 - squares / variance) : 0;
+    info->stable = 1;
+}
+
+/* The material with the modulus and the terms of c, c[0] what is left of the modulus in the end. */
+static sb_result sbi_fit_moduli_material(const sb_material *material, const double *c, const double *tau, int terms,
+                                         sb_material *fitted, sb_error *error)
+{
+    sb_real g[SB_MAX_PRONY_TERMS], kept_tau[SB_MAX_PRONY_TERMS];
+    double whole = c[0];
+    int kept = 0;
+    for (int i = 1; i <= terms; i++)
+        whole += c[i];
+    if (!(c[0] > 64 * (double)SB_EPSILON * whole)) /* what rounded readings leave is nothing, too */
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "the data have no modulus left at low frequencies: a fluid's, or they end too early");
+    for (int i = 1; i <= terms; i++)
+        if (c[i] > 0) {
+            g[kept] = (sb_real)(c[i] / whole);
+            kept_tau[kept++] = (sb_real)tau[i - 1];
+        }
+    *fitted = sbi_material_scaled(material, (sb_real)(whole / (double)material->mu));
+    *fitted = sb_material_with_prony(*fitted, g, kept_tau, kept);
+    return sb_material_check(fitted, error);
+}
+
+SB_API sb_result sb_material_fit_moduli(const sb_real *omega, const sb_real *storage, const sb_real *loss, int count,
+                                        const sb_real *tau, int terms, sb_material *material, sb_fit_info *info,
+                                        sb_error *error)
+{
+    double times[SBI_FIT_UNKNOWNS], c[SBI_FIT_UNKNOWNS], own, slowest, fastest;
+    sbi_fit_system system;
+    sb_fit_info found;
+    sb_material fitted;
+    sb_result result;
+    int weakest;
+    memset(&found, 0, sizeof found);
+    if (!omega || !storage || !loss || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "omega, storage, loss or material is NULL");
+    result = sb_material_check(material, error);
+    if (result == SB_OK)
+        result = sbi_fit_check_terms(tau, terms, error);
+    if (result == SB_OK)
+        result = sbi_fit_check_moduli(omega, storage, loss, count, terms, error);
+    if (result != SB_OK)
+        return result;
+    sbi_fit_range(omega, count, &slowest, &fastest);
+    sbi_fit_spread(1 / fastest, 1 / slowest, tau, terms, times);
+    sbi_fit_moduli_system(omega, storage, loss, count, times, terms, &system);
+    weakest = sbi_fit_weakest(&system, &own);
+    if (tau && own < sbi_fit_least_own)
+        return sbi_fail(error, SB_ERROR_INDEFINITE, "the data do not determine %s %d: %g of its influence is its own",
+                        weakest > 0 ? "g of tau" : "the long-term modulus, unknown", weakest > 0 ? weakest - 1 : 0,
+                        own);
+    sbi_fit_solve_nonnegative(&system, c);
+    result = sbi_fit_moduli_material(material, c, times, terms, &fitted, error);
+    if (result != SB_OK)
+        return result;
+    found.weakest = (sb_real)own;
+    sbi_fit_judge_moduli(&fitted, omega, storage, loss, count, &found);
     *material = fitted;
     if (info)
         *info = found;

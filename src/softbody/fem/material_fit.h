@@ -60,11 +60,11 @@ typedef struct sb_fit_info {
 /* Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is
  * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
  * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
- * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
- * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data
- * ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
- * microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
- * Deformations, 1984, ch. 7. */
+ * stretch <= 0, an option out of range, SB_OGDEN or SB_FUNG, whose exponents no linear fit finds), SB_ERROR_NOT_FINITE,
+ * SB_ERROR_INDEFINITE naming a constant that the data do not distinguish from the others (simple shear and planar tests
+ * alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED
+ * (compressible only). Cost: below a microsecond a reading at constant volume, about 0.1 ms when compressible.
+ * Formulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7. */
 SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
                                  const sb_fit_options *options, sb_material *material, sb_fit_info *info,
                                  sb_error *error);
@@ -78,5 +78,15 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
  * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
 SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
                                        sb_material *material, sb_fit_info *info, sb_error *error);
+
+/* Fits Prony terms and the shear modulus to storage[count] and loss[count] [Pa] >= 0 of shear that oscillates with
+ * omega[count] [rad/s] > 0 (a rheometer's G' and G''), errors relative to |G*| of each reading. tau, terms and errors
+ * as above; tau NULL: spread evenly in log time over 1/omega. On SB_OK *material has these terms in place of its own
+ * and all of its moduli in proportion, so that mu is the instantaneous modulus and Poisson's ratio stays; info->rms is
+ * the relative error of G*. SB_ERROR_ARGUMENT also for fewer than (terms + 1)/2 readings, a modulus below 0, or both 0;
+ * SB_ERROR_MATERIAL where the data have no modulus left at low frequencies: they are of a fluid, or end too early. */
+SB_API sb_result sb_material_fit_moduli(const sb_real *omega, const sb_real *storage, const sb_real *loss, int count,
+                                        const sb_real *tau, int terms, sb_material *material, sb_fit_info *info,
+                                        sb_error *error);
 
 #endif /* SB_MATERIAL_FIT_H */

@@ -277,6 +277,17 @@ SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, s
     return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
 }
 
+/* psi = c10/b (exp(b i) - 1), the same. */
+SBI_FORCE_INLINE sb_real sbi_fung_slope(const sb_material *m, sb_real i, sb_real *curvature)
+{
+    sb_real slope = m->c10 * sb_exp(m->fung_exponent * i);
+    *curvature = m->fung_exponent * slope;
+    return slope;
+}
+
+/* 1 when psi is no straight line in I1b. */
+SBI_FORCE_INLINE int sbi_barrier_is_curved(int model) { return model == SB_REDUCED_POLYNOMIAL || model == SB_FUNG; }
+
 /* The isochoric family's coefficients; cofactor = cof F. */
 SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, const sb_mat3 *F, const sb_mat3 *cofactor,
                                             sbi_barrier *out)
@@ -285,11 +296,13 @@ SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, con
     sb_real square = root * root, slope = m->c10, curvature = 0;
     if (model == SB_REDUCED_POLYNOMIAL)
         slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
+    if (model == SB_FUNG)
+        slope = sbi_fung_slope(m, I1 / square - 3, &curvature);
     out->alpha = 2 * slope / square;
     out->beta = -(sb_real)2 / 3 * out->alpha;
     out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
     out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
-    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
+    if (sbi_barrier_is_curved(model)) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
         out->zeta = 4 * curvature / (square * square);
         out->beta -= out->zeta * I1 / 3;
         out->gamma += out->zeta * I1 * I1 / 9;
@@ -354,6 +367,8 @@ SBI_FORCE_INLINE int sbi_barrier_energy(int model, const sb_material *m, const s
         sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
         if (model == SB_REDUCED_POLYNOMIAL)
             slope += i * (m->c20 + m->c30 * i);
+        if (model == SB_FUNG) /* (exp(b i) - 1)/(b i) */
+            slope *= sbi_material_mean_decay(-m->fung_exponent * i);
         *W = slope * i + (J - 1) * (J - 1) / m->d1;
         if (model == SB_MOONEY_RIVLIN) {
             sb_mat3 cofactor = sb_m3_cofactor(*F);
@@ -404,7 +419,7 @@ SBI_FORCE_INLINE int sbi_barrier_tangent(int model, const sb_material *m, const 
             sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
             if (model != SB_NEO_HOOKEAN) {
                 sb_vec3 left = sb_v3_scale(c.beta, bk);
-                if (model == SB_REDUCED_POLYNOMIAL)
+                if (sbi_barrier_is_curved(model))
                     left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
                 block = sb_m3_add(block, sb_m3_outer(fi, left));
             }
@@ -544,6 +559,35 @@ SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_
     }
 }
 
+/* A += weight (d (x) e + e (x) d), exactly symmetric. */
+SB_INLINE void sbi_tangent_add_pair(sb_real *A, sb_real weight, sb_mat3 d, sb_mat3 e)
+{
+    for (int p = 0; p < 9; p++)
+        for (int q = p; q < 9; q++)
+            A[9 * p + q] = A[9 * q + p] =
+                A[9 * p + q] + weight * (d.m[p / 3][p % 3] * e.m[q / 3][q % 3] + e.m[p / 3][p % 3] * d.m[q / 3][q % 3]);
+}
+
+/* A from its principal form, F = U diag(s) V^T. */
+SB_INLINE void sbi_principal_tangent(const sbi_principal *principal, sb_mat3 u, sb_mat3 v, sb_real *A)
+{
+    for (int i = 0; i < 81; i++)
+        A[i] = 0;
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        sb_mat3 own = sb_m3_outer(sb_m3_column(u, k), sb_m3_column(v, k));
+        sb_mat3 ii = sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, i));
+        sb_mat3 jj = sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, j));
+        sb_mat3 ij = sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, j));
+        sb_mat3 ji = sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, i));
+        sbi_tangent_add_dyad(A, principal->stretch.m[k][k], own);
+        sbi_tangent_add_pair(A, principal->stretch.m[i][j], ii, jj);
+        sbi_tangent_add_dyad(A, principal->same[k], ij);
+        sbi_tangent_add_dyad(A, principal->same[k], ji);
+        sbi_tangent_add_pair(A, principal->cross[k], ij, ji);
+    }
+}
+
 /* The principal form of a hyperelastic model's tangent; F is admissible. */
 SBI_FORCE_INLINE void sbi_principal_at(int model, const sb_material *m, const sb_mat3 *F, const sb_real *s,
                                        sbi_principal *out)
@@ -610,6 +654,123 @@ SBI_FORCE_INLINE void sbi_tangent_project(int model, const sb_material *m, const
     sbi_tangent_lift(&principal, u, v, A);
 }
 
+/* ---- Ogden ---- */
+
+/* With y_k = log s_k and x_k = y_k - log(J)/3: powers p_ik = exp(alpha_i x_k), slopes G_k = dW/dy_k = s_k dW/ds_k. */
+typedef struct sbi_ogden {
+    sb_mat3 u, v;
+    sb_real s[3], x[3], J, slope[3];
+    sb_real growth, volume; /* J U' and J U' + J^2 U'' */
+} sbi_ogden;
+
+/* (exp(y) - 1)/y */
+SBI_FORCE_INLINE sb_real sbi_ogden_mean(sb_real y) { return sbi_material_mean_decay(-y); }
+
+SB_INLINE int sbi_ogden_at(const sb_material *m, const sb_mat3 *F, sbi_ogden *out)
+{
+    sb_vec3 s;
+    sb_real mean;
+    out->J = sb_m3_det(*F);
+    if (!(out->J > 0))
+        return 0;
+    sb_m3_svd(*F, &out->u, &s, &out->v);
+    if (!(s.z > 0))
+        return 0;
+    out->s[0] = s.x, out->s[1] = s.y, out->s[2] = s.z;
+    for (int k = 0; k < 3; k++)
+        out->x[k] = sb_log(out->s[k]);
+    mean = (out->x[0] + out->x[1] + out->x[2]) / 3;
+    out->growth = 2 * out->J * (out->J - 1) / m->d1;
+    out->volume = 2 * out->J * (2 * out->J - 1) / m->d1;
+    for (int k = 0; k < 3; k++) {
+        out->x[k] -= mean;
+        out->slope[k] = 0;
+        for (int i = 0; i < SB_MAX_OGDEN_TERMS; i++) { /* mu_i (p_ik - 1) */
+            sb_real y = m->ogden_alpha[i] * out->x[k];
+            out->slope[k] += m->ogden_mu[i] * y * sbi_ogden_mean(y);
+        }
+    }
+    mean = (out->slope[0] + out->slope[1] + out->slope[2]) / 3;
+    for (int k = 0; k < 3; k++)
+        out->slope[k] += out->growth - mean;
+    return 1;
+}
+
+SB_INLINE int sbi_ogden_energy(const sb_material *m, const sb_mat3 *F, sb_real *W)
+{
+    sbi_ogden o;
+    if (!sbi_ogden_at(m, F, &o))
+        return 0;
+    *W = (o.J - 1) * (o.J - 1) / m->d1;
+    for (int i = 0; i < SB_MAX_OGDEN_TERMS; i++)
+        for (int k = 0; k < 3; k++)
+            *W += m->ogden_mu[i] * o.x[k] * sbi_ogden_mean(m->ogden_alpha[i] * o.x[k]);
+    return 1;
+}
+
+/* P = U diag(G/s) V^T */
+SB_INLINE int sbi_ogden_stress(const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
+{
+    sbi_ogden o;
+    sb_mat3 scaled;
+    if (!sbi_ogden_at(m, F, &o))
+        return 0;
+    scaled = o.u;
+    for (int k = 0; k < 3; k++)
+        for (int r = 0; r < 3; r++)
+            scaled.m[r][k] *= o.slope[k] / o.s[k];
+    *P = sb_m3_mult(scaled, o.v);
+    return 1;
+}
+
+/* d2W/dy_k dy_l = sum mu_i alpha_i (p_ik d_kl - p_ik/3 - p_il/3 + sum_n p_in/9) + J U' + J^2 U'', from which
+ *     A_iijj = (that - d_ij G_i)/(s_i s_j),   (g_i - g_j)/(s_i - s_j) = (s_j DG - G_j)/(s_i s_j)   with g = G/s and
+ *     DG = (G_i - G_j)/(s_i - s_j) = sum mu_i alpha_i p_ij/s_j m(alpha_i t)/m(t),   t = log(s_i/s_j),   m = (exp - 1)/:
+ * no division by what may be 0. */
+SB_INLINE void sbi_principal_ogden(const sb_material *m, const sbi_ogden *o, sbi_principal *out)
+{
+    out->stretch = sb_m3_zero();
+    for (int k = 0; k < 3; k++)
+        out->same[k] = 0;
+    for (int n = 0; n < SB_MAX_OGDEN_TERMS; n++) {
+        sb_real p[3], alpha = m->ogden_alpha[n], modulus = m->ogden_mu[n] * alpha, ninth;
+        for (int k = 0; k < 3; k++)
+            p[k] = sb_exp(alpha * o->x[k]);
+        ninth = (p[0] + p[1] + p[2]) / 9;
+        for (int i = 0; i < 3; i++) {
+            int j = (i + 1) % 3, k = (i + 2) % 3;
+            sb_real t = o->x[j] - o->x[k];
+            out->stretch.m[i][i] += modulus * (p[i] / 3 + ninth);
+            out->stretch.m[j][k] += modulus * (ninth - (p[j] + p[k]) / 3);
+            out->same[i] += modulus * p[k] * sbi_ogden_mean(alpha * t) / sbi_ogden_mean(t); /* s_k DG for now */
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        sb_real product = o->s[j] * o->s[k], flip, twist;
+        out->stretch.m[i][i] = (out->stretch.m[i][i] + o->volume - o->slope[i]) / (o->s[i] * o->s[i]);
+        out->stretch.m[j][k] = out->stretch.m[k][j] = (out->stretch.m[j][k] + o->volume) / product;
+        flip = (out->same[i] - o->slope[k]) / product;
+        twist = (o->slope[j] / o->s[j] + o->slope[k] / o->s[k]) / (o->s[j] + o->s[k]);
+        out->same[i] = (flip + twist) / 2;
+        out->cross[i] = (flip - twist) / 2;
+    }
+}
+
+/* The tangent, exact or without its negative eigenvalues. */
+SB_INLINE int sbi_ogden_tangent(const sb_material *m, const sb_mat3 *F, sb_tangent_kind kind, sb_real *A)
+{
+    sbi_ogden o;
+    sbi_principal principal;
+    if (!sbi_ogden_at(m, F, &o))
+        return 0;
+    sbi_principal_ogden(m, &o, &principal);
+    sbi_principal_tangent(&principal, o.u, o.v, A);
+    if (kind != SB_TANGENT_EXACT)
+        sbi_tangent_lift(&principal, o.u, o.v, A);
+    return 1;
+}
+
 /* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
  * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
  * add to their output, and return 0 with it untouched when the share is not finite. */
@@ -630,10 +791,133 @@ SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec
     return sb_is_finite(*first) && sb_is_finite(*second);
 }
 
+/* The same with dispersion, H = kappa I + (1 - 3 kappa) a0 a0^T and E = F : F H - 1 for e: *pull = F H. */
+SB_INLINE int sbi_dispersed_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *pull, sb_real *e,
+                               sb_real *first, sb_real *second)
+{
+    sb_real kappa = m->fibre_dispersion, growth;
+    *pull = sb_m3_add(sb_m3_scale(kappa, *F), sb_m3_outer(sb_v3_scale(1 - 3 * kappa, sb_m3_apply(*F, a0)), a0));
+    *e = sb_m3_ddot(*F, *pull) - 1;
+    *first = *second = 0;
+    if (!(*e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(*e);
+    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * *e * *e);
+    *first = growth * *e;
+    *second = growth * (1 + 2 * m->fibre_exponent * *e * *e);
+    return sb_is_finite(*first) && sb_is_finite(*second);
+}
+
+/* Contraction: n = F a0/l, the tension at l with its slope and what it has pulled in by when nothing is left of it, so
+ * that no energy is below 0; 0 where l is 0 or not finite. */
+SB_INLINE int sbi_active_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *n, sb_real *stretch,
+                            sb_real values[3])
+{
+    sb_vec3 a = sb_m3_apply(*F, a0);
+    sb_real l = sb_v3_norm(a), w = m->fibre_width, T = m->fibre_tension, away;
+    if (!(l > 0) || !sb_is_finite(l))
+        return 0;
+    *n = sb_v3_scale(1 / l, a);
+    *stretch = l;
+    values[0] = T, values[1] = 0, values[2] = T * l;
+    if (!(w > 0))
+        return 1;
+    away = sb_min(sb_max((l - m->fibre_optimum) / w, -1), 1);
+    values[0] = T * (1 - away * away);
+    values[1] = away > -1 && away < 1 ? -2 * T * away / w : 0;
+    values[2] = T * w * (away - away * away * away / 3 + (sb_real)2 / 3);
+    return sb_is_finite(values[2]);
+}
+
+/* Fibres that are dispersed or contract. */
+SBI_FORCE_INLINE int sbi_fibre_is_more(const sb_material *m) { return m->fibre_dispersion > 0 || m->fibre_tension > 0; }
+SBI_FORCE_INLINE int sbi_fibre_is_none(sb_vec3 a0) { return a0.x == 0 && a0.y == 0 && a0.z == 0; }
+
+SB_INLINE int sbi_fibre_more_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_mat3 pull;
+    sb_vec3 n;
+    sb_real e, first, second, stretch, values[3], energy = 0;
+    if (sbi_fibre_is_none(a0))
+        return 1;
+    if (!sbi_dispersed_at(m, F, a0, &pull, &e, &first, &second))
+        return 0;
+    if (first > 0)
+        energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
+    if (m->fibre_tension > 0) {
+        if (!sbi_active_at(m, F, a0, &n, &stretch, values))
+            return 0;
+        energy += values[2];
+    }
+    if (!sb_is_finite(energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+/* P = 2 W' F H + T f n a0^T */
+SB_INLINE int sbi_fibre_more_stress(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_mat3 pull;
+    sb_vec3 n;
+    sb_real e, first, second, stretch, values[3];
+    if (sbi_fibre_is_none(a0))
+        return 1;
+    if (!sbi_dispersed_at(m, F, a0, &pull, &e, &first, &second))
+        return 0;
+    if (m->fibre_tension > 0) {
+        if (!sbi_active_at(m, F, a0, &n, &stretch, values))
+            return 0;
+        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(values[0], n), a0));
+    }
+    if (first > 0)
+        *P = sb_m3_add(*P, sb_m3_scale(2 * first, pull));
+    return 1;
+}
+
+/* A_ijkl += block_jl d_ik */
+SB_INLINE void sbi_tangent_add_block(sb_real *A, sb_mat3 block)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                A[9 * (3 * i + j) + 3 * i + l] += block.m[j][l];
+}
+
+/* A = 4 W'' (F H) (x) (F H) + 2 W' d_ik H_jl, semidefinite since H is, + T [f/l (I - n n^T) + f' n n^T]_ik (a0
+ * a0^T)_jl, which is where f' >= 0. */
+SB_INLINE int sbi_fibre_more_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_tangent_kind kind,
+                                     sb_real *A)
+{
+    const sb_real kappa = m->fibre_dispersion;
+    const sb_mat3 along = sb_m3_outer(a0, a0); /* exactly symmetric */
+    sb_mat3 pull;
+    sb_vec3 n;
+    sb_real e, first, second, stretch, values[3];
+    if (sbi_fibre_is_none(a0))
+        return 1;
+    if (!sbi_dispersed_at(m, F, a0, &pull, &e, &first, &second))
+        return 0;
+    if (m->fibre_tension > 0) {
+        if (!sbi_active_at(m, F, a0, &n, &stretch, values))
+            return 0;
+        if (kind != SB_TANGENT_EXACT)
+            values[1] = sb_max(values[1], 0);
+        sbi_tangent_add_block(A, sb_m3_scale(values[0] / stretch, along));
+        sbi_tangent_add_dyad(A, values[1] - values[0] / stretch, sb_m3_outer(n, a0));
+    }
+    if (second > 0) {
+        sbi_tangent_add_dyad(A, 4 * second, pull);
+        sbi_tangent_add_block(A, sbi_material_affine(2 * first * (1 - 3 * kappa), along, 2 * first * kappa));
+    }
+    return 1;
+}
+
 SBI_FORCE_INLINE int sbi_fibre_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
 {
     sb_vec3 a = sb_m3_apply(*F, a0);
     sb_real e = sb_v3_dot(a, a) - 1, energy;
+    if (sbi_fibre_is_more(m))
+        return sbi_fibre_more_energy(m, F, a0, W);
     if (!(e > 0) || !(m->fibre_stiffness > 0))
         return sb_is_finite(e);
     /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
@@ -649,6 +933,8 @@ SBI_FORCE_INLINE int sbi_fibre_stress(const sb_material *m, const sb_mat3 *F, sb
 {
     sb_vec3 a;
     sb_real first, second;
+    if (sbi_fibre_is_more(m))
+        return sbi_fibre_more_stress(m, F, a0, P);
     if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
         return 0;
     if (first > 0)
@@ -657,21 +943,21 @@ SBI_FORCE_INLINE int sbi_fibre_stress(const sb_material *m, const sb_mat3 *F, sb
 }
 
 /* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
- * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
-SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
+ * never below 0, so it is semidefinite as it stands; kind is for what contracts. */
+SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_tangent_kind kind,
+                                       sb_real *A)
 {
     sb_vec3 a;
     sb_real first, second;
+    if (sbi_fibre_is_more(m))
+        return sbi_fibre_more_tangent(m, F, a0, kind, A);
     if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
         return 0;
     if (!(second > 0))
         return 1;
     const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
     sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < 3; l++)
-                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
+    sbi_tangent_add_block(A, tension);
     return 1;
 }
 
@@ -691,8 +977,10 @@ SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_
     case SB_NEO_HOOKEAN:
     case SB_NEO_HOOKEAN_ISOCHORIC:
     case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
+    case SB_REDUCED_POLYNOMIAL:
+    case SB_FUNG: return sbi_barrier_energy(model, m, F, W);
     case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
+    case SB_OGDEN: return sbi_ogden_energy(m, F, W);
     default: return 0;
     }
 }
@@ -711,8 +999,10 @@ SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_
     case SB_NEO_HOOKEAN:
     case SB_NEO_HOOKEAN_ISOCHORIC:
     case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
+    case SB_REDUCED_POLYNOMIAL:
+    case SB_FUNG: return sbi_barrier_stress(model, m, F, P);
     case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
+    case SB_OGDEN: return sbi_ogden_stress(m, F, P);
     default: return 0;
     }
 }
@@ -729,10 +1019,12 @@ SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb
     case SB_NEO_HOOKEAN_ISOCHORIC:
     case SB_MOONEY_RIVLIN:
     case SB_REDUCED_POLYNOMIAL:
+    case SB_FUNG:
         if (!sbi_barrier_tangent(model, m, F, A))
             return 0;
         break;
     case SB_STABLE_NEO_HOOKEAN: sbi_stable_tangent(m, F, A); break;
+    case SB_OGDEN: return sbi_ogden_tangent(m, F, kind, A);
     default: return 0;
     }
     if (kind != SB_TANGENT_EXACT)

@@ -55,7 +55,7 @@ static int sbi_embed_pool_grow(const sb_embedding *e, sbi_embed_pool *pool)
     return 1;
 }
 
-static sb_result sbi_embed_follow_no_memory(const sb_embedding *e, sb_error *error)
+SBI_API sb_result sbi_embed_follow_no_memory(const sb_embedding *e, sb_error *error)
 {
     return sbi_fail(error, SB_ERROR_MEMORY, "no memory for an embedding of %d points to follow its mesh",
                     e->report.point_count);
@@ -530,11 +530,24 @@ static void sbi_embed_change_arrays(sb_embedding *e, sbi_embed_follower *f)
 
 /* ---- a whole mesh ---- */
 
-static void sbi_embed_follower_free(const sb_embedding *e, sbi_embed_follower *f)
+SBI_API void sbi_embed_drop_prepared(const sb_embedding *e, sbi_embed_follower *f)
+{
+    struct sbi_embed_prepared *next = f->prepared;
+    f->prepared = NULL;
+    if (!next)
+        return;
+    sbi_embed_arrays_free(&e->allocator, &next->arrays);
+    sbi_embed_follower_free(e, next->follower);
+    sbi_free(&e->allocator, next->points);
+    sbi_free(&e->allocator, next);
+}
+
+SBI_API void sbi_embed_follower_free(const sb_embedding *e, sbi_embed_follower *f)
 {
     const sb_allocator *allocator = &e->allocator;
     if (!f)
         return;
+    sbi_embed_drop_prepared(e, f);
     sbi_free(allocator, f->nodes);
     sbi_free(allocator, f->cells);
     sbi_free(allocator, f->first);
@@ -565,7 +578,7 @@ SBI_API void sbi_embed_follower_destroy(sb_embedding *e)
     e->follower = NULL;
 }
 
-static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
+SBI_API sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
 {
     sbi_embed_follower *f = (sbi_embed_follower *)sbi_alloc_zeroed(&e->allocator, 1, sizeof *f);
     size_t points = (size_t)e->report.point_count;

@@ -82,7 +82,17 @@ typedef struct sbi_embed_follower {
     void *find_user;
     sb_vec3 *old_nodes; /* [old_room] of the slots that made nodes take */
     int old_room, old_node_end, old_cell_end;
+
+    struct sbi_embed_prepared *prepared; /* of a mesh that is loaded next, whose points are known; or NULL */
 } sbi_embed_follower;
+
+/* What takes the follower's place when a mesh is loaded whose points are known (embed_held.h). */
+struct sbi_embed_prepared {
+    sbi_embed_follower *follower;
+    sb_embedded_point *points;
+    sbi_embed_arrays arrays;
+};
+SBI_API void sbi_embed_drop_prepared(const sb_embedding *e, sbi_embed_follower *f);
 
 /* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an
  * owner, whose mesh this is, it is stale. */

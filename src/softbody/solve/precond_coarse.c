@@ -125,7 +125,8 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
     c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
     c->piece_of = sbi_owned_take_ints(&p->owned, rows);
     if (c->piece_nodes && c->piece_of && scratch && centres)
-        c->piece_count = sbi_precond_make_pieces(a, positions, pieces, scratch, centres, c->piece_nodes, c->piece_of);
+        c->piece_count =
+            sbi_precond_make_pieces(a, positions, pieces, scratch, centres, c->piece_nodes, c->piece_of, NULL);
     sbi_free(&p->owned.allocator, scratch);
     sbi_free(&p->owned.allocator, centres);
     if (c->piece_count == 0 || c->piece_count > INT_MAX / 6)
@@ -177,7 +178,13 @@ SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)p->row_room, most = (size_t)sbi_precond_most_pieces(pieces), blocks = (size_t)p->block_room;
-    c->piece_room = (int)most;
+    c->piece_room = c->cuts.room = (int)most;
+    c->cuts.splits = (sbi_piece_split *)sbi_owned_take(&p->owned, most, sizeof(sbi_piece_split));
+    c->cuts.split_of = sbi_owned_take_ints(&p->owned, rows);
+    c->cuts.axis = sbi_owned_take_ints(&p->owned, most);
+    c->cuts.positions = (sb_vec3 *)sbi_owned_take(&p->owned, rows, sizeof(sb_vec3));
+    if (!c->cuts.splits || !c->cuts.split_of || !c->cuts.axis || !c->cuts.positions)
+        return 0;
     c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
     c->piece_of = sbi_owned_take_ints(&p->owned, rows);
     c->piece_start = sbi_owned_take_ints(&p->owned, most + 1);
@@ -191,7 +198,9 @@ static void sbi_precond_cut_pieces(sb_preconditioner *p, const sb_matrix *a, int
 {
     sbi_precond_coarse *c = &p->coarse;
     int most = sbi_min_int(sbi_precond_most_pieces(pieces), c->piece_room);
-    c->piece_count = sbi_precond_make_pieces(a, p->rest, pieces, p->scratch, p->centres, c->piece_nodes, c->piece_of);
+    c->piece_count =
+        sbi_precond_make_pieces(a, p->rest, pieces, p->scratch, p->centres, c->piece_nodes, c->piece_of, &c->cuts);
+    c->cuts_tell = c->piece_count <= most;
     for (int i = 0; i < a->row_count && c->piece_count > most; i++)
         c->piece_of[i] = sbi_min_int(c->piece_of[i], most - 1);
     c->piece_count = sbi_min_int(c->piece_count, most);
@@ -200,9 +209,12 @@ static void sbi_precond_cut_pieces(sb_preconditioner *p, const sb_matrix *a, int
 /* The same of a pattern that was cut before; returns 1 when pieces are others than then. */
 static int sbi_precond_recut_pieces(sb_preconditioner *p, const sb_matrix *a, int pieces)
 {
-    const sbi_precond_coarse *c = &p->coarse;
+    sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
     int *before = p->scratch + 6 * rows + 1, count = c->piece_count; /* beyond what the cut uses */
+    if (c->cuts_tell &&
+        sbi_precond_pieces_stay(a, p->rest, &c->cuts, c->piece_of, c->piece_count, p->scratch, p->centres))
+        return 0;
     memcpy(before, c->piece_of, rows * sizeof(int));
     sbi_precond_cut_pieces(p, a, pieces);
     return c->piece_count != count || memcmp(before, c->piece_of, rows * sizeof(int)) != 0;
@@ -292,30 +304,54 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
 }
 #else
-/* One row of the blocks at a time: what it sums stays in registers. Of the moments only those that torques have. */
+/* One or two rows of the blocks at a time: what they sum stays in registers. Of the moments only those that torques
+ * have. */
 #if SBI_HAS_PAIRS
-static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
+/* Sums of a row of the blocks: its entries, and those of them times arms that torques have. */
+typedef struct sbi_precond_sums {
+    sbi_pair p01, p12, yz, zx, xy;
+} sbi_precond_sums;
+
+SBI_FORCE_INLINE sbi_precond_sums sbi_precond_add_row(sbi_precond_sums s, const sb_real *row, const sb_real *arm)
+{
+    sbi_pair v01 = SBI_PAIR_AT(row), v12 = SBI_PAIR_AT(row + 1);
+    s.p01 += v01;
+    s.p12 += v12;
+    s.yz += SBI_PAIR_AT(arm + 1) * sbi_pair_make(v12[1], v01[0]);
+    s.zx += sbi_pair_make(arm[2], arm[0]) * v12;
+    s.xy += sbi_pair_make(arm[1], arm[0]) * v01;
+    return s;
+}
+
+static void sbi_precond_put_sums(sbi_precond_sums s, int r, sb_real sum[4][12])
+{
+    sum[0][4 * r] = s.p01[0], sum[0][4 * r + 1] = s.p01[1], sum[0][4 * r + 2] = s.p12[1];
+    sum[1][4 * r + 1] = s.xy[1], sum[1][4 * r + 2] = s.zx[1];
+    sum[2][4 * r] = s.xy[0], sum[2][4 * r + 2] = s.yz[0];
+    sum[3][4 * r] = s.yz[1], sum[3][4 * r + 1] = s.zx[0];
+}
+
+static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end,
                                     sb_real sum[4][12])
 {
-    sbi_pair p01 = {0, 0}, p12 = p01, yz = p01, zx = p01, xy = p01;
-    for (int s = begin; s < end; s++) {
-        const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+    const sbi_pair zero = {0, 0};
+    sbi_precond_sums s0 = {zero, zero, zero, zero, zero}, s1 = s0, s2 = s0;
+    for (int s = begin; s < end; s++) { /* two rows: as many sums as there are registers for */
+        const sb_real *block = a->blocks[c->entry_blocks[s]];
         const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        sbi_pair v01 = SBI_PAIR_AT(row), v12 = SBI_PAIR_AT(row + 1);
-        p01 += v01;
-        p12 += v12;
-        yz += SBI_PAIR_AT(arm + 1) * sbi_pair_make(v12[1], v01[0]);
-        zx += sbi_pair_make(arm[2], arm[0]) * v12;
-        xy += sbi_pair_make(arm[1], arm[0]) * v01;
+        s0 = sbi_precond_add_row(s0, block, arm);
+        s1 = sbi_precond_add_row(s1, block + 3, arm);
     }
-    sum[0][4 * r] = p01[0], sum[0][4 * r + 1] = p01[1], sum[0][4 * r + 2] = p12[1];
-    sum[1][4 * r + 1] = xy[1], sum[1][4 * r + 2] = zx[1];
-    sum[2][4 * r] = xy[0], sum[2][4 * r + 2] = yz[0];
-    sum[3][4 * r] = yz[1], sum[3][4 * r + 1] = zx[0];
+    for (int s = begin; s < end; s++)
+        s2 = sbi_precond_add_row(s2, a->blocks[c->entry_blocks[s]] + 6,
+                                 c->places + 4 * (size_t)a->columns[c->entry_blocks[s]]);
+    sbi_precond_put_sums(s0, 0, sum);
+    sbi_precond_put_sums(s1, 1, sum);
+    sbi_precond_put_sums(s2, 2, sum);
 }
 #else
-static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
-                                    sb_real sum[4][12])
+static void sbi_precond_one_row(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end, int r,
+                                sb_real sum[4][12])
 {
     sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
     for (int s = begin; s < end; s++) {
@@ -331,6 +367,13 @@ static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix
     sum[2][4 * r] = y.x, sum[2][4 * r + 2] = y.z;
     sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y;
 }
+
+static void sbi_precond_row_moments(const sbi_precond_coarse *c, const sb_matrix *a, int begin, int end,
+                                    sb_real sum[4][12])
+{
+    for (int r = 0; r < 3; r++)
+        sbi_precond_one_row(c, a, begin, end, r, sum);
+}
 #endif
 
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
@@ -342,8 +385,7 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
         SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
         SBI_PREFETCH(a->blocks[later], 64);
     }
-    for (int r = 0; r < 3; r++)
-        sbi_precond_row_moments(c, a, begin, end, r, sum);
+    sbi_precond_row_moments(c, a, begin, end, sum);
 }
 #endif
 

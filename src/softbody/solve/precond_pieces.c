@@ -72,19 +72,18 @@ static void sbi_precond_select(const sb_vec3 *positions, int axis, int *nodes, i
     }
 }
 
-static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count)
+/* low, high: the box of the nodes. */
+static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count, sb_vec3 *low, sb_vec3 *high)
 {
-    sb_real extent[3];
-    for (int axis = 0; axis < 3; axis++) {
-        sb_real low = sbi_precond_coordinate(positions, nodes[0], axis), high = low;
-        for (int k = 1; k < count; k++) {
-            sb_real x = sbi_precond_coordinate(positions, nodes[k], axis);
-            low = x < low ? x : low;
-            high = x > high ? x : high;
-        }
-        extent[axis] = high - low;
+    sb_vec3 extent;
+    *low = *high = positions[nodes[0]];
+    for (int k = 1; k < count; k++) {
+        sb_vec3 x = positions[nodes[k]];
+        low->x = sb_min(low->x, x.x), low->y = sb_min(low->y, x.y), low->z = sb_min(low->z, x.z);
+        high->x = sb_max(high->x, x.x), high->y = sb_max(high->y, x.y), high->z = sb_max(high->z, x.z);
     }
-    return extent[1] > extent[0] ? (extent[2] > extent[1] ? 2 : 1) : (extent[2] > extent[0] ? 2 : 0);
+    extent = sb_v3_sub(*high, *low);
+    return extent.y > extent.x ? (extent.z > extent.y ? 2 : 1) : (extent.z > extent.x ? 2 : 0);
 }
 
 /* ---- pieces of a part ---------------------------------------------------------------------------------- */
@@ -92,33 +91,59 @@ static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, 
 typedef struct sbi_piece_maker {
     const sb_matrix *a;
     const sb_vec3 *positions;
-    int *nodes;       /* [rows] by piece */
-    int *piece_of;    /* [rows] */
-    int *fragment_of; /* [rows] -1: none yet */
-    int *list;        /* [rows] nodes by fragment; or a queue */
-    int *start;       /* [rows + 1] of fragments in the list */
-    int *sizes;       /* [rows] nodes of each fragment and of those that have joined it */
-    int *roots;       /* [rows] the fragment that each has joined; itself: none */
-    int *touching;    /* [rows] blocks that the fragment at work shares with each other one; otherwise 0 */
-    sb_vec3 *centres; /* [rows] */
+    int *nodes;           /* [rows] by piece */
+    int *piece_of;        /* [rows] */
+    int *fragment_of;     /* [rows] -1: none yet */
+    int *list;            /* [rows] nodes by fragment; or a queue */
+    int *start;           /* [rows + 1] of fragments in the list */
+    int *sizes;           /* [rows] nodes of each fragment and of those that have joined it */
+    int *roots;           /* [rows] the fragment that each has joined; itself: none */
+    int *touching;        /* [rows] blocks that the fragment at work shares with each other one; otherwise 0 */
+    sb_vec3 *centres;     /* [rows] */
+    sbi_piece_cuts *cuts; /* notes how it was cut, or NULL */
     int piece_count;
 } sbi_piece_maker;
 
+/* Notes a cut of nodes[0, count) after the first `left` of them; its number. */
+static int sbi_piece_note(const sbi_piece_maker *m, const int *nodes, int count, int left, int axis, int within)
+{
+    sbi_piece_split *split = m->cuts->splits + m->cuts->split_count;
+    split->axis = axis;
+    split->within = within;
+    split->last = nodes[0];
+    split->first = nodes[left];
+    for (int k = 1; k < left; k++)
+        if (sbi_precond_before(m->positions, axis, split->last, nodes[k]))
+            split->last = nodes[k];
+    for (int k = left + 1; k < count; k++)
+        if (sbi_precond_before(m->positions, axis, nodes[k], split->first))
+            split->first = nodes[k];
+    return m->cuts->split_count++;
+}
+
 /* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of the
- * next one. */
-static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
+ * next one. within: the split whose half they are, or -1. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece, int within)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
     int *nodes = m->nodes + begin, axis;
+    sb_vec3 low, high;
     if (pieces == 1) {
         for (int k = begin; k < end; k++)
             m->piece_of[m->nodes[k]] = piece;
+        for (int k = begin; m->cuts && k < end; k++)
+            m->cuts->split_of[m->nodes[k]] = within;
         return piece + 1;
     }
-    axis = sbi_precond_longest_axis(m->positions, nodes, end - begin);
+    axis = sbi_precond_longest_axis(m->positions, nodes, end - begin, &low, &high);
     sbi_precond_select(m->positions, axis, nodes, end - begin, middle - begin);
-    piece = sbi_piece_cut(m, begin, middle, left, piece);
-    return sbi_piece_cut(m, middle, end, pieces - left, piece);
+    if (m->cuts) {
+        within = sbi_piece_note(m, nodes, end - begin, middle - begin, axis, within);
+        m->cuts->splits[within].low = low;
+        m->cuts->splits[within].high = high;
+    }
+    piece = sbi_piece_cut(m, begin, middle, left, piece, within);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece, within);
 }
 
 /* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
@@ -218,12 +243,14 @@ static int sbi_piece_number(sbi_piece_maker *m, int begin, int end, int fragment
 static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
 {
     int *order = m->roots, *rank = m->sizes, *next = m->start;
-    int axis = sbi_precond_longest_axis(m->positions, m->nodes + begin, end - begin);
+    sb_vec3 low, high;
+    int axis = sbi_precond_longest_axis(m->positions, m->nodes + begin, end - begin, &low, &high);
     memset(m->centres, 0, (size_t)count * sizeof *m->centres);
     memset(next, 0, ((size_t)count + 1) * sizeof *next);
-    for (int k = begin; k < end; k++) {
-        int f = m->fragment_of[m->nodes[k]];
-        m->centres[f] = sb_v3_add(m->centres[f], m->positions[m->nodes[k]]);
+    memcpy(m->list, m->a->part_rows + begin, (size_t)(end - begin) * sizeof(int));
+    for (int k = 0; k < end - begin; k++) { /* in an order that cuts do not change: sums tell who comes first */
+        int f = m->fragment_of[m->list[k]];
+        m->centres[f] = sb_v3_add(m->centres[f], m->positions[m->list[k]]);
         next[f]++;
     }
     for (int f = 0; f < count; f++) {
@@ -231,7 +258,8 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
         order[f] = f;
     }
     sbi_precond_sort_nodes(m->centres, axis, order, count);
-    memcpy(m->list, m->a->part_rows + begin, (size_t)(end - begin) * sizeof(int));
+    for (int a = 0; m->cuts && a < count && m->piece_count + a < m->cuts->room; a++)
+        m->cuts->axis[m->piece_count + a] = a > 0 ? axis : -1;
     for (int a = 0, at = begin; a < count; a++) {
         int size = next[order[a]];
         rank[order[a]] = m->piece_count + a;
@@ -253,7 +281,7 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
-    sbi_piece_cut(m, begin, end, share, 0);
+    sbi_piece_cut(m, begin, end, share, 0, -1);
     if (alone) {
         for (int k = begin; k < end; k++)
             m->fragment_of[m->nodes[k]] = 0;
@@ -266,7 +294,7 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
 }
 
 SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
-                                    sb_vec3 *centres, int *nodes, int *piece_of)
+                                    sb_vec3 *centres, int *nodes, int *piece_of, sbi_piece_cuts *cuts)
 {
     size_t rows = (size_t)a->row_count;
     sbi_piece_maker m;
@@ -282,10 +310,73 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     m.touching = m.roots + rows;
     m.start = m.touching + rows;
     m.centres = centres;
+    m.cuts = cuts;
+    if (cuts) {
+        cuts->split_count = 0;
+        memcpy(cuts->positions, positions, rows * sizeof(sb_vec3));
+    }
     memset(m.touching, 0, rows * sizeof(int));
     sbi_matrix_list_parts(a);
     memcpy(nodes, a->part_rows, rows * sizeof(int));
     for (int c = 0; c < a->part_count; c++)
         sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
     return m.piece_count;
+}
+
+/* ---- a cut that stays ---------------------------------------------------------------------------------- */
+
+static int sbi_piece_is_inside(sb_vec3 x, sb_vec3 low, sb_vec3 high)
+{
+    return x.x > low.x && x.x < high.x && x.y > low.y && x.y < high.y && x.z > low.z && x.z < high.z;
+}
+
+/* Whether node i, which has moved, is within each of its boxes as before, and on the same side of each cut without
+ * being one of the two nodes that it lies between. */
+static int sbi_piece_node_stays(const sbi_piece_cuts *cuts, const sb_vec3 *positions, int i)
+{
+    for (int s = cuts->split_of[i]; s >= 0; s = cuts->splits[s].within) {
+        const sbi_piece_split *split = cuts->splits + s;
+        int is_left = sbi_precond_before(cuts->positions, split->axis, i, split->last);
+        int stays = is_left ? sbi_precond_before(positions, split->axis, i, split->last)
+                            : sbi_precond_before(positions, split->axis, split->first, i);
+        if (!stays || i == split->last || i == split->first ||
+            !sbi_piece_is_inside(cuts->positions[i], split->low, split->high) ||
+            !sbi_piece_is_inside(positions[i], split->low, split->high))
+            return 0;
+    }
+    return 1;
+}
+
+/* Whether the pieces, which are what they were, still follow each other along their parts' longest sides. */
+static int sbi_piece_order_stays(const sb_matrix *a, const sb_vec3 *positions, const sbi_piece_cuts *cuts,
+                                 const int *piece_of, int piece_count, int *sizes, sb_vec3 *centres)
+{
+    memset(centres, 0, (size_t)piece_count * sizeof *centres);
+    memset(sizes, 0, (size_t)piece_count * sizeof *sizes);
+    for (int k = 0; k < a->row_count; k++) {
+        int i = a->part_rows[k], piece = piece_of[i];
+        centres[piece] = sb_v3_add(centres[piece], positions[i]);
+        sizes[piece]++;
+    }
+    for (int p = 0; p < piece_count; p++) {
+        int axis = cuts->axis[p];
+        centres[p] = sb_v3_scale((sb_real)1 / (sb_real)sizes[p], centres[p]);
+        if (axis >= 0 && !(sbi_precond_coordinate(centres, p - 1, axis) < sbi_precond_coordinate(centres, p, axis)))
+            return 0;
+    }
+    return 1;
+}
+
+SBI_API int sbi_precond_pieces_stay(const sb_matrix *a, const sb_vec3 *positions, sbi_piece_cuts *cuts,
+                                    const int *piece_of, int piece_count, int *scratch, sb_vec3 *centres)
+{
+    sbi_matrix_list_parts(a);
+    for (int i = 0; i < a->row_count; i++)
+        if (memcmp(positions + i, cuts->positions + i, sizeof *positions) != 0 &&
+            !sbi_piece_node_stays(cuts, positions, i))
+            return 0;
+    if (!sbi_piece_order_stays(a, positions, cuts, piece_of, piece_count, scratch, centres))
+        return 0;
+    memcpy(cuts->positions, positions, (size_t)a->row_count * sizeof(sb_vec3));
+    return 1;
 }

@@ -24,6 +24,23 @@ enum {
     SBI_PRECOND_AHEAD = 8                  /* blocks asked for before they are read */
 };
 
+/* A cut of a set of nodes into halves, which are cut on. */
+typedef struct sbi_piece_split {
+    sb_vec3 low, high; /* box of its nodes (m) */
+    int axis;          /* across which it is cut */
+    int within;        /* the split whose half it is, or -1 */
+    int last, first;   /* the nodes on either side of the cut: that of the first half and that of the second */
+} sbi_piece_split;
+
+/* How pieces were cut: tells whether nodes that have moved since can be cut otherwise. */
+typedef struct sbi_piece_cuts {
+    int room, split_count;   /* room: pieces and splits */
+    sbi_piece_split *splits; /* [room] */
+    int *split_of;           /* [row_room] the smallest set that each node is in, or -1 */
+    int *axis;               /* [room] along which a piece follows the one before it; -1: it is the first of its part */
+    sb_vec3 *positions;      /* [row_room] */
+} sbi_piece_cuts;
+
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
  * centre, in units of its radius, so that both have the size of a displacement. (A Z) is stored by piece:
  * entry e couples piece a (piece_entry[a] <= e < piece_entry[a + 1]) with node entry_node[e], one of its own
@@ -31,6 +48,8 @@ enum {
 typedef struct sbi_precond_coarse {
     int piece_count, size; /* size = 6 piece_count */
     int piece_room;        /* of a matrix that follows: pieces that there is memory for; otherwise 0 */
+    sbi_piece_cuts cuts;   /* of such a matrix */
+    int cuts_tell;         /* 1: the pieces are those of the cuts */
     int ready;             /* 1: it has values */
     int *piece_start;      /* [piece_count + 1] into piece_nodes */
     int *piece_nodes;      /* [row_count] nodes by piece */
@@ -171,9 +190,13 @@ SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int no
 
 /* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for
  * each part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of
- * pieces. scratch [6 row_count + 1], centres [row_count]: scratch. */
+ * pieces. scratch [6 row_count + 1], centres [row_count]: scratch. cuts: notes how, or NULL; with room for `pieces`. */
 SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
-                                    sb_vec3 *centres, int *nodes, int *piece_of);
+                                    sb_vec3 *centres, int *nodes, int *piece_of, sbi_piece_cuts *cuts);
+/* Whether such a cut of the same pattern at other positions would give the same again; 0 also where that is not sure.
+ * scratch, centres [row_count]: scratch. */
+SBI_API int sbi_precond_pieces_stay(const sb_matrix *a, const sb_vec3 *positions, sbi_piece_cuts *cuts,
+                                    const int *piece_of, int piece_count, int *scratch, sb_vec3 *centres);
 
 /* ---- precond_coarse ---- */
 

@@ -3,6 +3,7 @@
 #include "../base/lanes.h"
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 /* ---- pattern ------------------------------------------------------------------------------------------- */
@@ -484,10 +485,13 @@ static void sbi_sparse_mean_task(void *user, int part)
         int held = mean->mask ? mean->mask[i] : 0;
         SBI_PREFETCH(matrix->blocks[later], 0);
         SBI_PREFETCH(matrix->blocks[later], 64); /* where the last of its diagonal is */
-        for (int k = 0; k < 3; k++) {
-            double d = (double)block[4 * k];
+        if ((held & SB_XYZ) == 0) {
+            sums[0] += fabs((double)block[0]), sums[1] += fabs((double)block[4]), sums[2] += fabs((double)block[8]);
+            count += 3;
+        }
+        for (int k = 0; (held & SB_XYZ) != 0 && k < 3; k++) {
             int counts = !(held >> k & 1);
-            sums[k] += !counts ? 0 : d < 0 ? -d : d;
+            sums[k] += counts ? fabs((double)block[4 * k]) : 0;
             count += counts;
         }
     }
