@@ -189,6 +189,7 @@ SB_CUT_GLUE = 1
 SB_CUT_SKIN = 0
 SB_CUT_LIP = 1
 SB_CUT_CHAR = 2
+SB_CUT_RIM = 3
 NDL_STYLET_18G = 1
 NDL_NITINOL_083 = 2
 NDL_HYPODERMIC_22G = 3
@@ -391,6 +392,9 @@ class sb_tear_options(Structure): pass
 class sb_cut_surface(Structure): pass
 class sb_cut_origin(Structure): pass
 class sb_cut_drawing(Structure): pass
+class sb_cut_fine(Structure): pass
+class sb_cut_fine_source(Structure): pass
+class sb_cut_fine_drawing(Structure): pass
 class ndl_rod(Structure): pass
 class ndl_rod_section(Structure): pass
 class ndl_rod_stiffness(Structure): pass
@@ -1329,6 +1333,15 @@ sb_cut_drawing._fields_ = [
     ("triangle_end", c_int),
     ("first_vertex", c_int),
 ]
+sb_cut_fine_source._fields_ = [
+    ("vertices", c_int * 3),
+    ("weights", c_double * 3),
+]
+sb_cut_fine_drawing._fields_ = [
+    ("drawn", sb_cut_drawing),
+    ("sources", POINTER(sb_cut_fine_source)),
+    ("open_edges", c_int),
+]
 ndl_rod_section._fields_ = [
     ("radius", c_double),
     ("inner_radius", c_double),
@@ -1967,6 +1980,7 @@ reg_quality._fields_ = [
     ("warnings", c_uint),
     ("prior", c_int),
     ("prior_margin", c_double),
+    ("belief", c_double),
     ("seen", c_double),
     ("used", c_double),
     ("noise", c_double),
@@ -2343,6 +2357,10 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_cut_surface_update": (c_int, (POINTER(sb_cut_surface), POINTER(sb_error), )),
     "sb_cut_surface_get": (sb_cut_drawing, (POINTER(sb_cut_surface), )),
     "sb_cut_surface_skin": (POINTER(sb_skin), (POINTER(sb_cut_surface), )),
+    "sb_cut_fine_create": (c_int, (POINTER(sb_cut), POINTER(sb_mesh), POINTER(sb_allocator), POINTER(POINTER(sb_cut_fine)), POINTER(sb_error), )),
+    "sb_cut_fine_destroy": (None, (POINTER(sb_cut_fine), )),
+    "sb_cut_fine_update": (c_int, (POINTER(sb_cut_fine), POINTER(sb_error), )),
+    "sb_cut_fine_get": (sb_cut_fine_drawing, (POINTER(sb_cut_fine), )),
     "ndl_rod_section_preset": (c_int, (c_int, POINTER(ndl_rod_section), )),
     "ndl_rod_stiffness_of": (ndl_rod_stiffness, (POINTER(ndl_rod_section), )),
     "ndl_default_rod_def": (ndl_rod_def, ()),
@@ -2808,6 +2826,8 @@ DOCUMENTATION = {
     'sb_cut_surface_create': 'The surface of a body that is cut by `cut`, which it is to be destroyed before. allocator NULL: malloc.\nSB_ERROR_ARGUMENT, SB_ERROR_STATE (as sb_cut_triangles), SB_ERROR_MEMORY.',
     'sb_cut_surface_update': 'To what the body is now. Where it was cut since the last call, the triangles of all elements with cuts are made anew,\nand arrays may grow; else only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is\nnot whole, and the next call tries again.',
     'sb_cut_surface_skin': "The surface as a skin, for sb_contact_def.skin: tools touch the skin and the lips of the body where they are, not the\nwhole elements whose pieces move there. It is the surface's, and nothing of its own is to be destroyed; the contact\ngoes first.\nContact follows each call that cuts and each state that is loaded in the step that comes next, which may take memory\nthen, and remembers what it did of triangles that are still there; until then it reads as before. It brings the\nsurface up to date for that: arrays of sb_cut_surface_get are to be got again after a step, and the next\nsb_cut_surface_update still names all that was made since the one before. Where that fails, the step says so. NULL of\nNULL.",
+    'sb_cut_fine_create': "A skin for the body that is cut by `cut`, which it is to be destroyed before.\nskin       SB_TRI3, at rest where the body's mesh is (m), copied\nallocator  NULL: malloc\nSB_ERROR_ARGUMENT (other elements), what sb_mesh_validate says of the skin, SB_ERROR_STATE (as sb_cut_triangles),\nSB_ERROR_MEMORY. Finds the element of each vertex: some 2 us each.",
+    'sb_cut_fine_update': 'To what the body is now. Where it was cut since the last call all triangles are listed anew, and arrays may grow;\nelse only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is what it was, and the\nnext call tries again.',
     'ndl_rod_section_preset': "The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270\nmm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,\n0.33, 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for\nan unknown preset leaves *section untouched.",
     'ndl_rod_stiffness_of': 'E A, E pi (r^4 - ri^4)/4 twice, bending/(1 + nu), rho A. The section must be valid.',
     'ndl_rod_create': 'Creates a rod at rest, with no twist but what its rest shape asks for. All memory it will ever need is taken here.\nOn failure *rod is untouched: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named), SB_ERROR_MESH (node\nnamed: an edge without length, or one turned back), SB_ERROR_MEMORY.',
@@ -2939,7 +2959,7 @@ DOCUMENTATION = {
     'reg_model_create': 'Makes a model; everything is copied. SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INDEX (a fixed node),\nSB_ERROR_UNSUPPORTED (custom elements), what sb_body_create says of the mesh, sb_surface_create and\nsb_embedding_create of the surface; SB_ERROR_MEMORY. *model is then untouched. One inference at a time may use a\nmodel, and the model must outlive it.',
     'reg_model_node_count': 'NULL is fine',
     'reg_infer_run': "Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),\nSB_ERROR_NOT_FINITE (error->node: the point, or the landmark), what sb_surface_create says of a target surface,\nSB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),\nSB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of\nthreads, without a time limit.",
-    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too\nlittle of the rest, and half of their difference is in the errors to expect.",
+    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the\nway from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).\nWhat is left of the way is in the errors to expect.",
     'reg_infer_forces': "forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included.",
     'reg_infer_expected': 'expected[nodes]: root mean square error (m) to expect of each node.',
     'reg_infer_covariance': 'Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);\neither may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY\nleave both untouched. From the draws, so that single covariances are known to a quarter.',
