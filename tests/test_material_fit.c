@@ -512,7 +512,6 @@ static void test_refused_options(void)
     CHECK_NEAR(m.density, 1000, 0);
     for (int model = SB_OGDEN; model <= SB_FUNG; model++) {
         const sb_test_point point = {SB_TEST_UNIAXIAL, SB_STRESS_NOMINAL, REAL(1.1), 100};
-        sb_material m;
         CHECK_RESULT(sb_material_fit((sb_material_model)model, &point, 1, NULL, &m, NULL, NULL), SB_ERROR_ARGUMENT);
     }
 }
