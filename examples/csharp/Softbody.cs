@@ -232,6 +232,7 @@ public enum sb_cut_tag
     SB_CUT_SKIN = 0,
     SB_CUT_LIP = 1,
     SB_CUT_CHAR = 2,
+    SB_CUT_RIM = 3,
 }
 public enum ndl_rod_preset
 {
@@ -1462,6 +1463,20 @@ public unsafe struct sb_cut_drawing
     public int triangle_end;
     public int first_vertex;
 }
+public struct sb_cut_fine { }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_cut_fine_source
+{
+    public fixed int vertices[3];
+    public fixed double weights[3];
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_cut_fine_drawing
+{
+    public sb_cut_drawing drawn;
+    public sb_cut_fine_source* sources;
+    public int open_edges;
+}
 public struct ndl_rod { }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct ndl_rod_section
@@ -2222,6 +2237,7 @@ public unsafe struct reg_quality
     public uint warnings;
     public reg_prior_kind prior;
     public double prior_margin;
+    public double belief;
     public double seen;
     public double used;
     public double noise;
@@ -3138,11 +3154,11 @@ public static unsafe class Native
     /// Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is
     /// the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
     /// sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
-    /// stretch &lt;= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
-    /// not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data
-    /// ask for mu &lt;= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
-    /// microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
-    /// Deformations, 1984, ch. 7.
+    /// stretch &lt;= 0, an option out of range, SB_OGDEN or SB_FUNG, whose exponents no linear fit finds), SB_ERROR_NOT_FINITE,
+    /// SB_ERROR_INDEFINITE naming a constant that the data do not distinguish from the others (simple shear and planar tests
+    /// alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask for mu &lt;= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED
+    /// (compressible only). Cost: below a microsecond a reading at constant volume, about 0.1 ms when compressible.
+    /// Formulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_material_fit(sb_material_model model, sb_test_point* data, int count, sb_fit_options* options, sb_material* material, sb_fit_info* info, sb_error* error);
@@ -4538,6 +4554,26 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_skin* sb_cut_surface_skin(sb_cut_surface* surface);
     /// <summary>
+    /// A skin for the body that is cut by `cut`, which it is to be destroyed before.
+    /// skin       SB_TRI3, at rest where the body's mesh is (m), copied
+    /// allocator  NULL: malloc
+    /// SB_ERROR_ARGUMENT (other elements), what sb_mesh_validate says of the skin, SB_ERROR_STATE (as sb_cut_triangles),
+    /// SB_ERROR_MEMORY. Finds the element of each vertex: some 2 us each.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_cut_fine_create(sb_cut* cut, sb_mesh* skin, sb_allocator* allocator, sb_cut_fine** fine, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_cut_fine_destroy(sb_cut_fine* fine);
+    /// <summary>
+    /// To what the body is now. Where it was cut since the last call all triangles are listed anew, and arrays may grow;
+    /// else only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is what it was, and the
+    /// next call tries again.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_cut_fine_update(sb_cut_fine* fine, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_cut_fine_drawing sb_cut_fine_get(sb_cut_fine* fine);
+    /// <summary>
     /// The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270
     /// mm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,
     /// 0.33, 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for
@@ -5540,8 +5576,9 @@ public static unsafe class Native
     public static extern void reg_infer_destroy(reg_infer* infer);
     /// <summary>
     /// displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
-    /// of the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too
-    /// little of the rest, and half of their difference is in the errors to expect.
+    /// of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
+    /// way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
+    /// What is left of the way is in the errors to expect.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_infer_displacements(reg_infer* infer, sb_vec3* displacements);

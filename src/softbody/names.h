@@ -365,6 +365,10 @@
 #define sb_cut_surface_update sb_cut_surface_update_f32
 #define sb_cut_surface_get sb_cut_surface_get_f32
 #define sb_cut_surface_skin sb_cut_surface_skin_f32
+#define sb_cut_fine_create sb_cut_fine_create_f32
+#define sb_cut_fine_destroy sb_cut_fine_destroy_f32
+#define sb_cut_fine_update sb_cut_fine_update_f32
+#define sb_cut_fine_get sb_cut_fine_get_f32
 #endif
 #endif
 

@@ -189,6 +189,7 @@ SB_CUT_GLUE = 1
 SB_CUT_SKIN = 0
 SB_CUT_LIP = 1
 SB_CUT_CHAR = 2
+SB_CUT_RIM = 3
 NDL_STYLET_18G = 1
 NDL_NITINOL_083 = 2
 NDL_HYPODERMIC_22G = 3
@@ -391,6 +392,9 @@ class sb_tear_options(Structure): pass
 class sb_cut_surface(Structure): pass
 class sb_cut_origin(Structure): pass
 class sb_cut_drawing(Structure): pass
+class sb_cut_fine(Structure): pass
+class sb_cut_fine_source(Structure): pass
+class sb_cut_fine_drawing(Structure): pass
 class ndl_rod(Structure): pass
 class ndl_rod_section(Structure): pass
 class ndl_rod_stiffness(Structure): pass
@@ -1329,6 +1333,15 @@ sb_cut_drawing._fields_ = [
     ("triangle_end", c_int),
     ("first_vertex", c_int),
 ]
+sb_cut_fine_source._fields_ = [
+    ("vertices", c_int * 3),
+    ("weights", c_double * 3),
+]
+sb_cut_fine_drawing._fields_ = [
+    ("drawn", sb_cut_drawing),
+    ("sources", POINTER(sb_cut_fine_source)),
+    ("open_edges", c_int),
+]
 ndl_rod_section._fields_ = [
     ("radius", c_double),
     ("inner_radius", c_double),
@@ -1967,6 +1980,7 @@ reg_quality._fields_ = [
     ("warnings", c_uint),
     ("prior", c_int),
     ("prior_margin", c_double),
+    ("belief", c_double),
     ("seen", c_double),
     ("used", c_double),
     ("noise", c_double),
@@ -2343,6 +2357,10 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_cut_surface_update": (c_int, (POINTER(sb_cut_surface), POINTER(sb_error), )),
     "sb_cut_surface_get": (sb_cut_drawing, (POINTER(sb_cut_surface), )),
     "sb_cut_surface_skin": (POINTER(sb_skin), (POINTER(sb_cut_surface), )),
+    "sb_cut_fine_create": (c_int, (POINTER(sb_cut), POINTER(sb_mesh), POINTER(sb_allocator), POINTER(POINTER(sb_cut_fine)), POINTER(sb_error), )),
+    "sb_cut_fine_destroy": (None, (POINTER(sb_cut_fine), )),
+    "sb_cut_fine_update": (c_int, (POINTER(sb_cut_fine), POINTER(sb_error), )),
+    "sb_cut_fine_get": (sb_cut_fine_drawing, (POINTER(sb_cut_fine), )),
     "ndl_rod_section_preset": (c_int, (c_int, POINTER(ndl_rod_section), )),
     "ndl_rod_stiffness_of": (ndl_rod_stiffness, (POINTER(ndl_rod_section), )),
     "ndl_default_rod_def": (ndl_rod_def, ()),
@@ -2644,7 +2662,7 @@ DOCUMENTATION = {
     'sb_cauchy_stress': 'Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0.',
     'sb_material_cauchy_stress': "The same for a material's P; P itself for SB_LINEAR: small strain does not distinguish the stresses.",
     'sb_von_mises': 'Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress.',
-    'sb_material_fit': "Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is\nthe options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes\nsb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a\nstretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do\nnot distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data\nask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a\nmicrosecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic\nDeformations, 1984, ch. 7.",
+    'sb_material_fit': "Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is\nthe options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes\nsb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a\nstretch <= 0, an option out of range, SB_OGDEN or SB_FUNG, whose exponents no linear fit finds), SB_ERROR_NOT_FINITE,\nSB_ERROR_INDEFINITE naming a constant that the data do not distinguish from the others (simple shear and planar tests\nalone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED\n(compressible only). Cost: below a microsecond a reading at constant volume, about 0.1 ms when compressible.\nFormulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7.",
     'sb_material_fit_prony': 'Fits Prony terms to the relaxation g(time[k]) of a sudden strain: stress over its value at time 0; time [s] > 0.\ntau[terms] [s]: the relaxation times to use, each > 0; NULL: spread evenly in log time from the first to the last\nreading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left\nout, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in\nplace of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),\nSB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or\nSB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order).',
     'sb_material_fit_moduli': "Fits Prony terms and the shear modulus to storage[count] and loss[count] [Pa] >= 0 of shear that oscillates with\nomega[count] [rad/s] > 0 (a rheometer's G' and G''), errors relative to |G*| of each reading. tau, terms and errors\nas above; tau NULL: spread evenly in log time over 1/omega. On SB_OK *material has these terms in place of its own\nand all of its moduli in proportion, so that mu is the instantaneous modulus and Poisson's ratio stays; info->rms is\nthe relative error of G*. SB_ERROR_ARGUMENT also for fewer than (terms + 1)/2 readings, a modulus below 0, or both 0;\nSB_ERROR_MATERIAL where the data have no modulus left at low frequencies: they are of a fluid, or end too early.",
     'sb_matrix_create': "Makes the matrix whose nodes are coupled when they share a cell (an element, a particle's neighbours ...);\nall values are zero. Nodes without a cell keep their diagonal block.\nnode_count      number of nodes, >= 1\ncell_count      number of cells, >= 0\nnodes_per_cell  nodes of each cell, >= 1; ignored when cell_start is given\ncell_start      [cell_count + 1] first entry of each cell in `cells`, ascending from 0; NULL: fixed size\ncells           node indices of the cells; a node may repeat within a cell\nallocator       NULL: malloc\nReturns SB_ERROR_ARGUMENT, SB_ERROR_INDEX (error->element is the cell) or SB_ERROR_MEMORY (also when there\nwould be more than 2^31-1 blocks) with *matrix untouched. Release with sb_matrix_free. Time and scratch\nmemory are proportional to the cells' node pairs.",
@@ -2808,6 +2826,8 @@ DOCUMENTATION = {
     'sb_cut_surface_create': 'The surface of a body that is cut by `cut`, which it is to be destroyed before. allocator NULL: malloc.\nSB_ERROR_ARGUMENT, SB_ERROR_STATE (as sb_cut_triangles), SB_ERROR_MEMORY.',
     'sb_cut_surface_update': 'To what the body is now. Where it was cut since the last call, the triangles of all elements with cuts are made anew,\nand arrays may grow; else only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is\nnot whole, and the next call tries again.',
     'sb_cut_surface_skin': "The surface as a skin, for sb_contact_def.skin: tools touch the skin and the lips of the body where they are, not the\nwhole elements whose pieces move there. It is the surface's, and nothing of its own is to be destroyed; the contact\ngoes first.\nContact follows each call that cuts and each state that is loaded in the step that comes next, which may take memory\nthen, and remembers what it did of triangles that are still there; until then it reads as before. It brings the\nsurface up to date for that: arrays of sb_cut_surface_get are to be got again after a step, and the next\nsb_cut_surface_update still names all that was made since the one before. Where that fails, the step says so. NULL of\nNULL.",
+    'sb_cut_fine_create': "A skin for the body that is cut by `cut`, which it is to be destroyed before.\nskin       SB_TRI3, at rest where the body's mesh is (m), copied\nallocator  NULL: malloc\nSB_ERROR_ARGUMENT (other elements), what sb_mesh_validate says of the skin, SB_ERROR_STATE (as sb_cut_triangles),\nSB_ERROR_MEMORY. Finds the element of each vertex: some 2 us each.",
+    'sb_cut_fine_update': 'To what the body is now. Where it was cut since the last call all triangles are listed anew, and arrays may grow;\nelse only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is what it was, and the\nnext call tries again.',
     'ndl_rod_section_preset': "The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270\nmm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,\n0.33, 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for\nan unknown preset leaves *section untouched.",
     'ndl_rod_stiffness_of': 'E A, E pi (r^4 - ri^4)/4 twice, bending/(1 + nu), rho A. The section must be valid.',
     'ndl_rod_create': 'Creates a rod at rest, with no twist but what its rest shape asks for. All memory it will ever need is taken here.\nOn failure *rod is untouched: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named), SB_ERROR_MESH (node\nnamed: an edge without length, or one turned back), SB_ERROR_MEMORY.',
@@ -2939,7 +2959,7 @@ DOCUMENTATION = {
     'reg_model_create': 'Makes a model; everything is copied. SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INDEX (a fixed node),\nSB_ERROR_UNSUPPORTED (custom elements), what sb_body_create says of the mesh, sb_surface_create and\nsb_embedding_create of the surface; SB_ERROR_MEMORY. *model is then untouched. One inference at a time may use a\nmodel, and the model must outlive it.',
     'reg_model_node_count': 'NULL is fine',
     'reg_infer_run': "Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),\nSB_ERROR_NOT_FINITE (error->node: the point, or the landmark), what sb_surface_create says of a target surface,\nSB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),\nSB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of\nthreads, without a time limit.",
-    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too\nlittle of the rest, and half of their difference is in the errors to expect.",
+    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the\nway from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).\nWhat is left of the way is in the errors to expect.",
     'reg_infer_forces': "forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included.",
     'reg_infer_expected': 'expected[nodes]: root mean square error (m) to expect of each node.',
     'reg_infer_covariance': 'Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);\neither may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY\nleave both untouched. From the draws, so that single covariances are known to a quarter.',
