@@ -11,6 +11,7 @@
 #   make test-host                                   all tests in double as in a strict host: 128 kB of stack each, and invalid
 #                                                    operations, divisions by 0 and overflows are signals
 #   make test-programs                               examples, README, fuzz corpus
+#   make test-ports                                  installed, and as packages of CMake, Meson, Zig, Conan, vcpkg
 #   make shared     a library for other languages    make bindings   what calls it from Python and C#
 #   make page       an organ in a browser: build/page.html
 #   make verification                                writes tests/verification.md from the tests named verification_...
@@ -60,7 +61,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: shared bindings page test-page test-bindings tested all examples demo headers dev test check test-float test-cpp \
+.PHONY: shared bindings page test-page test-ports test-bindings tested all examples demo headers dev test check test-float test-cpp \
 	test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race benches lint fuzz \
 	test-corpus soak soak-cuts coverage format install clean FORCE
 
@@ -261,6 +262,8 @@ test: build/double/tests
 endif
 test-page:
 	tests/total.sh "MAKE='$(MAKE)' CC='$(CC)' CLANG='$(CLANG)' tests/page.sh build/page_test"
+test-ports: $(HEADERS)
+	tests/total.sh "MAKE='$(MAKE)' CC='$(CC)' tests/ports.sh build/ports"
 test-bindings: $(HEADERS)
 	tests/total.sh "CC='$(CC)' tests/bindings.sh build/bindings"
 test-programs: tested
@@ -488,11 +491,11 @@ build/softbody.pc: Makefile softbody.h FORCE
 	@printf '%s\n' 'prefix=$(PREFIX)' 'includedir=$${prefix}/include' '' 'Name: softbody' \
 	    'Description: soft tissue, needles and registration, each in a single C header' \
 	    "Version: $$(sed -n 's/^#define SB_VERSION_STRING "\(.*\)"/\1/p' softbody.h)" \
-	    'Cflags: -I$${includedir}' 'Libs: -lm' >$@
+	    'Cflags: -I$${includedir}/softbody' 'Libs: -lm' >$@
 
 install: $(HEADERS) build/softbody.pc
-	mkdir -p '$(DESTDIR)$(PREFIX)/include' '$(DESTDIR)$(PREFIX)/share/pkgconfig'
-	cp $(HEADERS) '$(DESTDIR)$(PREFIX)/include/'
+	mkdir -p '$(DESTDIR)$(PREFIX)/include/softbody' '$(DESTDIR)$(PREFIX)/share/pkgconfig'
+	cp $(HEADERS) '$(DESTDIR)$(PREFIX)/include/softbody/'
 	cp build/softbody.pc '$(DESTDIR)$(PREFIX)/share/pkgconfig/'
 
 # Optional: lays out all sources by .clang-format.

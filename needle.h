@@ -12709,8 +12709,8 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 
 /* ---- needle_undo ---- */
 
-/* Memory for all that steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
- * none. */
+/* Memory for all that steps keep, with one more needle than there are unless NULL, while the mesh keeps to its slack;
+ * 0: there is none. */
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
@@ -15204,8 +15204,8 @@ static int ndli_undo_make_all_room(struct ndli_site *site, size_t needed)
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
     size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) + ndli_undo_touch_size(site) +
-                 ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh)) +
-                 ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity);
+                 ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh));
+    sum += more ? ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity) : 0;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,
@@ -16021,19 +16021,30 @@ static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
     return result;
 }
 
+/* Something touches the body that did not when its needles were made. */
+static int ndli_site_reserve_kept(void *user) { return ndli_needle_reserve_undo((struct ndli_site *)user, NULL); }
+
 static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
 {
     sbi_state_part part = ndli_site_part(site);
+    sbi_touch_keeper keeper;
     sb_result result = site->embeds ? ndli_site_make_bed(site, error) : ndli_site_make_remesh(site, error);
     part.replay = ndli_needle_replay;
     if (result != SB_OK)
         return result;
     result = ndli_site_listen(site, error);
-    return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
+    if (result == SB_OK)
+        result = sbi_body_join(site->body, &part, error);
+    keeper.user = site;
+    keeper.reserve = ndli_site_reserve_kept;
+    if (result == SB_OK)
+        sbi_body_set_touch_keeper(site->body, &keeper);
+    return result;
 }
 
 static void ndli_site_end(struct ndli_site *site)
 {
+    sbi_body_set_touch_keeper(site->body, NULL);
     ndli_site_leave(site);
     ndli_site_free(site);
 }

@@ -17,9 +17,6 @@ counted() { timed "$1" "$2"; } # a command that ends with a closing line of its 
 single() { timed "$1" "{ $2; } && echo '1 passed, 0 failed, 0 skipped'"; }
 skipped() { lane+=("echo 'skip: $1'; echo '0 passed, 0 failed, 1 skipped'"); }
 few() { [ -n "${CHECK_ALL:-}" ] || echo "$1"; } # what keeps a step short unless all is asked for
-optional() { # optional TOOL NAME COMMAND
-    if command -v "$1" >/dev/null; then single "$2" "$3"; else skipped "no $1: $2"; fi
-}
 
 # No debugging symbols, programs linked with one object that holds the implementation, what calls it not optimised.
 library=build/double/implementation.o
@@ -62,17 +59,7 @@ if [ -n "${CHECK_ALL:-}" ]; then
     counted "many random cases" "CHECK_SLOW=1 $make test FILTER=anything"
     counted "other systems: MinGW under wine, wasm32 under node" "CHECK_QUICK=1 $make cross"
 fi
-optional pkg-config "installed header, found by pkg-config" "$make install DESTDIR=$work/root PREFIX=/usr >/dev/null
-    export PKG_CONFIG_SYSROOT_DIR=$work/root PKG_CONFIG_LIBDIR=$work/root/usr/share/pkgconfig
-    cat tests/implementation.c tests/link/declarations.c >$work/app.c &&
-        cc -Wall -Wextra -Wpedantic -Werror \$(pkg-config --cflags softbody) $work/app.c \$(pkg-config --libs softbody) -o $work/app && $work/app"
-optional cmake "CMake package" "cmake -S . -B $work/cmake -DCMAKE_INSTALL_PREFIX=$work/prefix >/dev/null &&
-    cmake --install $work/cmake >/dev/null && mkdir -p $work/user &&
-    printf '%s\n' 'cmake_minimum_required(VERSION 3.10)' 'project(user C)' 'find_package(softbody 0.5 REQUIRED)' \
-        'add_executable(app app.c)' 'target_link_libraries(app softbody::softbody)' >$work/user/CMakeLists.txt &&
-    cat tests/implementation.c tests/link/declarations.c >$work/user/app.c &&
-    cmake -S $work/user -B $work/user/build -DCMAKE_PREFIX_PATH=$work/prefix >/dev/null &&
-    cmake --build $work/user/build >/dev/null && $work/user/build/app"
+counted "installed, and as packages" "$make test-ports"
 single "benchmarks compile" "$make benches BENCH_CFLAGS='-fsyntax-only -std=gnu11 -fopenmp -DSB_USE_OPENMP'"
 if [ "$(clang-format --version 2>/dev/null | sed 's/.*version \([0-9]*\).*/\1/')" = 14 ]; then
     single "the sources are formatted (make format)" "$make format FORMAT='--dry-run -Werror'"

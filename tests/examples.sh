@@ -374,6 +374,8 @@ expect_data 2 'nan_coordinate.vtk:9: ' one_body bad/nan_coordinate.vtk --mesh
 expect_data 2 'must be a volume mesh of tets with 4 nodes' one_body volumes/liver_a_tet10_1k.vtk --mesh
 expect_data 2 'see --scale' one_body volumes/liver_a_tet4_2k.vtk --scale 1e-6 --mesh
 expect 3 "the organ lies .* mm from its scan, over --limit 0.01" one_body --cells 6 --steps 3 --limit 0.01 -o one/far
+expect 4 "the tip rests .* mm from it, over --miss 0.001" one_body --cells 6 --steps 3 --miss 0.001 -o one/miss
+expect 4 "it presses with .* N, not --press 100" one_body --cells 6 --steps 3 --press 100 -o one/weak
 expect 2 'no-such.ply' one_body --cells 6 --scan no-such.ply
 expect 2 'no-such.obj' one_body --skin no-such.obj
 expect 2 '--cells needs a whole number' one_body --cells 2

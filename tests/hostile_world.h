@@ -27,6 +27,7 @@ typedef struct world {
     sb_body *parted; /* with a cut */
     sb_cut *cut;
     sb_cut_surface *cut_surface;
+    sb_cut_fine *cut_fine;
     sb_cut_def cut_def;
     sb_haptic *haptic; /* a hand at the sphere */
     sb_haptic_def haptic_def;
@@ -401,6 +402,13 @@ static sb_cut_surface *world_cut_surface(world *w)
     if (!w->cut_surface)
         CHECK_OK(sb_cut_surface_create(world_cut(w), NULL, &w->cut_surface, NULL));
     return w->cut_surface;
+}
+
+static sb_cut_fine *world_cut_fine(world *w)
+{
+    if (!w->cut_fine)
+        CHECK_OK(sb_cut_fine_create(world_cut(w), world_surface(w), NULL, &w->cut_fine, NULL));
+    return w->cut_fine;
 }
 
 /* A triangle through the mesh. */
@@ -1001,6 +1009,12 @@ static const sb_vec3 *world_points(world *w)
     return w->vectors;
 }
 
+static sb_body *world_fibrous(world *w)
+{
+    CHECK_OK(sb_body_set_fibres(world_plain(w), world_points(w), NULL));
+    return world_plain(w);
+}
+
 static reg_cloud *world_cloud(world *w)
 {
     if (!w->cloud.points)
@@ -1255,6 +1269,7 @@ static void world_free(world *w)
     sb_haptic_destroy(w->haptic);
     sb_contact_destroy(w->contact);
     sb_cut_surface_destroy(w->cut_surface);
+    sb_cut_fine_destroy(w->cut_fine);
     sb_cut_destroy(w->cut);
     sb_body_destroy(w->parted);
     sb_body_destroy(w->touched);

@@ -777,8 +777,66 @@ static void test_surprise(void)
     }
 }
 
+/* ---- cells inside out ---- */
+
+/* A box that slides on another has friction, but where its cells are inside out: of those at the bottom some have a
+ * node inside the box, which goes below their faces. */
+static void check_crumpled(int is_crumpled, int *grips, int *slips)
+{
+    const double side = 0.04, cell = 0.8 * side / 3;
+    boxes b = boxes_stacked(SB_TET4, 3, 3, side);
+    sb_body_def def = sb_default_body_def();
+    sb_contact_point *points;
+    sb_vec3 *places;
+    int nodes, cells, count, touch;
+    press p;
+    b.shake = 0;
+    b.at.z = REAL(0.999 * side);
+    def.material = pile_material();
+    p = press_make(boxes_mesh(&b, &nodes, &cells), def, touching(SB_CONTACT_ORGANS, 0.5));
+    count = sb_body_node_count(p.body);
+    places = (sb_vec3 *)calloc((size_t)count, sizeof *places);
+    for (int i = nodes; i < count; i++)
+        places[i] = sb_v3(REAL(0.3), 0, REAL(-0.05));
+    CHECK_OK(sb_body_set_velocities(p.body, places));
+    memset(places, 0, (size_t)count * sizeof *places);
+    for (int i = nodes; is_crumpled && i < count; i++) {
+        sb_vec3 at = sb_v3_sub(p.mesh.nodes[i], b.at);
+        if (fabs((double)at.x - 1.5 * cell) < cell && fabs((double)at.y - 1.5 * cell) < cell &&
+            fabs((double)at.z - cell) < 0.5 * cell)
+            places[i] = sb_v3(0, 0, REAL(-1.1 * cell));
+    }
+    CHECK_OK(sb_body_set_displacements(p.body, places));
+    CHECK_OK(sb_body_step(p.body, REAL(1e-4), NULL));
+    touch = sb_contact_points(p.contact, NULL, 0);
+    points = (sb_contact_point *)calloc((size_t)touch + 1, sizeof *points);
+    sb_contact_points(p.contact, points, touch);
+    for (int k = 0; k < touch; k++) {
+        sb_vec3 n = points[k].normal, f = points[k].force, along = sb_v3_madd(f, -sb_v3_dot(f, n), n);
+        int grip = sb_v3_norm(along) > REAL(1e-3) * sb_v3_norm(f);
+        *grips += grip;
+        *slips += !grip;
+    }
+    free(points);
+    free(places);
+    press_free(&p);
+}
+
+static void test_crumpled(void)
+{
+    int grips = 0, slips = 0;
+    check_crumpled(0, &grips, &slips);
+    CHECK(grips > 20);
+    CHECK_INT(slips, 0);
+    grips = 0;
+    check_crumpled(1, &grips, &slips);
+    CHECK(grips > 10);
+    CHECK(slips > 10);
+}
+
 CHECK_SUITE(contact_pairs, {"weight", test_weight}, {"patch test", test_patch}, {"incline", test_incline},
             {"momentum", test_momentum}, {"thrown", test_thrown}, {"folded", test_folded}, {"static", test_static},
             {"changed", test_changed}, {"threads", test_threads}, {"saved", test_saved}, {"recorded", test_recorded},
             {"undo", test_undo}, {"no allocation in steps", test_no_allocation}, {"no memory", test_no_memory},
-            {"thinned", test_thinned}, {"refused", test_refused}, {"by surprise", test_surprise});
+            {"thinned", test_thinned}, {"refused", test_refused}, {"by surprise", test_surprise},
+            {"crumpled", test_crumpled});

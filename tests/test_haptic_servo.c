@@ -415,9 +415,9 @@ static void test_blending(void)
         before = out.force[2];
         CHECK_INT(sbi_servo_call(&servo, &at, i ? NULL : &frame, &out), 1);
         largest = fmax(largest, out.force[2] - before);
-        CHECK_NEAR(3 - out.force[2], 2 * exp(-0.2 * (i + 1)), 0.03);
+        CHECK_NEAR(3 - out.force[2], 2 * fmax(0, 1 - (i + 1) / 13.0), 0.03);
     }
-    CHECK(largest < 2 * (1 - exp(-0.2)) * 1.02);
+    CHECK(largest < 2 / 13.0 * 1.02); /* of 13 ms: an exponential of 10 would be at 0.36 */
 }
 
 static void test_stale(void)

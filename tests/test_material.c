@@ -31,13 +31,13 @@ static sb_material material_of(int model)
     }
     sb_material equivalent = sb_material_svk(YOUNG, POISSON, DENSITY);
     sb_real c = equivalent.c10, d1 = equivalent.d1;
-    const sb_real mu[2] = {c, -c / 2}, alpha[2] = {(sb_real)2.5, -3}; /* 2.5 c + 1.5 c = 4 c = 2 mu */
-    const sb_real steep_mu[3] = {c / 2, c / 5, -c / 4}, steep_alpha[3] = {-1, 15, -6};
+    const sb_real mu[2] = {c, -c / 2}, alpha[2] = {(sb_real)2.5, -3};                 /* 2.5 c + 1.5 c = 4 c = 2 mu */
+    const sb_real steep_mu[3] = {c / 2, c / 3, -c / 2}, steep_alpha[3] = {-1, 9, -3}; /* (-0.5 + 3 + 1.5) c = 4 c */
     switch (model) {
     case SB_OGDEN: return sb_material_ogden(mu, alpha, 2, d1, DENSITY);
     case SB_FUNG: return sb_material_fung(c, (sb_real)0.7, d1, DENSITY);
     case MODEL_COUNT + 3: return sb_material_ogden(steep_mu, steep_alpha, 3, d1, DENSITY);
-    case MODEL_COUNT + 4: return sb_material_fung(c, 4, d1, DENSITY);
+    case MODEL_COUNT + 4: return sb_material_fung(c, (sb_real)1.5, d1, DENSITY);
     case SB_MOONEY_RIVLIN: return sb_material_mooney_rivlin((sb_real)0.75 * c, (sb_real)0.25 * c, d1, DENSITY);
     case SB_REDUCED_POLYNOMIAL: return sb_material_reduced_polynomial(c, c / 2, c / 8, d1, DENSITY);
     case MODEL_COUNT + 1: return sb_material_mooney_rivlin((sb_real)1.5 * c, -c / 2, d1, DENSITY);
@@ -1238,7 +1238,7 @@ static void test_nearly_flat(void)
             sb_material m = material_of(model);
             sb_mat3 f = sb_m3_mul(diagonal(1.1, 0.9, pow((double)SB_EPSILON, c / 12.0)), random_rotation(&seed));
             sb_real A[81];
-            if (!(sb_m3_det(f) > 0) || (model == SB_FUNG && c > 3)) /* whose exponential overflows, see below */
+            if (!(sb_m3_det(f) > 0) || (model == SB_FUNG && c > 2)) /* whose exponential overflows, see below */
                 continue;
             check_admissible(&m, &f, 1);
             CHECK(sb_material_tangent(&m, &f, NULL, SB_TANGENT_SPD, A));

@@ -510,6 +510,10 @@ static void test_refused_options(void)
     CHECK_OK(sb_material_fit(r.model, r.data.points, r.data.count, NULL, &m, NULL, NULL));
     CHECK_NEAR(sb_material_poisson(&m), 0.49, tolerance(1e-12, 100));
     CHECK_NEAR(m.density, 1000, 0);
+    for (int model = SB_OGDEN; model <= SB_FUNG; model++) {
+        const sb_test_point point = {SB_TEST_UNIAXIAL, SB_STRESS_NOMINAL, REAL(1.1), 100};
+        CHECK_RESULT(sb_material_fit((sb_material_model)model, &point, 1, NULL, &m, NULL, NULL), SB_ERROR_ARGUMENT);
+    }
 }
 
 /* A strain that the material cannot reach with a free side. */

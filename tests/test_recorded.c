@@ -75,6 +75,14 @@ static sb_result act_fibres(actor *a)
         fibres[e] = sb_v3(1, REAL(e % 3), 0);
     return sb_body_set_fibres(a->body, fibres, &a->error);
 }
+static sb_result act_tension(actor *a)
+{
+    sb_material material = sb_material_stable_neo_hookean(REAL(1e4), REAL(0.4), REAL(1000));
+    sb_result result = act_fibres(a);
+    if (result == SB_OK)
+        result = sb_body_set_material(a->body, &material, &a->error);
+    return result == SB_OK ? sb_body_set_tension(a->body, 0, REAL(500), &a->error) : result;
+}
 static sb_result act_change(actor *a)
 {
     sb_body_change *change;
@@ -515,6 +523,7 @@ static const act acts[] = {
     {"sb_body_set_material", act_material, ACTOR_LOADED},
     {"sb_body_set_region_material", act_region, ACTOR_LOADED},
     {"sb_body_set_fibres", act_fibres, ACTOR_PLAIN},
+    {"sb_body_set_tension", act_tension, ACTOR_PLAIN},
     {"sb_body_set_gravity", act_gravity, ACTOR_LOADED},
     {"sb_body_set_damping", act_damping, ACTOR_LOADED},
     {"sb_body_set_region_damping", act_region_damping, ACTOR_LOADED},
@@ -742,11 +751,12 @@ static int takes_body(const char *declaration)
     return 0;
 }
 
-/* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c; listeners change no body. */
+/* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c, and second families of fibres,
+ * which bear none, in test_fibres.c; listeners change no body. */
 static int has_act(const char *name)
 {
-    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create", "sb_body_change_begin",
-                                            "sb_body_listen", "sb_body_unlisten"};
+    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create",   "sb_body_change_begin",
+                                            "sb_body_listen",  "sb_body_unlisten", "sb_body_set_second_fibres"};
     for (int i = 0; i < ACT_COUNT; i++)
         if (strcmp(acts[i].name, name) == 0)
             return 1;

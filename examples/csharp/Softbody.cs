@@ -232,6 +232,7 @@ public enum sb_cut_tag
     SB_CUT_SKIN = 0,
     SB_CUT_LIP = 1,
     SB_CUT_CHAR = 2,
+    SB_CUT_RIM = 3,
 }
 public enum ndl_rod_preset
 {
@@ -786,6 +787,10 @@ public unsafe struct sb_material
     public fixed double ogden_alpha[4];
     public double fibre_stiffness;
     public double fibre_exponent;
+    public double fibre_dispersion;
+    public double fibre_tension;
+    public double fibre_optimum;
+    public double fibre_width;
     public int prony_count;
     public fixed double prony_g[8];
     public fixed double prony_tau[8];
@@ -1018,6 +1023,7 @@ public unsafe struct sb_body_def
     public sb_region_material* region_materials;
     public int region_material_count;
     public sb_vec3* fibres;
+    public sb_vec3* second_fibres;
     public sb_integration integration;
     public int single_rotation;
     public sb_mass_kind mass;
@@ -1456,6 +1462,20 @@ public unsafe struct sb_cut_drawing
     public int first_triangle;
     public int triangle_end;
     public int first_vertex;
+}
+public struct sb_cut_fine { }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_cut_fine_source
+{
+    public fixed int vertices[3];
+    public fixed double weights[3];
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_cut_fine_drawing
+{
+    public sb_cut_drawing drawn;
+    public sb_cut_fine_source* sources;
+    public int open_edges;
 }
 public struct ndl_rod { }
 [StructLayout(LayoutKind.Sequential)]
@@ -2217,6 +2237,7 @@ public unsafe struct reg_quality
     public uint warnings;
     public reg_prior_kind prior;
     public double prior_margin;
+    public double belief;
     public double seen;
     public double used;
     public double noise;
@@ -2996,6 +3017,22 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_with_fibres(sb_material material, double k1, double k2);
     /// <summary>
+    /// Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes
+    ///     E = kappa I1 + (1 - 3 kappa) I4 - 1,
+    /// kappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume
+    /// this is the published model. Slack: E &lt;= 0. A body may have a second family of them, see sb_body_def.second_fibres.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_with_dispersion(sb_material material, double kappa);
+    /// <summary>
+    /// The hyperelastic material, contracting along its fibres with a tension [Pa] &gt;= 0 per area at rest, at stretch l = |F
+    /// a0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family
+    /// alike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by
+    /// sb_body_set_tension. Beyond the optimum the tangent is not positive definite.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_with_contraction(sb_material material, double tension, double optimum, double width);
+    /// <summary>
     /// A count out of range is kept for sb_material_check to refuse; NULL counts as one.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
@@ -3065,8 +3102,8 @@ public static unsafe class Native
     /// ---- fibres ----
     /// The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
     /// rest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,
-    /// the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The
-    /// tangent is positive semidefinite as it stands, so every sb_tangent_kind takes it.
+    /// the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. What is
+    /// passive of the tangent is positive semidefinite as it stands; contraction included, it is exact.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern int sb_fibre_energy(sb_material* material, sb_mat3* F, sb_vec3 direction, double* W);
@@ -3117,11 +3154,11 @@ public static unsafe class Native
     /// Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is
     /// the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
     /// sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
-    /// stretch &lt;= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
-    /// not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data
-    /// ask for mu &lt;= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
-    /// microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
-    /// Deformations, 1984, ch. 7.
+    /// stretch &lt;= 0, an option out of range, SB_OGDEN or SB_FUNG, whose exponents no linear fit finds), SB_ERROR_NOT_FINITE,
+    /// SB_ERROR_INDEFINITE naming a constant that the data do not distinguish from the others (simple shear and planar tests
+    /// alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask for mu &lt;= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED
+    /// (compressible only). Cost: below a microsecond a reading at constant volume, about 0.1 ms when compressible.
+    /// Formulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_material_fit(sb_material_model model, sb_test_point* data, int count, sb_fit_options* options, sb_material* material, sb_fit_info* info, sb_error* error);
@@ -3494,6 +3531,19 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_fibres(sb_body* body, sb_vec3* fibres, sb_error* error);
+    /// <summary>
+    /// The same of the second family (sb_body_def.second_fibres); NULL takes it away, as sb_body_set_fibres(NULL) does.
+    /// SB_ERROR_ARGUMENT without a first one, SB_ERROR_UNSUPPORTED in a body whose mesh may change.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_second_fibres(sb_body* body, sb_vec3* fibres, sb_error* error);
+    /// <summary>
+    /// Tension (Pa) &gt;= 0 with which the fibres of a region contract from now on: sb_material.fibre_tension, changed without
+    /// forgetting what Prony terms remember. Set it before each step to drive it in time. SB_ERROR_INDEX: no such region;
+    /// SB_ERROR_MATERIAL: no fibres to contract, or a material without energy for them.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_set_tension(sb_body* body, int region, double tension, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_set_gravity(sb_body* body, sb_vec3 gravity);
     /// <summary>
@@ -4504,6 +4554,26 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_skin* sb_cut_surface_skin(sb_cut_surface* surface);
     /// <summary>
+    /// A skin for the body that is cut by `cut`, which it is to be destroyed before.
+    /// skin       SB_TRI3, at rest where the body's mesh is (m), copied
+    /// allocator  NULL: malloc
+    /// SB_ERROR_ARGUMENT (other elements), what sb_mesh_validate says of the skin, SB_ERROR_STATE (as sb_cut_triangles),
+    /// SB_ERROR_MEMORY. Finds the element of each vertex: some 2 us each.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_cut_fine_create(sb_cut* cut, sb_mesh* skin, sb_allocator* allocator, sb_cut_fine** fine, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_cut_fine_destroy(sb_cut_fine* fine);
+    /// <summary>
+    /// To what the body is now. Where it was cut since the last call all triangles are listed anew, and arrays may grow;
+    /// else only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is what it was, and the
+    /// next call tries again.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_cut_fine_update(sb_cut_fine* fine, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_cut_fine_drawing sb_cut_fine_get(sb_cut_fine* fine);
+    /// <summary>
     /// The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270
     /// mm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,
     /// 0.33, 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for
@@ -5506,8 +5576,9 @@ public static unsafe class Native
     public static extern void reg_infer_destroy(reg_infer* infer);
     /// <summary>
     /// displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %
-    /// of the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too
-    /// little of the rest, and half of their difference is in the errors to expect.
+    /// of the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the
+    /// way from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).
+    /// What is left of the way is in the errors to expect.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result reg_infer_displacements(reg_infer* infer, sb_vec3* displacements);

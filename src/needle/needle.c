@@ -2,6 +2,7 @@
 #include "needle_private.h"
 
 #include "../softbody/body/body_guest.h"
+#include "../softbody/body/step_touch.h"
 
 #include <limits.h>
 #include <string.h>
@@ -135,19 +136,30 @@ static sb_result ndli_site_make_bed(struct ndli_site *site, sb_error *error)
     return result;
 }
 
+/* Something touches the body that did not when its needles were made. */
+static int ndli_site_reserve_kept(void *user) { return ndli_needle_reserve_undo((struct ndli_site *)user, NULL); }
+
 static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
 {
     sbi_state_part part = ndli_site_part(site);
+    sbi_touch_keeper keeper;
     sb_result result = site->embeds ? ndli_site_make_bed(site, error) : ndli_site_make_remesh(site, error);
     part.replay = ndli_needle_replay;
     if (result != SB_OK)
         return result;
     result = ndli_site_listen(site, error);
-    return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
+    if (result == SB_OK)
+        result = sbi_body_join(site->body, &part, error);
+    keeper.user = site;
+    keeper.reserve = ndli_site_reserve_kept;
+    if (result == SB_OK)
+        sbi_body_set_touch_keeper(site->body, &keeper);
+    return result;
 }
 
 static void ndli_site_end(struct ndli_site *site)
 {
+    sbi_body_set_touch_keeper(site->body, NULL);
     ndli_site_leave(site);
     ndli_site_free(site);
 }

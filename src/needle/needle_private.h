@@ -238,8 +238,8 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 
 /* ---- needle_undo ---- */
 
-/* Memory for all that steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
- * none. */
+/* Memory for all that steps keep, with one more needle than there are unless NULL, while the mesh keeps to its slack;
+ * 0: there is none. */
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */

@@ -67,8 +67,8 @@ static int ndli_undo_make_all_room(struct ndli_site *site, size_t needed)
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
     size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) + ndli_undo_touch_size(site) +
-                 ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh)) +
-                 ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity);
+                 ndli_undo_aligned(site->embeds ? 0 : ndli_remesh_snapshot_room(site->remesh));
+    sum += more ? ndli_undo_needle_size(more, more->rod->capacity, more->track.capacity) : 0;
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity,

@@ -16,7 +16,7 @@ REG_API reg_infer_def reg_default_infer_def(void)
     def.start_turn = (sb_real)0.2;
     def.gravity = 1;
     def.samples = 300;
-    def.rounds = 3;
+    def.rounds = 5;
     def.max_seconds = 1e9;
     def.cookie = REGI_INFER_COOKIE;
     return def;

@@ -252,24 +252,30 @@ static int regi_infer_widen(reg_infer *f)
     return regi_gauss_solve(g);
 }
 
-/* What a tenth of the surface tells of the rest are guesses: the answer is the mean of the elastic shape and of the
- * start, and half their difference is in doubt. Landmarks speak for the elastic one. */
-static void regi_infer_average(reg_infer *f)
+/* How much of the way from the start to the elastic shape is believed. Small views tell hardly more than a pose: half
+ * of it, or nothing where loads explain no more than a pose does. Landmarks speak for the elastic shape. */
+static sb_real regi_infer_belief(const reg_infer *f)
 {
-    f->is_averaged = f->quality.seen < (sb_real)REGI_INFER_SMALL && f->landmark_count == 0;
-    for (int i = 0; i < f->node_count && f->is_averaged; i++) {
-        sb_vec3 x = f->model->mesh.nodes[i], start = sb_v3_sub(reg_rigid_apply(&f->def->start, x), x);
-        f->increment[i] = sb_v3_scale((sb_real)0.5, sb_v3_sub(f->shape[i], start));
-        f->shape[i] = sb_v3_sub(f->shape[i], f->increment[i]);
-    }
+    if (f->landmark_count > 0 || f->quality.seen >= (sb_real)REGI_INFER_SMALL)
+        return 1;
+    return f->quality.prior_margin < 3 ? 0 : (sb_real)0.5;
 }
 
-/* The doubt of regi_infer_average, either way in turn. */
-static void regi_infer_add_doubt(reg_infer *f)
+/* The answer is between the start and the elastic shape; what is not believed of the way is in doubt, either way in
+ * turn. */
+static void regi_infer_hedge(reg_infer *f)
 {
     size_t n = (size_t)f->node_count;
-    for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * n && f->is_averaged; k++)
-        f->errors[k] = sb_v3_madd(f->errors[k], k / n % 2 ? 1 : -1, f->increment[k % n]);
+    sb_real belief = regi_infer_belief(f);
+    f->quality.belief = belief;
+    for (int i = 0; i < f->node_count && belief < 1; i++) {
+        sb_vec3 x = f->model->mesh.nodes[i], start = sb_v3_sub(reg_rigid_apply(&f->def->start, x), x);
+        f->increment[i] = sb_v3_sub(f->shape[i], start);
+    }
+    for (size_t i = 0; i < n && belief < 1; i++)
+        f->shape[i] = sb_v3_madd(f->shape[i], belief - 1, f->increment[i]);
+    for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * n && belief < 1; k++)
+        f->errors[k] = sb_v3_madd(f->errors[k], k / n % 2 ? 1 - belief : belief - 1, f->increment[k % n]);
 }
 
 static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
@@ -288,7 +294,6 @@ static sb_result regi_infer_draw_errors(reg_infer *f, sb_error *error)
         regi_infer_draw_group(f, regions, first, sbi_min_int(SBI_FRONT_GROUP, REG_INFER_DRAWS - first), &chance);
     for (size_t k = 0; k < (size_t)REG_INFER_DRAWS * (size_t)f->node_count; k++)
         f->errors[k] = sb_v3_scale(alpha, f->errors[k]);
-    regi_infer_add_doubt(f);
     for (int k = 0; k < REGI_INFER_POSE; k++)
         f->quality.pose_sd[k / 3] = sb_max(f->quality.pose_sd[k / 3], alpha * sb_sqrt((sb_real)f->energy[k]));
     return SB_OK;
@@ -438,13 +443,12 @@ REGI_API sb_result regi_infer_tell(reg_infer *f, sb_error *error)
     sb_result result;
     memcpy(f->shape, sb_body_displacements(f->model->body), (size_t)f->node_count * sizeof *f->shape);
     result = regi_infer_find_seen(f, error); /* by the last look, which the gauss is about */
-    if (result == SB_OK) {
-        regi_infer_average(f);
+    if (result == SB_OK)
         result = regi_infer_draw_errors(f, error);
-    }
     if (result != SB_OK)
         return result;
-    if (f->is_averaged)
+    regi_infer_hedge(f);
+    if (f->quality.belief < 1)
         result = sb_body_set_displacements(f->model->body, f->shape);
     (void)regi_infer_look(f, f->quality.rounds);
     regi_infer_measure_fit(f);

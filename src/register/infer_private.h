@@ -91,7 +91,6 @@ struct reg_infer {
     double pose_sd[REGI_INFER_POSE];                          /* m, rad */
     double pose[REGI_INFER_POSE];                             /* reached: m, rad */
     double next[REGI_GAUSS_POSES];                            /* found in this round; the offset last (m) */
-    int is_averaged;                                          /* 1: the shape is the mean of two explanations */
     double temper;                                            /* share of the evidence that counts, (0, 1] */
 };
 

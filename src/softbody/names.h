@@ -122,6 +122,8 @@
 #define sb_material_ogden sb_material_ogden_f32
 #define sb_material_fung sb_material_fung_f32
 #define sb_material_with_fibres sb_material_with_fibres_f32
+#define sb_material_with_dispersion sb_material_with_dispersion_f32
+#define sb_material_with_contraction sb_material_with_contraction_f32
 #define sb_material_with_prony sb_material_with_prony_f32
 #define sb_material_preset sb_material_preset_f32
 #define sb_material_young sb_material_young_f32
@@ -199,6 +201,8 @@
 #define sb_body_set_material sb_body_set_material_f32
 #define sb_body_set_region_material sb_body_set_region_material_f32
 #define sb_body_set_fibres sb_body_set_fibres_f32
+#define sb_body_set_second_fibres sb_body_set_second_fibres_f32
+#define sb_body_set_tension sb_body_set_tension_f32
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_region_damping sb_body_set_region_damping_f32
@@ -361,6 +365,10 @@
 #define sb_cut_surface_update sb_cut_surface_update_f32
 #define sb_cut_surface_get sb_cut_surface_get_f32
 #define sb_cut_surface_skin sb_cut_surface_skin_f32
+#define sb_cut_fine_create sb_cut_fine_create_f32
+#define sb_cut_fine_destroy sb_cut_fine_destroy_f32
+#define sb_cut_fine_update sb_cut_fine_update_f32
+#define sb_cut_fine_get sb_cut_fine_get_f32
 #endif
 #endif
 

@@ -118,7 +118,8 @@
  *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create
  *              lays them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
- * sb_cut       triangles that cut a body while it runs; sb_cut_surface: what is drawn of it.
+ * sb_cut       triangles that cut a body while it runs; sb_cut_surface: what is drawn of it;
+ *              sb_cut_fine: a fine skin of your own that is cut along.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any

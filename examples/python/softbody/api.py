@@ -189,6 +189,7 @@ SB_CUT_GLUE = 1
 SB_CUT_SKIN = 0
 SB_CUT_LIP = 1
 SB_CUT_CHAR = 2
+SB_CUT_RIM = 3
 NDL_STYLET_18G = 1
 NDL_NITINOL_083 = 2
 NDL_HYPODERMIC_22G = 3
@@ -391,6 +392,9 @@ class sb_tear_options(Structure): pass
 class sb_cut_surface(Structure): pass
 class sb_cut_origin(Structure): pass
 class sb_cut_drawing(Structure): pass
+class sb_cut_fine(Structure): pass
+class sb_cut_fine_source(Structure): pass
+class sb_cut_fine_drawing(Structure): pass
 class ndl_rod(Structure): pass
 class ndl_rod_section(Structure): pass
 class ndl_rod_stiffness(Structure): pass
@@ -772,6 +776,10 @@ sb_material._fields_ = [
     ("ogden_alpha", c_double * 4),
     ("fibre_stiffness", c_double),
     ("fibre_exponent", c_double),
+    ("fibre_dispersion", c_double),
+    ("fibre_tension", c_double),
+    ("fibre_optimum", c_double),
+    ("fibre_width", c_double),
     ("prony_count", c_int),
     ("prony_g", c_double * 8),
     ("prony_tau", c_double * 8),
@@ -963,6 +971,7 @@ sb_body_def._fields_ = [
     ("region_materials", POINTER(sb_region_material)),
     ("region_material_count", c_int),
     ("fibres", POINTER(sb_vec3)),
+    ("second_fibres", POINTER(sb_vec3)),
     ("integration", c_int),
     ("single_rotation", c_int),
     ("mass", c_int),
@@ -1323,6 +1332,15 @@ sb_cut_drawing._fields_ = [
     ("first_triangle", c_int),
     ("triangle_end", c_int),
     ("first_vertex", c_int),
+]
+sb_cut_fine_source._fields_ = [
+    ("vertices", c_int * 3),
+    ("weights", c_double * 3),
+]
+sb_cut_fine_drawing._fields_ = [
+    ("drawn", sb_cut_drawing),
+    ("sources", POINTER(sb_cut_fine_source)),
+    ("open_edges", c_int),
 ]
 ndl_rod_section._fields_ = [
     ("radius", c_double),
@@ -1962,6 +1980,7 @@ reg_quality._fields_ = [
     ("warnings", c_uint),
     ("prior", c_int),
     ("prior_margin", c_double),
+    ("belief", c_double),
     ("seen", c_double),
     ("used", c_double),
     ("noise", c_double),
@@ -2095,6 +2114,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_material_ogden": (sb_material, (POINTER(c_double), POINTER(c_double), c_int, c_double, c_double, )),
     "sb_material_fung": (sb_material, (c_double, c_double, c_double, c_double, )),
     "sb_material_with_fibres": (sb_material, (sb_material, c_double, c_double, )),
+    "sb_material_with_dispersion": (sb_material, (sb_material, c_double, )),
+    "sb_material_with_contraction": (sb_material, (sb_material, c_double, c_double, c_double, )),
     "sb_material_with_prony": (sb_material, (sb_material, POINTER(c_double), POINTER(c_double), c_int, )),
     "sb_material_preset": (sb_material, (c_int, c_double, )),
     "sb_material_young": (c_double, (POINTER(sb_material), )),
@@ -2172,6 +2193,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_set_material": (c_int, (POINTER(sb_body), POINTER(sb_material), POINTER(sb_error), )),
     "sb_body_set_region_material": (c_int, (POINTER(sb_body), c_int, POINTER(sb_material), POINTER(sb_error), )),
     "sb_body_set_fibres": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_body_set_second_fibres": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_body_set_tension": (c_int, (POINTER(sb_body), c_int, c_double, POINTER(sb_error), )),
     "sb_body_set_gravity": (c_int, (POINTER(sb_body), sb_vec3, )),
     "sb_body_set_damping": (c_int, (POINTER(sb_body), c_double, c_double, )),
     "sb_body_set_region_damping": (c_int, (POINTER(sb_body), c_int, c_double, c_double, POINTER(sb_error), )),
@@ -2334,6 +2357,10 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_cut_surface_update": (c_int, (POINTER(sb_cut_surface), POINTER(sb_error), )),
     "sb_cut_surface_get": (sb_cut_drawing, (POINTER(sb_cut_surface), )),
     "sb_cut_surface_skin": (POINTER(sb_skin), (POINTER(sb_cut_surface), )),
+    "sb_cut_fine_create": (c_int, (POINTER(sb_cut), POINTER(sb_mesh), POINTER(sb_allocator), POINTER(POINTER(sb_cut_fine)), POINTER(sb_error), )),
+    "sb_cut_fine_destroy": (None, (POINTER(sb_cut_fine), )),
+    "sb_cut_fine_update": (c_int, (POINTER(sb_cut_fine), POINTER(sb_error), )),
+    "sb_cut_fine_get": (sb_cut_fine_drawing, (POINTER(sb_cut_fine), )),
     "ndl_rod_section_preset": (c_int, (c_int, POINTER(ndl_rod_section), )),
     "ndl_rod_stiffness_of": (ndl_rod_stiffness, (POINTER(ndl_rod_section), )),
     "ndl_default_rod_def": (ndl_rod_def, ()),
@@ -2616,6 +2643,8 @@ DOCUMENTATION = {
     'sb_material_ogden': "Ogden's material with 1 to SB_MAX_OGDEN_TERMS terms mu[terms] [Pa] and alpha[terms], of any sign; its shear modulus\nis sum of mu_i alpha_i/2 > 0. (Abaqus' mu_i is alpha_i/2 times this one.) One term with alpha 2 is neo-Hookean, two\nwith 2 and -2 are Mooney-Rivlin. Another number of terms gives a material that sb_material_check refuses.",
     'sb_material_fung': "Fung's exponential: c10 [Pa] > 0 as above, exponent b >= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).\nDirections: sb_material_with_fibres.",
     'sb_material_with_fibres': 'The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):\n    W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,\nand k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu\nstay those of the matrix.',
+    'sb_material_with_dispersion': 'Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes\n    E = kappa I1 + (1 - 3 kappa) I4 - 1,\nkappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume\nthis is the published model. Slack: E <= 0. A body may have a second family of them, see sb_body_def.second_fibres.',
+    'sb_material_with_contraction': 'The hyperelastic material, contracting along its fibres with a tension [Pa] >= 0 per area at rest, at stretch l = |F\na0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family\nalike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by\nsb_body_set_tension. Beyond the optimum the tangent is not positive definite.',
     'sb_material_with_prony': 'A count out of range is kept for sb_material_check to refuse; NULL counts as one.',
     'sb_material_preset': 'A material by name; liver has a density of about 1060 kg/m^3. An unknown preset gives a material that\nsb_material_check refuses.',
     'sb_material_young': "Constants of the small-strain limit: Young's modulus [Pa], Poisson's ratio, bulk modulus [Pa].",
@@ -2626,14 +2655,14 @@ DOCUMENTATION = {
     'sb_material_energy': 'W = elastic energy per reference volume [J/m^3].',
     'sb_material_stress': 'P = dW/dF, first Piola-Kirchhoff stress [Pa]: force per reference area, P N = traction.',
     'sb_material_tangent': "A[9*(3*i+j) + (3*k+l)] = dP_ij/dF_kl [Pa], 81 values, exactly symmetric.\n\nThe corotated models' energy has a kink where the rotation is not unique, at s_2 + s_3 = 0 for principal\nstretches s_1 >= s_2 >= |s_3|: there the exact tangent is infinite. A divides by s_i + s_j, but never by\nless than 1e-6 max(1, s_1 + s_2 + s_3), so it stays finite; SB_TANGENT_SPD likewise. SB_TANGENT_QUASI does\nnot divide by it.",
-    'sb_fibre_energy': "---- fibres ----\nThe fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at\nrest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,\nthe direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The\ntangent is positive semidefinite as it stands, so every sb_tangent_kind takes it.",
+    'sb_fibre_energy': "---- fibres ----\nThe fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at\nrest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,\nthe direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. What is\npassive of the tangent is positive semidefinite as it stands; contraction included, it is exact.",
     'sb_material_relaxation': 'g(t): the share of a relaxing stress that is left a time t [s] after a sudden strain; 1 for t <= 0.',
     'sb_material_shear_moduli': "Storage and loss modulus [Pa] of small shear that oscillates with omega [rad/s] >= 0:\n    G' = mu (1 - sum g_i/(1 + x_i^2)),   G'' = mu sum g_i x_i/(1 + x_i^2),   x_i = omega tau_i;\nmu and 0 without Prony terms, zeros for NULL. storage and loss may be NULL. Fit: sb_material_fit_moduli.",
     'sb_material_history_stress': 'Moves one point by dt [s] >= 0 (0: a jump; infinite: fully relaxed) to F and gives its stress there, fibres\nincluded: the formula that bodies step by, to draw relaxation curves and to fit them. Exact where S0 changes\nevenly within each step, of second order otherwise. fibre: direction of the fibres at rest, NULL for none.\n*P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible\n(see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not\nhyperelastic, or a pointer but fibre is NULL.',
     'sb_cauchy_stress': 'Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0.',
     'sb_material_cauchy_stress': "The same for a material's P; P itself for SB_LINEAR: small strain does not distinguish the stresses.",
     'sb_von_mises': 'Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress.',
-    'sb_material_fit': "Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is\nthe options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes\nsb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a\nstretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do\nnot distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data\nask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a\nmicrosecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic\nDeformations, 1984, ch. 7.",
+    'sb_material_fit': "Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is\nthe options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes\nsb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a\nstretch <= 0, an option out of range, SB_OGDEN or SB_FUNG, whose exponents no linear fit finds), SB_ERROR_NOT_FINITE,\nSB_ERROR_INDEFINITE naming a constant that the data do not distinguish from the others (simple shear and planar tests\nalone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED\n(compressible only). Cost: below a microsecond a reading at constant volume, about 0.1 ms when compressible.\nFormulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7.",
     'sb_material_fit_prony': 'Fits Prony terms to the relaxation g(time[k]) of a sudden strain: stress over its value at time 0; time [s] > 0.\ntau[terms] [s]: the relaxation times to use, each > 0; NULL: spread evenly in log time from the first to the last\nreading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left\nout, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in\nplace of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),\nSB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or\nSB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order).',
     'sb_material_fit_moduli': "Fits Prony terms and the shear modulus to storage[count] and loss[count] [Pa] >= 0 of shear that oscillates with\nomega[count] [rad/s] > 0 (a rheometer's G' and G''), errors relative to |G*| of each reading. tau, terms and errors\nas above; tau NULL: spread evenly in log time over 1/omega. On SB_OK *material has these terms in place of its own\nand all of its moduli in proportion, so that mu is the instantaneous modulus and Poisson's ratio stays; info->rms is\nthe relative error of G*. SB_ERROR_ARGUMENT also for fewer than (terms + 1)/2 readings, a modulus below 0, or both 0;\nSB_ERROR_MATERIAL where the data have no modulus left at low frequencies: they are of a fluid, or end too early.",
     'sb_matrix_create': "Makes the matrix whose nodes are coupled when they share a cell (an element, a particle's neighbours ...);\nall values are zero. Nodes without a cell keep their diagonal block.\nnode_count      number of nodes, >= 1\ncell_count      number of cells, >= 0\nnodes_per_cell  nodes of each cell, >= 1; ignored when cell_start is given\ncell_start      [cell_count + 1] first entry of each cell in `cells`, ascending from 0; NULL: fixed size\ncells           node indices of the cells; a node may repeat within a cell\nallocator       NULL: malloc\nReturns SB_ERROR_ARGUMENT, SB_ERROR_INDEX (error->element is the cell) or SB_ERROR_MEMORY (also when there\nwould be more than 2^31-1 blocks) with *matrix untouched. Release with sb_matrix_free. Time and scratch\nmemory are proportional to the cells' node pairs.",
@@ -2675,6 +2704,8 @@ DOCUMENTATION = {
     'sb_body_set_material': '---- properties: may change between steps ----\nEach checks its arguments first and changes nothing on failure. A material may allocate when it is the first whose\nsteps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set\nforgets what its Prony terms remember: it counts as long relaxed in its present shape.',
     'sb_body_set_region_material': 'all regions',
     'sb_body_set_fibres': 'Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL\nwhen a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms\nremember of the stress along the old directions stays and fades.',
+    'sb_body_set_second_fibres': 'The same of the second family (sb_body_def.second_fibres); NULL takes it away, as sb_body_set_fibres(NULL) does.\nSB_ERROR_ARGUMENT without a first one, SB_ERROR_UNSUPPORTED in a body whose mesh may change.',
+    'sb_body_set_tension': 'Tension (Pa) >= 0 with which the fibres of a region contract from now on: sb_material.fibre_tension, changed without\nforgetting what Prony terms remember. Set it before each step to drive it in time. SB_ERROR_INDEX: no such region;\nSB_ERROR_MATERIAL: no fibres to contract, or a material without energy for them.',
     'sb_body_set_damping': 'Of all regions. SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE.',
     'sb_body_set_region_damping': "Damping of a region's own, in place of the body's, which the others keep: its elements damp with beta (s) times their\nstiffness, and its share of the nodes' lumped masses with alpha (1/s), whatever def.mass is; both >= 0. What ties\ncells of a cut keeps the body's beta. sb_body_set_damping gives all regions the same again. With SB_EULER steps cost\nwhat they did; steps of one iteration of other integrators assemble one matrix more, for which the first call\nallocates. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (no such region), SB_ERROR_UNSUPPORTED (SB_CENTRAL_DIFFERENCE),\nSB_ERROR_MEMORY change nothing.",
     'sb_body_set_solver': "Tolerance in (0, 1) and cap (>= 1) of a step's linear solve.",
@@ -2795,6 +2826,8 @@ DOCUMENTATION = {
     'sb_cut_surface_create': 'The surface of a body that is cut by `cut`, which it is to be destroyed before. allocator NULL: malloc.\nSB_ERROR_ARGUMENT, SB_ERROR_STATE (as sb_cut_triangles), SB_ERROR_MEMORY.',
     'sb_cut_surface_update': 'To what the body is now. Where it was cut since the last call, the triangles of all elements with cuts are made anew,\nand arrays may grow; else only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is\nnot whole, and the next call tries again.',
     'sb_cut_surface_skin': "The surface as a skin, for sb_contact_def.skin: tools touch the skin and the lips of the body where they are, not the\nwhole elements whose pieces move there. It is the surface's, and nothing of its own is to be destroyed; the contact\ngoes first.\nContact follows each call that cuts and each state that is loaded in the step that comes next, which may take memory\nthen, and remembers what it did of triangles that are still there; until then it reads as before. It brings the\nsurface up to date for that: arrays of sb_cut_surface_get are to be got again after a step, and the next\nsb_cut_surface_update still names all that was made since the one before. Where that fails, the step says so. NULL of\nNULL.",
+    'sb_cut_fine_create': "A skin for the body that is cut by `cut`, which it is to be destroyed before.\nskin       SB_TRI3, at rest where the body's mesh is (m), copied\nallocator  NULL: malloc\nSB_ERROR_ARGUMENT (other elements), what sb_mesh_validate says of the skin, SB_ERROR_STATE (as sb_cut_triangles),\nSB_ERROR_MEMORY. Finds the element of each vertex: some 2 us each.",
+    'sb_cut_fine_update': 'To what the body is now. Where it was cut since the last call all triangles are listed anew, and arrays may grow;\nelse only vertices move. SB_ERROR_STATE: as sb_cut_triangles. SB_ERROR_MEMORY: what is drawn is what it was, and the\nnext call tries again.',
     'ndl_rod_section_preset': "The section of a known needle. Diameters: regular-wall gauge table after the Birmingham wire gauge (18 G: 1.270\nmm, 22 G: 0.7176 / 0.413 mm). Steel: AISI 304, annealed, 193 GPa, 0.29, 8000 kg/m^3. Nitinol: austenite, 75 GPa,\n0.33, 6450 kg/m^3 (makers' sheets: 75 to 83 GPa; linear up to a strain of about 1 % only). SB_ERROR_ARGUMENT for\nan unknown preset leaves *section untouched.",
     'ndl_rod_stiffness_of': 'E A, E pi (r^4 - ri^4)/4 twice, bending/(1 + nu), rho A. The section must be valid.',
     'ndl_rod_create': 'Creates a rod at rest, with no twist but what its rest shape asks for. All memory it will ever need is taken here.\nOn failure *rod is untouched: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named), SB_ERROR_MESH (node\nnamed: an edge without length, or one turned back), SB_ERROR_MEMORY.',
@@ -2926,7 +2959,7 @@ DOCUMENTATION = {
     'reg_model_create': 'Makes a model; everything is copied. SB_ERROR_ARGUMENT (a field, named), SB_ERROR_INDEX (a fixed node),\nSB_ERROR_UNSUPPORTED (custom elements), what sb_body_create says of the mesh, sb_surface_create and\nsb_embedding_create of the surface; SB_ERROR_MEMORY. *model is then untouched. One inference at a time may use a\nmodel, and the model must outlive it.',
     'reg_model_node_count': 'NULL is fine',
     'reg_infer_run': "Infers; all memory is taken here, from the model's allocator. SB_ERROR_ARGUMENT (a field, named),\nSB_ERROR_NOT_FINITE (error->node: the point, or the landmark), what sb_surface_create says of a target surface,\nSB_ERROR_NOT_CONVERGED (no point of the target has an allowed place of the model, or loads cannot be told),\nSB_ERROR_INDEFINITE, SB_ERROR_MEMORY: *infer is then untouched. Deterministic; the same bits for any number of\nthreads, without a time limit.",
-    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark was given, the mean of the elastic answer and of the start: a tenth tells too\nlittle of the rest, and half of their difference is in the errors to expect.",
+    'reg_infer_displacements': "displacements[nodes] (m) of the model's nodes from rest to where they are in the target's frame. Where less than 15 %\nof the surface is seen and no landmark was given, a tenth tells too little of the rest: the answer is then half the\nway from the start to the elastic shape, or the start where loads explain no more than a pose does (quality.belief).\nWhat is left of the way is in the errors to expect.",
     'reg_infer_forces': "forces[nodes] (N for a Young's modulus of 1000 Pa: they scale with it) that are found to act, weight included.",
     'reg_infer_expected': 'expected[nodes]: root mean square error (m) to expect of each node.',
     'reg_infer_covariance': 'Where points[count] of the organ at rest (m) are, moved[count], and the covariance of that, covariances[count] (m^2);\neither may be NULL. SB_ERROR_NOT_FINITE, what sb_embedding_create says of points far off, SB_ERROR_MEMORY\nleave both untouched. From the draws, so that single covariances are known to a quarter.',

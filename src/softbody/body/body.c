@@ -136,6 +136,10 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    if (result == SB_OK && def->second_fibres && def->slack > 0)
+        result = sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that may change (def.slack) has one family of fibres");
+    if (result == SB_OK && def->second_fibres)
+        result = sb_body_set_second_fibres(body, def->second_fibres, error);
     for (int i = 0; i < body->material_count && result == SB_OK; i++)
         result = sbi_body_prepare_material(body, i, body->materials + i, error);
     if (result == SB_OK)

@@ -41,30 +41,32 @@ typedef struct sb_body_def {
     sb_material material;    /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
-    const sb_vec3 *fibres;          /* [element_count] direction of the fibres at rest, of any length; 0: this element
-                                     * has none. Read during sb_body_create only. A material with fibres needs it;
-                                     * default NULL */
-    sb_integration integration;     /* integration points per element; default SB_INTEGRATION_AUTO.
-                                     * SB_INTEGRATION_BBAR: tet10, hex8, hex20 and hex27 that do not lock when nearly
-                                     * incompressible; otherwise all do in some measure, see sb_check_report */
-    int single_rotation;            /* 1: tet10 with one rotation per element, of its mean (corotated only); default
-                                     * 0. Cheaper; forces are still the slope of an energy, so that they conserve
-                                     * momentum. Within an element strain is linear, so that it should turn by less
-                                     * than 0.1 rad from side to side: a cantilever bent to a slope of 1 deflects 0.1
-                                     * % too far with 20 elements along it (0.2 % without), 0.1 % too little with 10,
-                                     * 3 % with 5 (2 % without) */
-    sb_mass_kind mass;              /* default SB_MASS_LUMPED */
-    sb_integrator integrator;       /* of sb_body_step; default SB_EULER */
-    sb_real spectral_radius;        /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
-                                     * 1 damps nothing, 0 kills them in one step; default 0.5. A soft
-                                     * beam falling about its clamp with large steps: Newmark and 0.8 gain energy
-                                     * without bound, 0.5 and less gain none */
-    int max_substeps;               /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
-    sb_vec3 gravity;                /* m/s^2; default 0 */
-    sb_real damping_mass;           /* Rayleigh alpha (1/s), >= 0; default 0 */
-    sb_real damping_stiffness;      /* Rayleigh beta (s), >= 0; default 0 */
-    sb_precond_kind preconditioner; /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
-                                     * sb_body_solver tells what it chose */
+    const sb_vec3 *fibres;        /* [element_count] direction of the fibres at rest, of any length; 0: this element
+                                   * has none. Read during sb_body_create only. A material with fibres needs it;
+                                   * default NULL */
+    const sb_vec3 *second_fibres; /* the same of a second family, of the same material, or NULL (default); needs fibres.
+                                   * SB_ERROR_UNSUPPORTED with slack */
+    sb_integration integration;   /* integration points per element; default SB_INTEGRATION_AUTO.
+                                   * SB_INTEGRATION_BBAR: tet10, hex8, hex20 and hex27 that do not lock when nearly
+                                   * incompressible; otherwise all do in some measure, see sb_check_report */
+    int single_rotation;          /* 1: tet10 with one rotation per element, of its mean (corotated only); default
+                                   * 0. Cheaper; forces are still the slope of an energy, so that they conserve
+                                   * momentum. Within an element strain is linear, so that it should turn by less
+                                   * than 0.1 rad from side to side: a cantilever bent to a slope of 1 deflects 0.1
+                                   * % too far with 20 elements along it (0.2 % without), 0.1 % too little with 10,
+                                   * 3 % with 5 (2 % without) */
+    sb_mass_kind mass;            /* default SB_MASS_LUMPED */
+    sb_integrator integrator;     /* of sb_body_step; default SB_EULER */
+    sb_real spectral_radius;      /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
+                                   * 1 damps nothing, 0 kills them in one step; default 0.5. A soft
+                                   * beam falling about its clamp with large steps: Newmark and 0.8 gain energy
+                                   * without bound, 0.5 and less gain none */
+    int max_substeps;             /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
+    sb_vec3 gravity;              /* m/s^2; default 0 */
+    sb_real damping_mass;         /* Rayleigh alpha (1/s), >= 0; default 0 */
+    sb_real damping_stiffness;    /* Rayleigh beta (s), >= 0; default 0 */
+    sb_precond_kind preconditioner;   /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
+                                       * sb_body_solver tells what it chose */
     const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; not with
                                        * slack. Default NULL: made from the nodes' places and the materials of now, also
                                        * for another mesh later (materials that are set later change the time of a
@@ -124,6 +126,13 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
  * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms
  * remember of the stress along the old directions stays and fades. */
 SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
+/* The same of the second family (sb_body_def.second_fibres); NULL takes it away, as sb_body_set_fibres(NULL) does.
+ * SB_ERROR_ARGUMENT without a first one, SB_ERROR_UNSUPPORTED in a body whose mesh may change. */
+SB_API sb_result sb_body_set_second_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error);
+/* Tension (Pa) >= 0 with which the fibres of a region contract from now on: sb_material.fibre_tension, changed without
+ * forgetting what Prony terms remember. Set it before each step to drive it in time. SB_ERROR_INDEX: no such region;
+ * SB_ERROR_MATERIAL: no fibres to contract, or a material without energy for them. */
+SB_API sb_result sb_body_set_tension(sb_body *body, int region, sb_real tension, sb_error *error);
 SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity);
 /* Of all regions. SB_ERROR_UNSUPPORTED: beta > 0 with SB_CENTRAL_DIFFERENCE. */
 SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta);

@@ -172,6 +172,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_assembly_free(&body->assembly, &allocator);
     sb_domain_free(&body->domain);
     sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->second_fibres);
     sbi_free(&allocator, body->substep_room);
     sbi_free(&allocator, body->support_blocks);
     sbi_free(&allocator, body->damping_blocks);

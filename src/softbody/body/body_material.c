@@ -95,7 +95,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
 /* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
 static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
 {
-    for (int e = 0; e < body->domain.cell_count && material->fibre_stiffness > 0; e++)
+    for (int e = 0; e < body->domain.cell_count && sbi_material_has_fibres(material); e++)
         if ((index < 0 || body->cell_material[e] == index) && sbi_live_has_cell(body, e))
             return sbi_fail_element(error, SB_ERROR_MATERIAL, e,
                                     "the material of element %d has fibres, but no directions were given (def.fibres)",
@@ -117,26 +117,48 @@ SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count
     }
 }
 
+/* Names the first direction that is not finite. */
+static sb_result sbi_body_check_fibres(const sb_body *body, const sb_vec3 *fibres, sb_error *error)
+{
+    for (int e = 0; fibres && e < body->domain.cell_count; e++)
+        if (!sb_v3_is_finite(fibres[e]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite",
+                                    e);
+    return SB_OK;
+}
+
+/* A family (1: the first, 2: the second) has these directions from now on. */
+static void sbi_body_fibres_changed(sb_body *body, int family, const sb_vec3 *fibres)
+{
+    body->assembly.fibres = body->fibres;
+    body->assembly.second_fibres = body->second_fibres;
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_FIBRES, fibres != NULL, family, NULL, 0, fibres ? &fibres[0].x : NULL,
+                  fibres ? 3 * (size_t)body->domain.cell_count : 0);
+}
+
 SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error)
 {
     int count;
     sb_vec3 *copy;
+    sb_result result;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_fibres needs a body");
     count = body->domain.cell_count;
-    for (int e = 0; fibres && e < count; e++)
-        if (!sb_v3_is_finite(fibres[e]))
-            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite",
-                                    e);
+    result = sbi_body_check_fibres(body, fibres, error);
+    if (result != SB_OK)
+        return result;
     copy = body->fibres;
     if (!fibres) {
         for (int i = 0; i < body->material_count; i++) {
-            sb_result result = sbi_body_miss_fibres(body, i, body->materials + i, error);
+            result = sbi_body_miss_fibres(body, i, body->materials + i, error);
             if (result != SB_OK)
                 return result;
         }
         sbi_free(&body->allocator, copy);
-        copy = NULL;
+        sbi_free(&body->allocator, body->second_fibres);
+        copy = body->second_fibres = NULL;
     } else if (!copy) {
         copy = (sb_vec3 *)sbi_alloc_zeroed(&body->allocator, (size_t)sbi_live_cell_room(body), sizeof *copy);
         if (!copy)
@@ -145,11 +167,33 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     if (fibres)
         sbi_body_copy_fibres(copy, fibres, count);
     body->fibres = copy;
-    body->assembly.fibres = copy;
-    body->force_current = 0;
-    body->acceleration_known = 0;
-    sbi_body_tell(body, SBI_COMMAND_FIBRES, fibres != NULL, 0, NULL, 0, fibres ? &fibres[0].x : NULL,
-                  fibres ? 3 * (size_t)count : 0);
+    sbi_body_fibres_changed(body, 1, fibres);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_second_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error)
+{
+    sb_result result;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_second_fibres needs a body");
+    if (fibres && body->live)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that may change (def.slack) has one family of fibres");
+    if (fibres && !body->fibres)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a second family of fibres needs a first one: sb_body_set_fibres");
+    result = sbi_body_check_fibres(body, fibres, error);
+    if (result != SB_OK)
+        return result;
+    if (!fibres) {
+        sbi_free(&body->allocator, body->second_fibres);
+        body->second_fibres = NULL;
+    } else if (!body->second_fibres) {
+        body->second_fibres = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)body->domain.cell_count, sizeof(sb_vec3));
+        if (!body->second_fibres)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", body->domain.cell_count);
+    }
+    if (fibres)
+        sbi_body_copy_fibres(body->second_fibres, fibres, body->domain.cell_count);
+    sbi_body_fibres_changed(body, 2, fibres);
     return SB_OK;
 }
 
@@ -183,7 +227,11 @@ SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
                                                  material->c30,
                                                  material->fibre_stiffness,
                                                  material->fibre_exponent,
-                                                 material->fung_exponent};
+                                                 material->fung_exponent,
+                                                 material->fibre_dispersion,
+                                                 material->fibre_tension,
+                                                 material->fibre_optimum,
+                                                 material->fibre_width};
     memcpy(reals, moduli, sizeof moduli);
     memcpy(reals + SBI_MATERIAL_OGDEN, material->ogden_mu, sizeof material->ogden_mu);
     memcpy(reals + SBI_MATERIAL_OGDEN + SB_MAX_OGDEN_TERMS, material->ogden_alpha, sizeof material->ogden_alpha);
@@ -208,6 +256,10 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
     m.fibre_stiffness = reals[8];
     m.fibre_exponent = reals[9];
     m.fung_exponent = reals[10];
+    m.fibre_dispersion = reals[11];
+    m.fibre_tension = reals[12];
+    m.fibre_optimum = reals[13];
+    m.fibre_width = reals[14];
     memcpy(m.ogden_mu, reals + SBI_MATERIAL_OGDEN, sizeof m.ogden_mu);
     memcpy(m.ogden_alpha, reals + SBI_MATERIAL_OGDEN + SB_MAX_OGDEN_TERMS, sizeof m.ogden_alpha);
     memcpy(m.prony_g, reals + SBI_MATERIAL_PRONY, sizeof m.prony_g);
@@ -276,5 +328,29 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
     sbi_body_materials_changed(body);
     sbi_assembly_forget(&body->assembly, at, body->displacement);
     sbi_body_tell_material(body, 0, region, material);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_tension(sb_body *body, int region, sb_real tension, sb_error *error)
+{
+    sb_material material;
+    sb_result result;
+    int at, found;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_tension needs a body");
+    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
+    if (!found)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
+    material = body->materials[at];
+    material.fibre_tension = tension;
+    result = sbi_body_check_material(&material, body->domain.single_rotation, error);
+    if (result == SB_OK && !body->fibres)
+        result = sbi_body_miss_fibres(body, at, &material, error);
+    if (result != SB_OK)
+        return result;
+    body->materials[at] = material;
+    sbi_body_materials_changed(body);
+    body->guard.ledger_open = 0; /* what a muscle gives or takes is no loss */
+    sbi_body_tell_material(body, SBI_MATERIAL_TENSION, region, &material);
     return SB_OK;
 }

@@ -6,6 +6,7 @@
 #include "body.h"
 #include "body_guest.h"
 #include "elimination.h"
+#include "step_touch.h"
 
 enum { SBI_STEP_MOST_GUESTS = 16 }; /* of a step in which contact couples nodes */
 
@@ -67,8 +68,9 @@ typedef struct sbi_step_guard {
 /* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
  * row in the replay table of record.c. Codes stand in files: never change one. */
 typedef enum sbi_command_code {
-    SBI_COMMAND_DESTROY = 0,   /* the body is about to go */
-    SBI_COMMAND_MATERIAL = 1,  /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_DESTROY = 0, /* the body is about to go */
+    SBI_COMMAND_MATERIAL =
+        1, /* a: 1 for all regions, 2 for its tension only; ints: region, model, Prony terms; reals: packed material */
     SBI_COMMAND_GRAVITY = 2,   /* reals: 3 */
     SBI_COMMAND_DAMPING = 3,   /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,    /* a: max_iterations; reals: tolerance */
@@ -85,7 +87,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
     SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress,
                                     * instantaneous + 2 quasi_newton + 4 forces_only + 8 newton; reals: tolerance */
-    SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away; reals: one vector per element */
+    SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away, b: 2 of the second family; reals: one vector per element */
     SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
     SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
     SBI_COMMAND_ADD_SPRINGS = 20,  /* b: uniform; ints: nodes; reals: points, stiffness */
@@ -132,6 +134,7 @@ struct sb_body {
     void *observer;
     struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     struct sbi_touch *touch;       /* what touches it, see step_touch.h; or NULL */
+    sbi_touch_keeper touch_keeper; /* who keeps that, or zeros */
     unsigned char *substep_room;   /* what a step that is divided gives back, see step_substeps.c; or NULL */
     size_t substep_room_size;
     const sbi_guest *step_guests[SBI_STEP_MOST_GUESTS]; /* of a step that touch adds one to */
@@ -157,8 +160,10 @@ struct sb_body {
                              * also those of another mesh, so that they do not depend on when that came */
     int *cell_material;     /* [cell_count] */
     sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
-    sb_real force_unit;     /* stiffness times volume over size (N): times epsilon, rounding in the forces */
-    int component_count;    /* connected parts */
+    sb_vec3
+        *second_fibres;  /* [cell_count] of the second family; NULL: none. Only where fibres are, and the mesh stays */
+    sb_real force_unit;  /* stiffness times volume over size (N): times epsilon, rounding in the forces */
+    int component_count; /* connected parts */
     sb_index_table element_component;
     sb_index_lists node_elements;
     int *node_component; /* [node_count], -1: no element */
@@ -304,8 +309,9 @@ SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kin
                                 sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
+enum { SBI_MATERIAL_TENSION = 2 }; /* a of SBI_COMMAND_MATERIAL */
 enum {
-    SBI_MATERIAL_MODULI = 11,
+    SBI_MATERIAL_MODULI = 15,
     SBI_MATERIAL_OGDEN = SBI_MATERIAL_MODULI, /* where the lists start */
     SBI_MATERIAL_PRONY = SBI_MATERIAL_OGDEN + 2 * SB_MAX_OGDEN_TERMS,
     SBI_MATERIAL_REALS = SBI_MATERIAL_PRONY + 2 * SB_MAX_PRONY_TERMS

@@ -551,6 +551,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->parts = old.parts;
     next->parts = NULL;
     body->touch = old.touch;
+    body->touch_keeper = old.touch_keeper;
     body->substep_room = old.substep_room;
     body->substep_room_size = old.substep_room_size;
     next->touch = NULL;

@@ -311,6 +311,8 @@ static sb_result sbi_play_material(sb_body *body, const sbi_command *c, sb_error
         return sbi_fail(error, SB_ERROR_FORMAT, "material model %d or Prony term count %d is out of range", c->ints[1],
                         c->ints[2]);
     material = sbi_body_unpack_material(c->ints[1], c->ints[2], c->reals);
+    if (c->a == SBI_MATERIAL_TENSION)
+        return sb_body_set_tension(body, c->ints[0], material.fibre_tension, error);
     return c->a ? sb_body_set_material(body, &material, error)
                 : sb_body_set_region_material(body, c->ints[0], &material, error);
 }
@@ -443,6 +445,8 @@ static sb_result sbi_play_fibres(sb_body *body, const sbi_command *c, sb_error *
 {
     if (c->real_count != (c->a ? 3 * (size_t)body->domain.cell_count : 0))
         return sbi_record_refuse_counts(c, error);
+    if (c->b == 2)
+        return sb_body_set_second_fibres(body, c->a ? sbi_record_vectors(c) : NULL, error);
     return sb_body_set_fibres(body, c->a ? sbi_record_vectors(c) : NULL, error);
 }
 

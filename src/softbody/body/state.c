@@ -105,7 +105,7 @@ typedef struct sbi_state_walk {
 
     /* what RESERVE makes and READ puts in place */
     sbi_body_pattern pattern;
-    sb_vec3 *fibres;
+    sb_vec3 *fibres, *second_fibres;
     int new_loads, load_count;
     sbi_load *loads;
     int new_equations;
@@ -177,11 +177,14 @@ static int sbi_state_is_little_endian(void)
     return first == 1;
 }
 
+/* Whether what an image holds has to be looked at: not what a body has kept for itself. */
+static int sbi_state_is_checked(const sbi_state_walk *walk) { return walk->pass == SBI_STATE_CHECK && !walk->plain; }
+
 /* Passes an array of numbers at once: gives it away, takes it over, or steps past it. 0: it has to be passed number by
  * number, to be hashed or checked, or because the machine orders bytes in another way. */
 static int sbi_state_bulk(sbi_state_walk *walk, void *array, size_t count, size_t size)
 {
-    if (walk->pass == SBI_STATE_HASH || walk->pass == SBI_STATE_CHECK || walk->result != SB_OK ||
+    if (walk->pass == SBI_STATE_HASH || sbi_state_is_checked(walk) || walk->result != SB_OK ||
         !sbi_state_is_little_endian())
         return 0;
     if (walk->pass == SBI_STATE_WRITE && count)
@@ -201,6 +204,15 @@ static int sbi_state_place(sbi_state_walk *walk, size_t count, size_t size, unsi
         return 0;
     *out = walk->pass == SBI_STATE_WRITE ? walk->out + at : NULL;
     walk->overflow |= !sbi_size_add(&walk->used, count, size);
+    return 1;
+}
+
+/* Steps past so much of an image that this pass makes no use of. 0: it has to be checked. */
+static int sbi_state_skip(sbi_state_walk *walk, size_t count, size_t size)
+{
+    if (!sbi_state_is_image(walk) || sbi_state_is_checked(walk) || walk->result != SB_OK)
+        return 0;
+    walk->used += count * size; /* that it has so much was checked, or is known */
     return 1;
 }
 
@@ -420,7 +432,7 @@ static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
     for (int i = 0; i < body->material_count && walk->result == SB_OK; i++) {
         sb_material material = sbi_state_material(body->materials + i, walk);
         walk->terms = sbi_max_int(walk->terms, material.prony_count);
-        walk->has_fibres |= material.fibre_stiffness > 0;
+        walk->has_fibres |= sbi_material_has_fibres(&material);
         if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
             sbi_state_refuse(walk, sbi_body_check_material(&material, body->domain.single_rotation, walk->error));
         if (walk->pass == SBI_STATE_RESERVE)
@@ -434,35 +446,46 @@ static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
         sbi_body_materials_changed(body);
 }
 
-/* Unit directions, or 0. */
-static void sbi_state_fibres(sb_body *body, sbi_state_walk *walk)
+/* Unit directions of a family, or 0: *own is where the body has them, *spare the room for them where it has none. */
+static void sbi_state_family(sb_body *body, sbi_state_walk *walk, sb_vec3 **own, sb_vec3 **spare, int given)
 {
-    int count = body->domain.cell_count, given = sbi_state_int(walk, body->fibres != NULL, 0, 1, "fibre mark");
-    if (sbi_state_checks(walk) && walk->has_fibres && !given)
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL,
-                                        "a saved material has fibres, but no directions "
-                                        "were saved"));
-    if (walk->pass == SBI_STATE_RESERVE && given && !body->fibres) {
-        walk->fibres = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_vec3));
-        if (!walk->fibres)
+    int count = body->domain.cell_count;
+    if (walk->pass == SBI_STATE_RESERVE && given && !*own) {
+        *spare = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_vec3));
+        if (!*spare)
             sbi_state_refuse(walk,
                              sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count));
     }
-    if (walk->pass == SBI_STATE_READ && (given ? walk->fibres != NULL : body->fibres != NULL)) {
-        sbi_free(&body->allocator, body->fibres);
-        body->fibres = walk->fibres;
-        walk->fibres = NULL;
+    if (walk->pass == SBI_STATE_READ && (given ? *spare != NULL : *own != NULL)) {
+        sbi_free(&body->allocator, *own);
+        *own = *spare;
+        *spare = NULL;
     }
-    if (walk->pass == SBI_STATE_READ)
-        body->assembly.fibres = body->fibres;
     for (int e = 0; given && e < count && walk->result == SB_OK; e++) {
-        sb_vec3 a = sbi_state_vector(walk, body->fibres ? body->fibres[e] : sb_v3(0, 0, 0));
+        sb_vec3 a = sbi_state_vector(walk, *own ? (*own)[e] : sb_v3(0, 0, 0));
         sb_real square = sb_v3_dot(a, a);
         if (sbi_state_checks(walk) && square != 0 && !(square > (sb_real)0.99 && square < (sb_real)1.01))
             sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_FORMAT, e,
                                                     "the saved fibre of element %d is no direction", e));
         if (walk->pass == SBI_STATE_READ)
-            body->fibres[e] = a;
+            (*own)[e] = a;
+    }
+}
+
+/* Families: 0, 1 or 2. */
+static void sbi_state_fibres(sb_body *body, sbi_state_walk *walk)
+{
+    int given = (body->fibres != NULL) + (body->second_fibres != NULL);
+    given = sbi_state_int(walk, given, 0, body->live ? 1 : 2, "number of fibre families");
+    if (sbi_state_checks(walk) && walk->has_fibres && !given)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL,
+                                        "a saved material has fibres, but no directions "
+                                        "were saved"));
+    sbi_state_family(body, walk, &body->fibres, &walk->fibres, given > 0);
+    sbi_state_family(body, walk, &body->second_fibres, &walk->second_fibres, given > 1);
+    if (walk->pass == SBI_STATE_READ) {
+        body->assembly.fibres = body->fibres;
+        body->assembly.second_fibres = body->second_fibres;
     }
 }
 
@@ -1101,7 +1124,8 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
             if (walk->pass == SBI_STATE_READ)
                 *at = q;
         }
-    if (!assembly->batch_quats || sbi_state_give_quats(walk, assembly, cells))
+    if (!assembly->batch_quats || sbi_state_give_quats(walk, assembly, cells) ||
+        (walk->pass != SBI_STATE_READ && sbi_state_skip(walk, (size_t)cells, sizeof(sb_quat))))
         return;
     for (int e = 0; e < cells && walk->result == SB_OK; e++) {
         sb_real *at = sbi_state_batch_quat(assembly, e);
@@ -1262,26 +1286,30 @@ static void sbi_state_slot_counts(sbi_state_walk *walk, sbi_slots *slots)
 
 static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
 {
-    if (!sbi_state_is_image(walk) && sbi_state_bulk(walk, slots->stack, (size_t)slots->count, sizeof(int)))
-        return;
     for (int k = 0; k < slots->count && walk->result == SB_OK; k++)
         sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
 }
 
-/* Places and cells of the body's own mesh, given away at once; 0: not in this pass. */
-static int sbi_state_put_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, int n)
+/* Places and cells at once: the body's own are given away, an image's that the body has already are passed by. 0: not
+ * in this pass. */
+static int sbi_state_pass_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, int n)
 {
     size_t corners = (size_t)n * sizeof(int), size = sizeof(sb_real) + sizeof(int) + corners;
+    size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end;
     unsigned char *out;
-    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)) ||
-        !sbi_state_place(walk, (size_t)mesh->cells.end, size, &out))
+    if (!walk->store && sbi_state_skip(walk, nodes, sizeof(sb_vec3)))
+        return sbi_state_skip(walk, cells, size);
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, nodes, sizeof(sb_vec3)) ||
+        !sbi_state_place(walk, cells, size, &out))
         return 0;
-    for (int e = 0; out && e < mesh->cells.end; e++, out += size) {
+    for (size_t e = 0; out && e < cells; e++, out += size) {
+        const int *cell = mesh->corners + e * (size_t)n;
         memcpy(out, mesh->shares + e, sizeof(sb_real));
         memcpy(out + sizeof(sb_real), mesh->material + e, sizeof(int));
-        for (int k = 0; k < n; k++)
-            memcpy(out + sizeof(sb_real) + (size_t)(k + 1) * sizeof(int), mesh->corners + (size_t)e * (size_t)n + k,
-                   sizeof(int));
+        if (n == 4) /* compilers make one move of it */
+            memcpy(out + sizeof(sb_real) + sizeof(int), cell, 4 * sizeof(int));
+        else
+            memcpy(out + sizeof(sb_real) + sizeof(int), cell, corners);
     }
     return 1;
 }
@@ -1294,7 +1322,7 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
     if (mesh->pieces && walk->result == SB_OK)
         sbi_state_pieces(walk, mesh);
     sbi_state_glue(walk, mesh, n);
-    if (sbi_state_put_mesh(walk, mesh, n))
+    if (sbi_state_pass_mesh(walk, mesh, n))
         return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
         sbi_state_put_vector(walk, mesh->positions + i, SBI_STATE_FINITE, "rest position");
@@ -1559,6 +1587,7 @@ static void sbi_state_drop(const sb_body *body, sbi_state_walk *walk)
 {
     sbi_body_free_pattern(body, &walk->pattern);
     sbi_free(&body->allocator, walk->fibres);
+    sbi_free(&body->allocator, walk->second_fibres);
     if (walk->loads)
         sbi_state_free_loads(body, walk->loads, walk->load_count);
     sbi_elimination_free(walk->elimination);

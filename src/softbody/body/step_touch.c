@@ -14,6 +14,17 @@ SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch)
     body->substep_room = NULL;
     body->substep_room_size = 0;
 }
+SBI_API void sbi_body_set_touch_keeper(sb_body *body, const sbi_touch_keeper *keeper)
+{
+    const sbi_touch_keeper none = {NULL, NULL};
+    body->touch_keeper = keeper ? *keeper : none;
+}
+
+SBI_API int sbi_body_reserve_touch_kept(const sb_body *body)
+{
+    return !body->touch_keeper.reserve || body->touch_keeper.reserve(body->touch_keeper.user);
+}
+
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body) { return body->touch; }
 
 SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error)

@@ -123,6 +123,14 @@ SBI_API sb_result sbi_body_reserve_substeps(sb_body *body, sb_error *error);
 SBI_API void sbi_body_set_touch(sb_body *body, sbi_touch *touch);
 SBI_API sbi_touch *sbi_body_get_touch(const sb_body *body);
 SBI_API sb_real sbi_body_diagonal_mass(const sb_body *body, int node); /* kg, of the mass matrix */
+/* Who keeps it for steps that it may take back (needles): asked for room whenever kept_size has grown. */
+typedef struct sbi_touch_keeper {
+    void *user;
+    int (*reserve)(void *user); /* 0: no memory, and all is as before */
+} sbi_touch_keeper;
+SBI_API void sbi_body_set_touch_keeper(sb_body *body, const sbi_touch_keeper *keeper); /* one at a time; NULL: none */
+/* 0: its keeper has no memory. */
+SBI_API int sbi_body_reserve_touch_kept(const sb_body *body);
 /* Takes beforehand what steps need for a coupling of so many nodes. SB_ERROR_MEMORY leaves the body as it was. */
 SBI_API sb_result sbi_body_reserve_coupling(sb_body *body, int nodes, sb_error *error);
 /* x [rows] = what the system of the last implicit step or static solve, with its contact and supported axes held,

@@ -224,6 +224,11 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         return result;
     }
     sbi_contact_join(made);
+    if (!sbi_body_reserve_touch_kept(made->body)) {
+        sb_contact_destroy(made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for needles to keep a contact of %d samples",
+                        def->max_contacts);
+    }
     *contact = made;
     return SB_OK;
 }

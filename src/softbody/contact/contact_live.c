@@ -17,6 +17,9 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->near = (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
     p->still.near =
         (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
+    p->still.boxed =
+        (uint64_t *)sbi_arena_take(arena, (size_t)sbi_face_tree_words(c->faces->face_room), sizeof(uint64_t));
+    p->still.boxes = (sbi_pair_box *)sbi_arena_take(arena, faces, sizeof(sbi_pair_box));
     p->still.until = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->still.tired = (signed char *)sbi_arena_take(arena, faces, 1);
     p->still.listed = (int *)sbi_arena_take(arena, faces, sizeof(int));

@@ -412,6 +412,16 @@ SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face, int other
     return near < most ? sb_min(most, near + sbi_near_coasts(pairs, face, other)) : most;
 }
 
+SBI_API int sbi_pairs_is_inside_out(const sb_contact *contact, int face)
+{
+    const int count = contact->body->domain.nodes_per_cell;
+    const int *cell = sbi_contact_cell_nodes(contact->body, contact->faces->elements[face]);
+    sb_vec3 middle = {0, 0, 0};
+    for (int a = 0; a < count; a++)
+        middle = sb_v3_madd(middle, 1 / (sb_real)count, contact->x[cell[a]]);
+    return !(sb_v3_dot(contact->pairs.normals[face], sb_v3_sub(contact->pairs.middles[face], middle)) > 0);
+}
+
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most)
 {
     const sbi_pairs *pairs = &contact->pairs;
@@ -428,8 +438,12 @@ SBI_API int sbi_pairs_relate(const sb_contact *contact, int face, int other)
     sb_real turn = sb_v3_dot(n, pairs->normals[face]), radius = pairs->radii[face];
     sb_real rounded = 3 * SBI_PAIR_BESIDE * contact->faces->lengths[other];
     sb_real wide = radius + pairs->radii[other] + rounded, thick = pairs->bulges[face] + pairs->bulges[other] + rounded;
-    sb_real most = sbi_pairs_highest(contact, face, other), closing, tall, low, high, reach;
+    sb_real soon = 2 * pairs->still.ahead, most, closing, tall, low, high, reach;
     int lists = 0;
+    most = sb_min(sbi_pairs_highest_ever(contact, other), pairs->distance + pairs->leeway + soon);
+    if (height > sb_max(most, soon) + radius + thick) /* most are */
+        return 0;
+    most = sbi_pairs_highest(contact, face, other);
     if (height > most + radius + thick && !(turn < SBI_NEAR_FACING))
         return 0;
     closing = turn < SBI_NEAR_FACING ? sbi_pairs_closing(contact, face, other) : 0;
@@ -693,6 +707,15 @@ SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow)
     return sbi_near_query_box(contact, face, &box, grow + (sb_real)0.5 * contact->pairs.longest_curved);
 }
 
+SBI_API void sbi_pairs_box_near(sb_contact *contact)
+{
+    sbi_pairs_still *still = &contact->pairs.still;
+    memcpy(still->boxed, contact->pairs.near,
+           (size_t)sbi_face_tree_words(contact->faces->face_room) * sizeof(uint64_t));
+    for (int face = sbi_pairs_next_near(contact, 0); face >= 0; face = sbi_pairs_next_near(contact, face + 1))
+        still->boxes[face] = sbi_near_box(contact->faces, face, contact->x, still->velocity, still->dt);
+}
+
 SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int count)
 {
     sbi_pairs *pairs = &contact->pairs;
@@ -705,7 +728,8 @@ SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int
         sbi_pair_box box;
         if (other == face || !sbi_pairs_may_touch(contact, face, other) || sbi_near_is_far(contact, face, other, reach))
             continue;
-        box = sbi_near_box(contact->faces, other, contact->x, v, dt);
+        box = sbi_near_is_marked(pairs->still.boxed, other) ? pairs->still.boxes[other]
+                                                            : sbi_near_box(contact->faces, other, contact->x, v, dt);
         if (sbi_near_meets(&own, &box, reach))
             pairs->found[kept++] = other;
     }

@@ -73,6 +73,7 @@ static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const 
     }
     s->normal = sbi_pairs_normal(contact, search->best, search->closest.shares);
     s->start = sb_v3_sub(search->at, sbi_contact_mean(s->shares, nodes, count, contact->x));
+    s->friction = search->slips || sbi_pairs_is_inside_out(contact, search->best) ? 0 : pairs->friction;
     sbi_pair_turn_out(s, contact->faces->lengths[search->best]);
     sbi_pair_foresee(search, s);
     pairs->sample_count++;
@@ -161,6 +162,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
     sbi_pairs_look(contact, contact->x);
     sbi_pairs_follow(contact, step->velocity, step->dt);
     sbi_pairs_renew_near(contact, step);
+    sbi_pairs_box_near(contact);
     for (int thin = 0;; thin++) {
         int face = sbi_pairs_next_near(contact, 0);
         sbi_pairs_forget(contact);
@@ -268,7 +270,7 @@ static void sbi_pair_evaluate_sample(const sbi_pair_work *work, sbi_pair_sample 
     s->gap = sb_v3_dot(s->normal, sb_v3_add(s->start, motion)) - pairs->distance;
     s->slip = sb_v3_norm(sbi_contact_tangential(motion, s->normal));
     if (work->renew)
-        s->bound = pairs->friction * sb_max((sb_real)0, s->memory - s->k * (s->gap - s->left));
+        s->bound = s->friction * sb_max((sb_real)0, s->memory - s->k * (s->gap - s->left));
     s->answer = sbi_contact_law(s->k, s->gap - s->left, s->memory, s->normal, motion, s->remembered, s->bound);
 }
 

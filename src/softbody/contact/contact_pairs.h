@@ -4,7 +4,8 @@
  * An organ is a connected part of the mesh. Faces that look at each other and are near (contact_near.c) have samples as
  * they have for tools; each is paired for the step with the nearest point of the faces that it looks at, y = sum v_b
  * x_b, whose normal is smooth over the surface (contact_closest.c). Between the two acts the law of tools, with weights
- * (w, -v), so that forces balance to the last bit. Both sides have samples, with half of their areas each.
+ * (w, -v), so that forces balance to the last bit. Both sides have samples, with half of their areas each. Where a cell
+ * behind a face is inside out there is no friction: organs that a blow has crumpled would hold each other so.
  *
  * Blocks of one side, w w^T K and v v^T K, have places in the matrix. Those across, -w v^T K, have none: conjugate
  * gradients multiply by them beside it. Pairs, weights and normals stay over a step. */
@@ -31,6 +32,7 @@ typedef struct sbi_pair_sample {
     sb_real area, spacing;              /* m^2 at rest: half of the sample's; m */
     sb_real k, memory;                  /* Pa/m; l (Pa) */
     sb_vec3 remembered;                 /* t (Pa) */
+    sb_real friction;                   /* mu */
     sb_vec3 normal, start;              /* out of the other face; x - y at the start of the step (m) */
     sb_vec3 point;                      /* x (m) */
     sb_real left;                       /* gap (m, <= 0) up to which overlap of the start is not pushed out */
@@ -116,6 +118,8 @@ typedef struct sbi_pairs_still {
     const sb_vec3 *velocity; /* [rows] */
     sb_real farthest;        /* m: nothing that is farther from a face is paired with it in this step */
     uint64_t *near;          /* faces which were then near others */
+    uint64_t *boxed;         /* faces with a box: */
+    sbi_pair_box *boxes;     /* [faces] their ways in this step, as they coast */
     sb_real *until;     /* [faces] gone + farthest / 2 (m) up to which no sample has a partner, of those that are not
                          * thinned */
     signed char *tired; /* [faces] times that it is not asked for */
@@ -206,6 +210,7 @@ typedef struct sbi_pair_search {
     const sbi_touch_step *step;
     int face, others; /* the others are in pairs->found */
     int first;        /* of them: is likely to be the nearest; -1: nothing is known */
+    int slips;        /* 1: the face has no friction in this step */
     sb_vec3 at, way;  /* m: at the start; over the step, as it coasts */
     int best;         /* -1: none */
     sb_real measure;

@@ -326,6 +326,7 @@ SBI_API void sbi_pairs_begin_search(sb_contact *contact, const sbi_touch_step *s
     search->face = face;
     search->others = sbi_pairs_find_coming(contact, face);
     search->first = -1;
+    search->slips = search->others > 0 && sbi_pairs_is_inside_out(contact, face);
     memset(pairs->list_counts, 0, sizeof pairs->list_counts);
     for (int i = 0; i < search->others; i++) {
         int other = pairs->found[i], lists = sbi_pairs_relate(contact, face, other);

@@ -238,6 +238,8 @@ SBI_API sb_vec3 sbi_pairs_normal(const sb_contact *contact, int face, const sb_r
  * only so high that it may touch at its end. */
 SBI_API sb_real sbi_pairs_highest_ever(const sb_contact *contact, int other);
 SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face, int other);
+/* 1: where the step begins the middle of the cell behind a face is not behind it. */
+SBI_API int sbi_pairs_is_inside_out(const sb_contact *contact, int face);
 /* 1 when a point is higher than that above a face, wherever beside it. */
 SBI_API int sbi_pairs_is_above(const sb_contact *contact, int other, sb_vec3 at, sb_real most);
 /* Marks faces that have others within `grow` (m) of their boxes, as those were refitted last. */
@@ -250,6 +252,8 @@ SBI_API int sbi_pairs_find_others(sb_contact *contact, int face, const sb_vec3 *
 
 /* Faces whose boxes a face's way may meet, as it coasts, and more: all those within `grow` (m); in pairs.found. */
 SBI_API int sbi_pairs_query(sb_contact *contact, int face, sb_real grow);
+/* Notes the boxes of all that is marked in pairs.near. */
+SBI_API void sbi_pairs_box_near(sb_contact *contact);
 /* Of those in a list the ones that a face may touch as both coast, within pairs.reach, in pairs.found; how many. */
 SBI_API int sbi_pairs_select(sb_contact *contact, int face, const int *from, int count);
 /* The same of all faces, ascending. */

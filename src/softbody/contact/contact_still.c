@@ -236,6 +236,16 @@ static sb_real sbi_still_samples_apart(sb_contact *contact, int face, int count,
     return least;
 }
 
+/* What is within pairs.reach of a face where the step begins, and more, in pairs.found; returns how many. */
+static int sbi_still_find_around(sb_contact *contact, int face)
+{
+    const sbi_pairs_still *still = &contact->pairs.still;
+    if (still->listed[face] < 0)
+        return sbi_pairs_find_around(contact, face, contact->pairs.reach);
+    memcpy(contact->pairs.found, still->list + still->listed[face], (size_t)still->listed_count[face] * sizeof(int));
+    return still->listed_count[face];
+}
+
 SBI_API void sbi_pairs_let_be(sb_contact *contact, int face)
 {
     sbi_pairs *pairs = &contact->pairs;
@@ -245,7 +255,7 @@ SBI_API void sbi_pairs_let_be(sb_contact *contact, int face)
     if (!still->known || 2 * soon > pairs->reach - still->farthest || still->tired[face]-- > 0)
         return;
     still->tired[face] = SBI_STILL_RESTS;
-    count = sbi_pairs_find_around(contact, face, pairs->reach);
+    count = sbi_still_find_around(contact, face);
     apart = contact->faces->sizes[face] == 3 ? sbi_still_samples_apart(contact, face, count, pairs->reach)
                                              : sbi_still_apart(contact, face, count, pairs->reach);
     if (apart - still->farthest > 4 * soon &&

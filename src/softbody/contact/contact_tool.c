@@ -90,7 +90,7 @@ static sb_result sbi_contact_make_tool(sb_contact *contact, const sb_tool_def *d
     made->spring.hand = made->reached;
     if (result == SB_OK && sbi_contact_is_hung(made))
         result = sbi_body_reserve_coupling(contact->body, sbi_contact_body_room(contact), error);
-    if (result == SB_OK && !sbi_contact_reserve_kept(contact))
+    if (result == SB_OK && !(sbi_contact_reserve_kept(contact) && sbi_body_reserve_touch_kept(contact->body)))
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for what a step that is taken back gives back");
     return result;
 }

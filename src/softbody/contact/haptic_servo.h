@@ -4,7 +4,7 @@
  *   1. a state that is not finite is refused: the last wrench again, fading
  *   2. a new frame: what the hand felt less what the frame says there becomes an offset, so that nothing jumps
  *   3. the frame's planes, through the coupling (haptic_model.h)
- *   4. the offset fades within a period of the simulation
+ *   4. the offset fades, evenly, within little more than a period of the simulation
  *   5. a frame too old fades; what comes after it returns through the offset
  *   6. limits of force, torque and their change
  *   7. the bank: what the hand has been given and has given, exactly, since a force is held between calls

@@ -24,7 +24,8 @@ typedef struct sb_cut_surface sb_cut_surface;
 typedef enum sb_cut_tag {
     SB_CUT_SKIN = 0, /* the boundary of the uncut mesh */
     SB_CUT_LIP = 1,  /* what a cut laid open */
-    SB_CUT_CHAR = 2  /* what ablation did */
+    SB_CUT_CHAR = 2, /* what ablation did */
+    SB_CUT_RIM = 3   /* between a fine skin and what is inside of it (cut_fine.h) */
 } sb_cut_tag;
 
 /* What a vertex is made from: whatever nodes of the uncut mesh have (colours, texture coordinates) goes over by these

@@ -217,14 +217,15 @@ SBI_API int sbi_parted_flags(const sbi_parted *parted, int micro, sb_real least,
     return count;
 }
 
-/* The piece, of those with flags in a micro-tet, that has the point deepest inside, if deeper than `deepest`. */
-static int sbi_parted_deepest(const sbi_parted *parted, int micro, sb_vec3 xi, int piece, sb_real *deepest)
+/* The piece, of those with flags in a micro-tet, that has the point deepest inside, if deeper than `deepest`; lost 1:
+ * or what was taken out. */
+static int sbi_parted_deepest(const sbi_parted *parted, int micro, sb_vec3 xi, int lost, int piece, sb_real *deepest)
 {
     sbi_flag flags[SBI_FLAGS];
     int count = sbi_parted_flags(parted, micro, 0, flags);
     for (int k = 0; k < count; k++) {
         sb_real of_flag[4], depth = sbi_lattice_barycentrics(flags[k].corners, xi, of_flag);
-        if (depth > *deepest && flags[k].piece != SBI_PARTED_LOST) {
+        if (depth > *deepest && (lost || flags[k].piece != SBI_PARTED_LOST)) {
             piece = flags[k].piece;
             *deepest = depth;
         }
@@ -232,12 +233,12 @@ static int sbi_parted_deepest(const sbi_parted *parted, int micro, sb_vec3 xi, i
     return piece;
 }
 
-SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
+/* The micro-tet that has the point deepest inside. */
+static int sbi_parted_micro_at(const sbi_parted *parted, sb_vec3 xi)
 {
     const sbi_lattice *lattice = parted->lattice;
-    sb_vec3 xi = sbi_parted_xi(at);
     sb_real deepest = -SB_REAL_MAX;
-    int within = 0, piece;
+    int within = 0;
     for (int micro = 0; micro < lattice->micro_count; micro++) {
         sb_vec3 corners[4];
         sb_real of_micro[4], depth;
@@ -247,13 +248,28 @@ SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
         within = depth > deepest ? micro : within;
         deepest = sb_max(depth, deepest);
     }
-    deepest = -SB_REAL_MAX;
-    piece = sbi_parted_deepest(parted, within, xi, parted->piece_of[lattice->micros[within][0]], &deepest);
+    return within;
+}
+
+SBI_API int sbi_parted_owner_at(const sbi_parted *parted, const sb_real at[4])
+{
+    sb_vec3 xi = sbi_parted_xi(at);
+    sb_real deepest = -SB_REAL_MAX;
+    return sbi_parted_deepest(parted, sbi_parted_micro_at(parted, xi), xi, 1, SBI_PARTED_LOST, &deepest);
+}
+
+SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4])
+{
+    const sbi_lattice *lattice = parted->lattice;
+    sb_vec3 xi = sbi_parted_xi(at);
+    sb_real deepest = -SB_REAL_MAX;
+    int within = sbi_parted_micro_at(parted, xi);
+    int piece = sbi_parted_deepest(parted, within, xi, 0, parted->piece_of[lattice->micros[within][0]], &deepest);
     if (piece != SBI_PARTED_LOST)
         return piece;
     piece = parted->piece_count > 0 ? 0 : -1;
     for (int micro = 0; micro < lattice->micro_count && parted->piece_count > 1; micro++)
-        piece = sbi_parted_deepest(parted, micro, xi, piece, &deepest);
+        piece = sbi_parted_deepest(parted, micro, xi, 0, piece, &deepest);
     return piece;
 }
 

@@ -86,6 +86,8 @@ SBI_API int sbi_parted_lips(const sbi_parted *parted, int micro, sbi_lip lips[SB
 /* The piece that has the material at these barycentrics of the tet, or the nearest one where it was taken out; -1:
  * there is none. */
 SBI_API int sbi_parted_piece_at(const sbi_parted *parted, const sb_real at[4]);
+/* The same, but SBI_PARTED_LOST where the material was taken out. */
+SBI_API int sbi_parted_owner_at(const sbi_parted *parted, const sb_real at[4]);
 /* What share of the tet's volume each piece is: shares [piece_count]. */
 SBI_API void sbi_parted_shares(const sbi_parted *parted, sb_real least, sb_real *shares);
 /* Moments of all pieces: moments [piece_count]. A piece without volume has its lowest point for a centre. */

@@ -199,14 +199,21 @@ static sb_mat3 sbi_cell_rotated_stress(const sb_material *material, sb_mat3 f, s
 
 static int sbi_cell_has_extras(const sb_material *material)
 {
-    return material->fibre_stiffness > 0 || material->prony_count > 0;
+    return sbi_material_has_fibres(material) || material->prony_count > 0;
 }
 
 /* Ordinary points of a cell whose material has fibres, otherwise 0: mean points have none. */
 static int sbi_cell_fibre_points(const sbi_assembly *assembly, const sb_material *material)
 {
     const sb_domain *domain = assembly->domain;
-    return material->fibre_stiffness > 0 ? domain->points_per_cell - domain->mean_points : 0;
+    return sbi_material_has_fibres(material) ? domain->points_per_cell - domain->mean_points : 0;
+}
+
+/* Families of fibres, and the direction of one in a cell. */
+static int sbi_cell_families(const sbi_assembly *assembly) { return assembly->second_fibres ? 2 : 1; }
+static sb_vec3 sbi_cell_fibre(const sbi_assembly *assembly, int e, int family)
+{
+    return family ? assembly->second_fibres[e] : assembly->fibres[e];
 }
 
 /* The constant second Piola-Kirchhoff stress H of the present step at a point (symmetric). */
@@ -224,11 +231,12 @@ static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, cons
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)assembly->domain->points_per_cell;
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
-        if ((weights[p] > 0 || flags) && !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
-            admissible = 0;
-            if (flags)
-                flags[p] = 0;
-        }
+        for (int k = 0; k < sbi_cell_families(assembly) && (weights[p] > 0 || flags); k++)
+            if (!sbi_fibre_stress(material, &f[p], sbi_cell_fibre(assembly, e, k), &stress[p])) {
+                admissible = 0;
+                if (flags)
+                    flags[p] = 0;
+            }
     for (int p = 0; material->prony_count > 0 && p < assembly->domain->points_per_cell; p++)
         stress[p] = sb_m3_add(stress[p], sb_m3_mul(f[p], sbi_point_prestress(assembly, e, p)));
     return admissible;
@@ -244,8 +252,9 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
         sb_real density = 0;
         if (weights[p] == 0)
             continue;
-        if (!sbi_fibre_energy(material, &f[p], assembly->fibres[e], &density))
-            return 0;
+        for (int k = 0; k < sbi_cell_families(assembly); k++)
+            if (!sbi_fibre_energy(material, &f[p], sbi_cell_fibre(assembly, e, k), &density))
+                return 0;
         *sum += weights[p] * density;
     }
     for (int p = 0; material->prony_count > 0 && p < q; p++)
@@ -274,8 +283,9 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
-    if (p < sbi_cell_fibre_points(assembly, material) && !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
-        return 0;
+    for (int k = 0; p < sbi_cell_fibre_points(assembly, material) && k < sbi_cell_families(assembly); k++)
+        if (!sbi_fibre_tangent(material, f, sbi_cell_fibre(assembly, e, k), kind, tangent))
+            return 0;
     if (material->prony_count == 0)
         return 1;
     h = sbi_point_prestress(assembly, e, p);

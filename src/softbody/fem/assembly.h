@@ -47,12 +47,13 @@ typedef struct sbi_assembly {
     const sb_domain *domain;
     const sb_material *materials; /* [material_count] */
     int material_count;
-    const int *cell_material; /* [cell_count] index into materials */
-    sb_material *shares;      /* [material_count][2] what a cell's points and its mean point evaluate at present:
-                               * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
-    sb_material *relaxing;    /* [material_count][2] what their Prony terms relax */
-    const sb_vec3 *fibres;    /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
-                               * fibres */
+    const int *cell_material;     /* [cell_count] index into materials */
+    sb_material *shares;          /* [material_count][2] what a cell's points and its mean point evaluate at present:
+                                   * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
+    sb_material *relaxing;        /* [material_count][2] what their Prony terms relax */
+    const sb_vec3 *second_fibres; /* [cell_count] of a second family, borrowed; or NULL */
+    const sb_vec3 *fibres;        /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
+                                   * fibres */
     const sb_jobs *jobs;
     const sb_vec3 *reference;   /* [node_count] (m) */
     const sbi_inner_rows *rows; /* what holds besides the cells, borrowed; or NULL */

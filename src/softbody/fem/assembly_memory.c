@@ -92,14 +92,17 @@ static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
     return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
 }
 
-/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
-static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
+/* s0 = F^-1 P of a relaxing share; 0 where there is none. Fibres of two families, each may be
+ * NULL. */
+static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre,
+                               const sb_vec3 *second, sb_real s0[6])
 {
     static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
     sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
     sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
     int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
+                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p)) &&
+                 (!second || sbi_fibre_stress(relaxing, f, *second, &p));
     if (finite)
         p = sb_m3_tmul(cofactor, p);
     for (int k = 0; k < 6; k++) {
@@ -130,8 +133,9 @@ static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
         int is_mean = p >= q - domain->mean_points;
         const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
         const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
+        const sb_vec3 *second = fibre && assembly->second_fibres ? assembly->second_fibres + e : NULL;
         sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
-        sbi_memory_instant(relaxing, &f[p], fibre, s0);
+        sbi_memory_instant(relaxing, &f[p], fibre, second, s0);
         sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
         memcpy(point, s0, sizeof s0);
     }

@@ -135,6 +135,20 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
     return material;
 }
 
+SB_API sb_material sb_material_with_dispersion(sb_material material, sb_real kappa)
+{
+    material.fibre_dispersion = kappa;
+    return material;
+}
+
+SB_API sb_material sb_material_with_contraction(sb_material material, sb_real tension, sb_real optimum, sb_real width)
+{
+    material.fibre_tension = tension;
+    material.fibre_optimum = optimum;
+    material.fibre_width = width;
+    return material;
+}
+
 /* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
 SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count)
 {
@@ -258,7 +272,20 @@ static sb_result sbi_material_check_fibres(const sb_material *m, sb_error *error
     if (m->fibre_stiffness < 0 || m->fibre_exponent < 0)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have k1 %g Pa and k2 %g, must be >= 0",
                         (double)m->fibre_stiffness, (double)m->fibre_exponent);
-    if (m->fibre_stiffness > 0 && !sb_material_is_hyperelastic(m->model))
+    if (!sb_is_finite(m->fibre_dispersion) || !sb_is_finite(m->fibre_tension) || !sb_is_finite(m->fibre_optimum) ||
+        !sb_is_finite(m->fibre_width))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE,
+                        "material fibres have dispersion %g, tension %g Pa, optimum %g and width %g, not finite",
+                        (double)m->fibre_dispersion, (double)m->fibre_tension, (double)m->fibre_optimum,
+                        (double)m->fibre_width);
+    if (m->fibre_dispersion < 0 || 3 * m->fibre_dispersion > 1 + 4 * SB_EPSILON)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material fibres have dispersion %g, must be in [0, 1/3]",
+                        (double)m->fibre_dispersion);
+    if (m->fibre_tension < 0 || m->fibre_width < 0 || (m->fibre_width > 0 && !(m->fibre_optimum > 0)))
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material fibres have tension %g Pa, width %g and optimum %g, must be >= 0 (the optimum > 0)",
+                        (double)m->fibre_tension, (double)m->fibre_width, (double)m->fibre_optimum);
+    if (sbi_material_has_fibres(m) && !sb_material_is_hyperelastic(m->model))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material has fibres, but the %s model is not hyperelastic",
                         m->model == SB_LINEAR ? "linear" : "corotated");
     return SB_OK;
@@ -448,8 +475,8 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
 {
     sb_vec3 unit;
     sb_real tangent[81] = {0};
-    if (!A || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_tangent(material, F, unit, tangent) ||
-        !sbi_material_all_finite(tangent, 81))
+    if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
+        !sbi_fibre_tangent(material, F, unit, SB_TANGENT_EXACT, tangent) || !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
         A[i] += tangent[i];
@@ -521,6 +548,7 @@ SBI_API sb_material sbi_material_relaxing(const sb_material *material)
     sb_material m = *material;
     m.lambda = -2 * m.mu / 3;
     m.d1 = SB_REAL_MAX;
+    m.fibre_tension = 0;
     return m;
 }
 

@@ -58,6 +58,10 @@ typedef struct sb_material {
     sb_real ogden_alpha[SB_MAX_OGDEN_TERMS]; /* any sign, not 0 where mu is not; sum of mu_i alpha_i > 0 */
     sb_real fibre_stiffness;                 /* k1 [Pa], >= 0; 0: no fibres */
     sb_real fibre_exponent;                  /* k2, >= 0 */
+    sb_real fibre_dispersion;                /* kappa, [0, 1/3]: 0 all along one direction, 1/3 along all alike */
+    sb_real fibre_tension;                   /* T [Pa], >= 0: active contraction; 0: none */
+    sb_real fibre_optimum;                   /* stretch at which it is strongest, > 0 where there is a width */
+    sb_real fibre_width;                     /* > 0: no tension so far from the optimum; 0: the same at any stretch */
     int prony_count;                         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];     /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS];   /* [s], > 0 */
@@ -100,6 +104,17 @@ SB_API sb_material sb_material_fung(sb_real c10, sb_real exponent, sb_real d1, s
  * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
  * stay those of the matrix. */
 SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2);
+/* Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes
+ *     E = kappa I1 + (1 - 3 kappa) I4 - 1,
+ * kappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume
+ * this is the published model. Slack: E <= 0. A body may have a second family of them, see sb_body_def.second_fibres.
+ */
+SB_API sb_material sb_material_with_dispersion(sb_material material, sb_real kappa);
+/* The hyperelastic material, contracting along its fibres with a tension [Pa] >= 0 per area at rest, at stretch l = |F
+ * a0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family
+ * alike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by
+ * sb_body_set_tension. Beyond the optimum the tangent is not positive definite. */
+SB_API sb_material sb_material_with_contraction(sb_material material, sb_real tension, sb_real optimum, sb_real width);
 /* The hyperelastic material, relaxing by g(t) = 1 - sum g_i (1 - exp(-t/tau_i)): what it has of stress at constant
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
@@ -170,8 +185,8 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
 /* ---- fibres ----
  * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
  * rest, of any length but 0. All return 1, or 0 with the output untouched when F or the direction is not finite,
- * the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. The
- * tangent is positive semidefinite as it stands, so every sb_tangent_kind takes it. */
+ * the direction is 0, the result overflows or a pointer is NULL. A material without fibres adds nothing. What is
+ * passive of the tangent is positive semidefinite as it stands; contraction included, it is exact. */
 SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real *W);
 SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_mat3 *P);
 SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_real A[81]);
@@ -211,6 +226,8 @@ SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F,
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Whether a material does anything along fibres. */
+SB_INLINE int sbi_material_has_fibres(const sb_material *m) { return m->fibre_stiffness > 0 || m->fibre_tension > 0; }
 /* The last of the models. */
 enum { SBI_LAST_MODEL = SB_FUNG };
 /* ==== internal: shares of a material =====================================================================

@@ -605,7 +605,8 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
 {
     const sb_fit_options *o = &fit->options;
     if ((int)fit->model < SB_LINEAR || (int)fit->model > SB_REDUCED_POLYNOMIAL)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)fit->model);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown, or not linear in its constants",
+                        (int)fit->model);
     if (!sb_is_finite(o->poisson) || !sb_is_finite(o->d1) || !sb_is_finite(o->density))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "fit options have poisson %g, d1 %g, density %g, not finite",
                         (double)o->poisson, (double)o->d1, (double)o->density);
@@ -911,7 +912,7 @@ static sb_result sbi_fit_moduli_material(const sb_material *material, const doub
     int kept = 0;
     for (int i = 1; i <= terms; i++)
         whole += c[i];
-    if (!(c[0] > 0))
+    if (!(c[0] > 64 * (double)SB_EPSILON * whole)) /* what rounded readings leave is nothing, too */
         return sbi_fail(error, SB_ERROR_MATERIAL,
                         "the data have no modulus left at low frequencies: a fluid's, or they end too early");
     for (int i = 1; i <= terms; i++)

@@ -60,11 +60,11 @@ typedef struct sb_fit_info {
 /* Fits a model to count readings of any tests together: mu, or c10 and c01, or c10, c20, c30; the compressibility is
  * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
  * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
- * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
- * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data
- * ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
- * microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
- * Deformations, 1984, ch. 7. */
+ * stretch <= 0, an option out of range, SB_OGDEN or SB_FUNG, whose exponents no linear fit finds), SB_ERROR_NOT_FINITE,
+ * SB_ERROR_INDEFINITE naming a constant that the data do not distinguish from the others (simple shear and planar tests
+ * alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED
+ * (compressible only). Cost: below a microsecond a reading at constant volume, about 0.1 ms when compressible.
+ * Formulas: Ogden, Non-Linear Elastic Deformations, 1984, ch. 7. */
 SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
                                  const sb_fit_options *options, sb_material *material, sb_fit_info *info,
                                  sb_error *error);

@@ -791,10 +791,133 @@ SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec
     return sb_is_finite(*first) && sb_is_finite(*second);
 }
 
+/* The same with dispersion, H = kappa I + (1 - 3 kappa) a0 a0^T and E = F : F H - 1 for e: *pull = F H. */
+SB_INLINE int sbi_dispersed_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *pull, sb_real *e,
+                               sb_real *first, sb_real *second)
+{
+    sb_real kappa = m->fibre_dispersion, growth;
+    *pull = sb_m3_add(sb_m3_scale(kappa, *F), sb_m3_outer(sb_v3_scale(1 - 3 * kappa, sb_m3_apply(*F, a0)), a0));
+    *e = sb_m3_ddot(*F, *pull) - 1;
+    *first = *second = 0;
+    if (!(*e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(*e);
+    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * *e * *e);
+    *first = growth * *e;
+    *second = growth * (1 + 2 * m->fibre_exponent * *e * *e);
+    return sb_is_finite(*first) && sb_is_finite(*second);
+}
+
+/* Contraction: n = F a0/l, the tension at l with its slope and what it has pulled in by when nothing is left of it, so
+ * that no energy is below 0; 0 where l is 0 or not finite. */
+SB_INLINE int sbi_active_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *n, sb_real *stretch,
+                            sb_real values[3])
+{
+    sb_vec3 a = sb_m3_apply(*F, a0);
+    sb_real l = sb_v3_norm(a), w = m->fibre_width, T = m->fibre_tension, away;
+    if (!(l > 0) || !sb_is_finite(l))
+        return 0;
+    *n = sb_v3_scale(1 / l, a);
+    *stretch = l;
+    values[0] = T, values[1] = 0, values[2] = T * l;
+    if (!(w > 0))
+        return 1;
+    away = sb_min(sb_max((l - m->fibre_optimum) / w, -1), 1);
+    values[0] = T * (1 - away * away);
+    values[1] = away > -1 && away < 1 ? -2 * T * away / w : 0;
+    values[2] = T * w * (away - away * away * away / 3 + (sb_real)2 / 3);
+    return sb_is_finite(values[2]);
+}
+
+/* Fibres that are dispersed or contract. */
+SBI_FORCE_INLINE int sbi_fibre_is_more(const sb_material *m) { return m->fibre_dispersion > 0 || m->fibre_tension > 0; }
+SBI_FORCE_INLINE int sbi_fibre_is_none(sb_vec3 a0) { return a0.x == 0 && a0.y == 0 && a0.z == 0; }
+
+SB_INLINE int sbi_fibre_more_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_mat3 pull;
+    sb_vec3 n;
+    sb_real e, first, second, stretch, values[3], energy = 0;
+    if (sbi_fibre_is_none(a0))
+        return 1;
+    if (!sbi_dispersed_at(m, F, a0, &pull, &e, &first, &second))
+        return 0;
+    if (first > 0)
+        energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
+    if (m->fibre_tension > 0) {
+        if (!sbi_active_at(m, F, a0, &n, &stretch, values))
+            return 0;
+        energy += values[2];
+    }
+    if (!sb_is_finite(energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+/* P = 2 W' F H + T f n a0^T */
+SB_INLINE int sbi_fibre_more_stress(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_mat3 pull;
+    sb_vec3 n;
+    sb_real e, first, second, stretch, values[3];
+    if (sbi_fibre_is_none(a0))
+        return 1;
+    if (!sbi_dispersed_at(m, F, a0, &pull, &e, &first, &second))
+        return 0;
+    if (m->fibre_tension > 0) {
+        if (!sbi_active_at(m, F, a0, &n, &stretch, values))
+            return 0;
+        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(values[0], n), a0));
+    }
+    if (first > 0)
+        *P = sb_m3_add(*P, sb_m3_scale(2 * first, pull));
+    return 1;
+}
+
+/* A_ijkl += block_jl d_ik */
+SB_INLINE void sbi_tangent_add_block(sb_real *A, sb_mat3 block)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                A[9 * (3 * i + j) + 3 * i + l] += block.m[j][l];
+}
+
+/* A = 4 W'' (F H) (x) (F H) + 2 W' d_ik H_jl, semidefinite since H is, + T [f/l (I - n n^T) + f' n n^T]_ik (a0
+ * a0^T)_jl, which is where f' >= 0. */
+SB_INLINE int sbi_fibre_more_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_tangent_kind kind,
+                                     sb_real *A)
+{
+    const sb_real kappa = m->fibre_dispersion;
+    const sb_mat3 along = sb_m3_outer(a0, a0); /* exactly symmetric */
+    sb_mat3 pull;
+    sb_vec3 n;
+    sb_real e, first, second, stretch, values[3];
+    if (sbi_fibre_is_none(a0))
+        return 1;
+    if (!sbi_dispersed_at(m, F, a0, &pull, &e, &first, &second))
+        return 0;
+    if (m->fibre_tension > 0) {
+        if (!sbi_active_at(m, F, a0, &n, &stretch, values))
+            return 0;
+        if (kind != SB_TANGENT_EXACT)
+            values[1] = sb_max(values[1], 0);
+        sbi_tangent_add_block(A, sb_m3_scale(values[0] / stretch, along));
+        sbi_tangent_add_dyad(A, values[1] - values[0] / stretch, sb_m3_outer(n, a0));
+    }
+    if (second > 0) {
+        sbi_tangent_add_dyad(A, 4 * second, pull);
+        sbi_tangent_add_block(A, sbi_material_affine(2 * first * (1 - 3 * kappa), along, 2 * first * kappa));
+    }
+    return 1;
+}
+
 SBI_FORCE_INLINE int sbi_fibre_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
 {
     sb_vec3 a = sb_m3_apply(*F, a0);
     sb_real e = sb_v3_dot(a, a) - 1, energy;
+    if (sbi_fibre_is_more(m))
+        return sbi_fibre_more_energy(m, F, a0, W);
     if (!(e > 0) || !(m->fibre_stiffness > 0))
         return sb_is_finite(e);
     /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
@@ -810,6 +933,8 @@ SBI_FORCE_INLINE int sbi_fibre_stress(const sb_material *m, const sb_mat3 *F, sb
 {
     sb_vec3 a;
     sb_real first, second;
+    if (sbi_fibre_is_more(m))
+        return sbi_fibre_more_stress(m, F, a0, P);
     if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
         return 0;
     if (first > 0)
@@ -818,21 +943,21 @@ SBI_FORCE_INLINE int sbi_fibre_stress(const sb_material *m, const sb_mat3 *F, sb
 }
 
 /* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
- * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
-SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
+ * never below 0, so it is semidefinite as it stands; kind is for what contracts. */
+SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_tangent_kind kind,
+                                       sb_real *A)
 {
     sb_vec3 a;
     sb_real first, second;
+    if (sbi_fibre_is_more(m))
+        return sbi_fibre_more_tangent(m, F, a0, kind, A);
     if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
         return 0;
     if (!(second > 0))
         return 1;
     const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
     sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < 3; l++)
-                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
+    sbi_tangent_add_block(A, tension);
     return 1;
 }
 
