@@ -129,6 +129,7 @@ static int first_quality(programs *p, sb_real angles[2])
     ndl_remesh_def def = ndl_default_remesh_def();
     ndl_remesh *remesh = NULL;
     def.body = p->body;
+    def.follow = NDL_REMESH;
     if (!CHECK_OK(ndl_remesh_create(&def, &remesh, &p->error)))
         return 0;
     ndl_remesh_quality(remesh, &p->quality, &angles[0], &angles[1]);

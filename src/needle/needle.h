@@ -51,10 +51,10 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* How a needle is in the tissue.
  *
- * Which to take: NDL_EMBED wherever forces, bends or places matter, in soft tissue above all, in other elements than
- * tet4, in cut bodies, for needles close together. NDL_REMESH (the default, and what Chentanez 2010 has) where nodes
- * are wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x
- * 3 cells. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED
+ * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue
+ * above all, in other elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010
+ * has) where nodes are wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel
+ * phantom of 24 x 24 x 3 cells, but 1 to 2.5 % of its insertions into curved skin have a step above 5 N. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED
  * (RMS; needle_phantom); lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a
  * bend is 0.82 to 1.56 of its law with NDL_REMESH (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED.
  * Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm, feel friction and cutting to 1 %.
@@ -82,7 +82,7 @@ typedef enum ndl_follow {
 typedef struct ndl_needle_def {
     sb_body *body;     /* with implicit steps; borrowed, destroyed after its needles. Its material, supports, loads and
                         * integrator are its own: see ndl_step */
-    ndl_follow follow; /* default NDL_REMESH; the same for all needles of a body */
+    ndl_follow follow; /* default NDL_EMBED; the same for all needles of a body, and of a body whose states hold them */
     sb_vec3 base;      /* m: the sleeve's outlet, outside of the tissue */
     sb_vec3 direction; /* in which the needle leaves it, any length but 0 */
     sb_vec3 director;  /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
