@@ -1184,10 +1184,11 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
  * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue
  * above all, in other elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010
  * has) where nodes are wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel
- * phantom of 24 x 24 x 3 cells, but 1 to 2.5 % of its insertions into curved skin have a step above 5 N. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED
- * (RMS; needle_phantom); lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a
- * bend is 0.82 to 1.56 of its law with NDL_REMESH (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED.
- * Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm, feel friction and cutting to 1 %.
+ * phantom of 24 x 24 x 3 cells, but 1 to 2.5 % of its insertions into curved skin have a step above 5 N. Markers of
+ * that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED (RMS; needle_phantom);
+ * lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a bend is 0.82 to 1.56 of
+ * its law with NDL_REMESH (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED. Templates: 4 and 16 held
+ * needles 5 mm apart, in edges of 5 and 10 mm, feel friction and cutting to 1 %.
  *
  * With NDL_EMBED the shaft is held by springs at material points. They are what the mesh does not show of the tissue
  * close to the needle (couple_rows.h), so that what a hand feels hardly depends on the mesh: an 18-gauge or nitinol

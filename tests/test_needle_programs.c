@@ -129,7 +129,6 @@ static int first_quality(programs *p, sb_real angles[2])
     ndl_remesh_def def = ndl_default_remesh_def();
     ndl_remesh *remesh = NULL;
     def.body = p->body;
-    def.follow = NDL_REMESH;
     if (!CHECK_OK(ndl_remesh_create(&def, &remesh, &p->error)))
         return 0;
     ndl_remesh_quality(remesh, &p->quality, &angles[0], &angles[1]);
@@ -144,6 +143,7 @@ static ndl_needle *random_needle(programs *p, unsigned long long *seed)
     ndl_needle *needle = NULL;
     double x = check_random_in(seed, 0.3, 0.7), y = check_random_in(seed, 0.3, 0.7);
     def.body = p->body;
+    def.follow = NDL_REMESH;
     def.base = sb_v3(p->low.x + REAL(x) * (p->high.x - p->low.x), p->low.y + REAL(y) * (p->high.y - p->low.y),
                      p->high.z + REAL(0.04));
     def.direction.x = REAL(check_random_in(seed, -0.1, 0.1));
