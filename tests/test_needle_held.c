@@ -127,8 +127,8 @@ static void test_stiffness(void)
     }
 }
 
-/* What the sleeve pushes with (N), at rest: 3 cm in a block of 6 cm with `cells` each way, back from there by 1.5 mm, and
- * by 10 mm; and the depth then (m). */
+/* What the sleeve pushes with (N), at rest: 3 cm in a block of 6 cm with `cells` each way, back from there by 1.5 mm,
+ * and by 10 mm; and the depth then (m). */
 typedef struct drawn {
     double deep, little, far_off, depth;
 } drawn;
@@ -164,9 +164,9 @@ static drawn draw_back(ndl_follow follow, int cells)
 }
 
 /* Drawn back, a shaft first takes the tissue with it, by the stiffness along it, until friction holds all of it. A line
- * of its radius in a tube as wide as the block has 2 pi G length/ln(30 mm/radius) = 422 N/m for 27.7 mm, beside what the
- * tip holds. Both ways of following agree on the friction. NDL_REMESH comes to it in half of the way: a mesh of such
- * edges is twice as stiff along a line of its nodes. */
+ * of its radius in a tube as wide as the block has 2 pi G length/ln(30 mm/radius) = 422 N/m for 27.7 mm, beside what
+ * the tip holds. Both ways of following agree on the friction. NDL_REMESH comes to it in half of the way: a mesh of
+ * such edges is twice as stiff along a line of its nodes. */
 static void test_drawn_back(void)
 {
     const int cells[] = {8, 5};
@@ -862,13 +862,12 @@ static void test_random_use(void)
     }
 }
 
-CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness},
-            {"drawn back", test_drawn_back}, {"neighbours", test_neighbours},
-            {"template", test_template}, {"balance", test_balance}, {"membranes", test_membranes}, {"way", test_way},
-            {"tiny steps", test_tiny_steps}, {"fast withdrawal", test_fast_withdrawal},
-            {"cut across a needle", test_cut_across_needle}, {"into a cut body", test_into_cut_body},
-            {"states of cut bodies", test_cut_states}, {"a destroyed cut", test_destroyed_cut},
-            {"destroying without memory", test_destroying_without_memory},
+CHECK_SUITE(needle_held, {"law", test_law}, {"stiffness", test_stiffness}, {"drawn back", test_drawn_back},
+            {"neighbours", test_neighbours}, {"template", test_template}, {"balance", test_balance},
+            {"membranes", test_membranes}, {"way", test_way}, {"tiny steps", test_tiny_steps},
+            {"fast withdrawal", test_fast_withdrawal}, {"cut across a needle", test_cut_across_needle},
+            {"into a cut body", test_into_cut_body}, {"states of cut bodies", test_cut_states},
+            {"a destroyed cut", test_destroyed_cut}, {"destroying without memory", test_destroying_without_memory},
             {"states of further cuts", test_states_of_further_cuts},
             {"states before a change", test_states_before_a_change}, {"a body that grows", test_growing_body},
             {"ablation", test_ablation}, {"viscous friction", test_viscous},
