@@ -393,7 +393,7 @@ static void test_refusals(void)
     hash = sb_body_state_hash(body);
     CHECK_RESULT(sb_body_set_region_damping(NULL, 3, 1, 0, NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_set_region_damping(body, 3, -1, 0, NULL), SB_ERROR_ARGUMENT);
-    CHECK_RESULT(sb_body_set_region_damping(body, 3, 0, SB_REAL_MAX * 2, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_body_set_region_damping(body, 3, 0, REAL(INFINITY), NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_set_region_damping(body, 4, 1, 0, NULL), SB_ERROR_INDEX);
     memory.fail_at = memory.calls + 1;
     CHECK_RESULT(sb_body_set_region_damping(body, 3, 1, 0, NULL), SB_ERROR_MEMORY);

@@ -203,6 +203,7 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact");
     made->allocator = def->allocator ? *def->allocator : *sbi_body_allocator(def->body);
     made->body = def->body;
+    made->listener = -1;
     made->stiffness = def->stiffness;
     made->max_tools = def->max_tools;
     made->max_contacts = def->max_contacts;
@@ -220,6 +221,7 @@ SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **conta
         result = sbi_body_reserve_substeps(made->body, error);
     if (result != SB_OK) {
         sbi_contact_leave_state(made);
+        sbi_contact_unlisten(made);
         sbi_contact_release(made);
         return result;
     }

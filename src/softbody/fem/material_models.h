@@ -742,7 +742,7 @@ SB_INLINE void sbi_principal_ogden(const sb_material *m, const sbi_ogden *o, sbi
             sb_real t = o->x[j] - o->x[k];
             out->stretch.m[i][i] += modulus * (p[i] / 3 + ninth);
             out->stretch.m[j][k] += modulus * (ninth - (p[j] + p[k]) / 3);
-            out->same[i] += modulus * p[k] * sbi_ogden_mean(alpha * t) / sbi_ogden_mean(t); /* s_k DG for now */
+            out->same[i] += modulus * p[k] * sbi_ogden_mean(alpha * t) / sbi_ogden_mean(t); /* s_k DG at first */
         }
     }
     for (int i = 0; i < 3; i++) {

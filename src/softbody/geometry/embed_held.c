@@ -47,6 +47,23 @@ static sb_vec3 sbi_embed_held_at(const sbi_embed_follower *f, int cell, const in
     return sum;
 }
 
+/* 1: numbers that a point may be held by, small enough for shape functions and their sums not to overflow. */
+static int sbi_embed_is_sane(const sb_embedding *e, const sbi_embed_held *held, int on_face)
+{
+    const sb_real far = 1 / sb_sqrt(SB_EPSILON), length = e->scale * far; /* farther off no digit is left of a point */
+    const sbi_embed_place *place = &held->place;
+    const sb_embedded_point *info = &held->info;
+    int frame = place->hold == SB_EMBEDDED_FRAME, sane = sb_abs(place->gap) <= length;
+    sane = sane && sb_abs(info->distance) <= length;
+    for (int k = 0; k < 3; k++) {
+        sane = sane && sb_abs(info->xi[k]) <= far && sb_abs(info->step[k]) <= far;
+        sane = sane && sb_abs(place->parameters[k]) <= (on_face && k == 2 ? length : far);
+        sane = sane && sb_abs(place->offset[k]) <= (frame ? length : far);
+        sane = sane && sb_abs(place->carried[k]) * sb_min(1, e->scale * e->scale) <= 1 / SB_EPSILON; /* up to 1/h^2 */
+    }
+    return sane;
+}
+
 /* 1: there is such a cell or outer face, and it holds the point where it is at rest. */
 static int sbi_embed_fits(const sb_embedding *e, const sbi_embed_follower *f, int point, const sbi_embed_held *held)
 {
@@ -56,7 +73,8 @@ static int sbi_embed_fits(const sb_embedding *e, const sbi_embed_follower *f, in
     sb_vec3 foot;
     if (place->hold < SB_EMBEDDED_INSIDE || place->hold > SB_EMBEDDED_EXTRAPOLATED ||
         (on_face && e->kind == SB_EMBED_PLAIN) || place->cell < 0 || cell >= f->cell_end ||
-        f->cells[cell * f->width] < 0 || info->element != cell || info->hold != place->hold)
+        f->cells[cell * f->width] < 0 || info->element != cell || info->hold != place->hold ||
+        !sbi_embed_is_sane(e, held, on_face))
         return 0;
     if (!sbi_embed_is_near(e, e->rest[point], sbi_embed_held_at(f, cell, NULL, e->type, info->xi, info->step)))
         return 0;
