@@ -209,6 +209,12 @@ public enum sb_newton
     SB_NEWTON_PLAIN = 1,
     SB_NEWTON_MIXED_POINTS = 2,
 }
+public enum sb_start
+{
+    SB_START_AUTO = 0,
+    SB_START_PRESENT = 1,
+    SB_START_ROTATIONS = 2,
+}
 public enum sb_tool_shape
 {
     SB_TOOL_SPHERE = 1,
@@ -1210,6 +1216,7 @@ public unsafe struct sb_static_options
     public int max_iterations;
     public int quasi_newton;
     public sb_newton newton;
+    public sb_start start;
     public int forces_only;
     public int keep_progress;
     public int instantaneous;

@@ -174,6 +174,9 @@ SB_STOP_FLOOR = 2
 SB_NEWTON_AUTO = 0
 SB_NEWTON_PLAIN = 1
 SB_NEWTON_MIXED_POINTS = 2
+SB_START_AUTO = 0
+SB_START_PRESENT = 1
+SB_START_ROTATIONS = 2
 SB_TOOL_SPHERE = 1
 SB_TOOL_CAPSULES = 2
 SB_TOOL_BOX = 3
@@ -1125,6 +1128,7 @@ sb_static_options._fields_ = [
     ("max_iterations", c_int),
     ("quasi_newton", c_int),
     ("newton", c_int),
+    ("start", c_int),
     ("forces_only", c_int),
     ("keep_progress", c_int),
     ("instantaneous", c_int),
