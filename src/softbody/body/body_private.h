@@ -161,7 +161,7 @@ struct sb_body {
     int *cell_material;     /* [cell_count] */
     const sb_material_law **laws; /* [law_count] of the caller, that materials had: states know them by name */
     int law_count;
-    sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
+    sb_vec3 *fibres; /* [cell_count] unit directions or 0; NULL: none were given */
     sb_vec3
         *second_fibres;  /* [cell_count] of the second family; NULL: none. Only where fibres are, and the mesh stays */
     sb_real force_unit;  /* stiffness times volume over size (N): times epsilon, rounding in the forces */
@@ -320,8 +320,7 @@ enum {
     SBI_MATERIAL_REALS = SBI_MATERIAL_PRONY + 2 * SB_MAX_PRONY_TERMS
 };
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
-SBI_API sb_material sbi_body_unpack_material(const sb_body *body, int model, int prony_count,
-                                             const sb_real *reals);
+SBI_API sb_material sbi_body_unpack_material(const sb_body *body, int model, int prony_count, const sb_real *reals);
 
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);

@@ -218,8 +218,7 @@ static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error
                                   "d1 (1/Pa)",        "c01 (Pa)",    "c20 (Pa)", "c30 (Pa)"};
     const sb_real values[8] = {m->density, m->lambda, m->mu, m->c10, m->d1, m->c01, m->c20, m->c30};
     for (int i = 0; i < 8; i++) {
-        int read = i < 3 || (i < 5 && sbi_material_is_isochoric(m->model)) ||
-                   (i == 4 && m->model == SB_CUSTOM_LAW) ||
+        int read = i < 3 || (i < 5 && sbi_material_is_isochoric(m->model)) || (i == 4 && m->model == SB_CUSTOM_LAW) ||
                    (i == 5 && m->model == SB_MOONEY_RIVLIN) || (i > 5 && m->model == SB_REDUCED_POLYNOMIAL);
         if (read && !sb_is_finite(values[i]))
             return sbi_fail(error, SB_ERROR_NOT_FINITE,

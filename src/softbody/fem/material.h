@@ -47,7 +47,7 @@ typedef enum sb_material_model {
  * to are lent: they stay where they are and as they are for as long as any body lives that was given them.
  *
  * sb_material_check, and so every call that takes a material, tries a law at some ten F with stretches between 0.5 and
- * 1.5 (some 500 calls) and refuses one by its name whose stress is not the difference quotient of its energy, whose
+ * 1.5 (some 800 calls) and refuses one by its name whose stress is not the difference quotient of its energy, whose
  * tangent is not that of its stress, that depends on the observer (P(QF) is not Q P(F)), or whose energy or stress at
  * F = I is not 0.
  *
@@ -69,8 +69,8 @@ enum { SB_MAX_PRONY_TERMS = 8, SB_MAX_OGDEN_TERMS = 4 };
 /* A material: plain data, filled by a constructor below or by hand (then see sb_material_check). The
  * constructors set every field for every model: all models have Hooke's tangent with lambda, mu at F = I,
  * and c10 + c01 = mu/2, d1 = 2/bulk. Only the isochoric models (SB_NEO_HOOKEAN_ISOCHORIC and those from
- * SB_MOONEY_RIVLIN on) evaluate the c's, SB_OGDEN its terms and SB_CUSTOM_LAW its law in their place, and d1; the others
- * evaluate lambda and mu.
+ * SB_MOONEY_RIVLIN on) evaluate the c's, SB_OGDEN its terms and SB_CUSTOM_LAW its law in their place, and d1; the
+ * others evaluate lambda and mu.
  */
 typedef struct sb_material {
     sb_material_model model;
@@ -130,11 +130,11 @@ SB_API sb_material sb_material_ogden(const sb_real *mu, const sb_real *alpha, in
  * Directions: sb_material_with_fibres. */
 SB_API sb_material sb_material_fung(sb_real c10, sb_real exponent, sb_real d1, sb_real density);
 /* A law of the caller's own, lent, see sb_material_law, and bulk [Pa] >= 0 that the library adds as (J - 1)^2/d1,
- * d1 = 2/bulk. A law of F J^(-1/3) alone with its bulk modulus here is what elements that do not lock (B-bar) need: they
- * evaluate the law at each point and the bulk term in the mean. A law that has its own volume term goes with bulk 0, and
- * locks as any fully integrated element. Prony terms relax the law and leave the bulk term. lambda and mu are those of
- * the law's tangent at F = I, averaged over directions; they scale tolerances and steps. NULL, a call that is missing or
- * a law without a tangent at F = I give a material that sb_material_check refuses. */
+ * d1 = 2/bulk. A law of F J^(-1/3) alone with its bulk modulus here is what elements that do not lock (B-bar) need:
+ * they evaluate the law at each point and the bulk term in the mean. A law that has its own volume term goes with bulk
+ * 0, and locks as any fully integrated element. Prony terms relax the law and leave the bulk term. lambda and mu are
+ * those of the law's tangent at F = I, averaged over directions; they scale tolerances and steps. NULL, a call that is
+ * missing or a law without a tangent at F = I give a material that sb_material_check refuses. */
 SB_API sb_material sb_material_custom(const sb_material_law *law, sb_real bulk, sb_real density);
 /* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
  *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
@@ -191,9 +191,9 @@ SB_API sb_real sb_material_bulk(const sb_material *material);
  * be NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit. */
 SB_API sb_result sb_material_check(const sb_material *material, sb_error *error);
 
-/* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown, or a law that decides itself). SB_SVK has one,
- * but does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come
- * to rest. */
+/* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown, or a law that decides itself).
+ * SB_SVK has one, but does not oppose inversion: it has the same value for F and its mirror image, so an inverted
+ * element may come to rest. */
 SB_API int sb_material_allows_inversion(sb_material_model model);
 /* 1 when the tangent does not depend on F. */
 SB_API int sb_material_is_linear(sb_material_model model);
@@ -268,7 +268,8 @@ SB_INLINE int sbi_material_has_fibres(const sb_material *m) { return m->fibre_st
 /* The last of the models. */
 enum { SBI_LAST_MODEL = SB_CUSTOM_LAW };
 /* ==== internal: shares of a material =====================================================================
- * Every hyperelastic energy here is linear in its moduli (a law: in its scale), so that a share of a material is a material. */
+ * Every hyperelastic energy here is linear in its moduli (a law: in its scale), so that a share of a material is a
+ * material. */
 
 /* The share of a material that a B-bar element evaluates at each of its points, and the one at its mean point:
  * W = W_shear + W_volume, with mu (and fibres) in the first, lambda in the second; isochoric models: psi and U. */
