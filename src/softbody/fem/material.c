@@ -141,7 +141,7 @@ SB_API sb_material sb_material_custom(const sb_material_law *law, sb_real bulk, 
     m.mu = mu;
     m.c10 = mu / 2;
     m.lambda = law_bulk + bulk - 2 * mu / 3;
-    m.d1 = sb_abs(bulk) > 0 ? 2 / bulk : SB_REAL_MAX;
+    m.d1 = bulk == 0 ? SB_REAL_MAX : 2 / bulk;
     return m;
 }
 
