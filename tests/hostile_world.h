@@ -845,6 +845,7 @@ static ndl_needle_def *world_needle_def(world *w)
 {
     w->needle_def = ndl_default_needle_def();
     w->needle_def.body = world_pierced(w);
+    w->needle_def.follow = NDL_REMESH; /* for the calls about what follows */
     w->needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
     w->needle_def.direction = sb_v3(0, 0, -1);
     w->needle_def.director = sb_v3(1, 0, 0);
