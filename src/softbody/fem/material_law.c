@@ -306,8 +306,7 @@ static sb_result sbi_law_check_rest(const sb_material *material, sb_error *error
     sbi_law_moduli(law, &bulk, &mu);
     mu *= material->law_scale;
     bulk = material->law_scale * bulk + 2 / material->d1;
-    if (!(sb_abs(material->mu - mu) <= rounded * mu) ||
-        !(sb_abs(given - bulk) <= rounded * sb_max(bulk, mu)))
+    if (!(sb_abs(material->mu - mu) <= rounded * mu) || !(sb_abs(given - bulk) <= rounded * sb_max(bulk, mu)))
         return sbi_fail(error, SB_ERROR_MATERIAL,
                         "material mu is %g Pa and its bulk modulus %g Pa, but those of the law %s are %g and %g Pa",
                         (double)material->mu, (double)given, law->name, (double)mu, (double)bulk);
