@@ -457,7 +457,7 @@ build/soak_haptic: tests/soak_haptic.c $(HEADERS) tests/check.h tests/haptic_han
 # make build/sweeps/tests build/soak_haptic CFLAGS='-O3 -march=native' UNIT_CFLAGS= makes both as fast as they get; -static
 # too, to run them elsewhere.
 $(eval $(call suite,sweeps,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS),,,$(call some,contact_sweep)))
-SWEEP_KINDS = 12# of tests/test_contact_sweep.c
+SWEEP_KINDS = 12# of tests/test_contact_sweep.c, without meshes
 SWEEPS = build/double/tests # as check has made it already
 soak: build/soak build/soak_haptic build/double/tests $(SWEEPS)
 	tests/total.sh "SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak" \

@@ -93,6 +93,7 @@ static int make_scene(const settings *s, scene *c)
         return complain("gel", &error);
     ndl_rod_section_preset(c->preset, &def.section);
     def.body = c->gel;
+    def.follow = NDL_REMESH;
     def.base = sb_v3(0.53 * size, 0.48 * size, size + 0.051);
     def.direction = sb_v3(0, 0, -1);
     def.frictions = c->frictions;

@@ -130,6 +130,18 @@ static const sb_real world_shares[1] = {REAL(0.3)};
 static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
 static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
 static sb_material world_prony, world_rubber;
+
+static int world_law_energy(void *user, const sb_mat3 *F, sb_real *W)
+{
+    return sb_material_energy((const sb_material *)user, F, NULL, W);
+}
+
+static int world_law_stress(void *user, const sb_mat3 *F, sb_mat3 *P)
+{
+    return sb_material_stress((const sb_material *)user, F, NULL, P);
+}
+
+static const sb_material_law world_law = {"rubber", &world_rubber, world_law_energy, world_law_stress, NULL};
 static const sb_matrix *world_lent;
 static sb_material_history world_history;
 static sb_mesh_report world_report;
@@ -833,6 +845,7 @@ static ndl_needle_def *world_needle_def(world *w)
 {
     w->needle_def = ndl_default_needle_def();
     w->needle_def.body = world_pierced(w);
+    w->needle_def.follow = NDL_REMESH; /* for the calls about what follows */
     w->needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
     w->needle_def.direction = sb_v3(0, 0, -1);
     w->needle_def.director = sb_v3(1, 0, 0);

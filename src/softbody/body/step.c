@@ -366,6 +366,23 @@ static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
     return sbi_step_take_motion(step);
 }
 
+/* Organs that met go on together node by node; where the material does not admit that they do as wholes, from where
+ * they were. */
+static sb_result sbi_step_mend_apart(sbi_step *step)
+{
+    sb_body *b = step->body;
+    size_t size = (size_t)b->domain.node_count * sizeof(sb_vec3);
+    int moved = step->moved, mended = step->touch->mended;
+    memcpy(b->work2, b->displacement, size);
+    if (sbi_step_mend_touch(step, 0) == SB_OK)
+        return SB_OK;
+    step->moved = moved;
+    step->touch->mended = mended;
+    memcpy(b->displacement, b->work2, size);
+    sbi_step_forget_error(step->info);
+    return sbi_step_mend_touch(step, 1);
+}
+
 /* Where the material does not admit the rest all motion stays. */
 static sb_result sbi_step_hold_touch(sbi_step *step)
 {
@@ -399,9 +416,7 @@ static sb_result sbi_step_accept_touch(sbi_step *step)
     if (touch->missed)
         return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "organs that were far apart may have met in this step");
     if (!is_safe && touch->apart && touch->is_last) {
-        sb_result result = sbi_step_mend_touch(step, 0);
-        if (result != SB_OK)
-            result = sbi_step_mend_touch(step, 1);
+        sb_result result = sbi_step_mend_apart(step);
         if (result != SB_OK)
             return result;
         is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
