@@ -130,6 +130,18 @@ static const sb_real world_shares[1] = {REAL(0.3)};
 static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
 static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
 static sb_material world_prony, world_rubber;
+
+static int world_law_energy(void *user, const sb_mat3 *F, sb_real *W)
+{
+    return sb_material_energy((const sb_material *)user, F, NULL, W);
+}
+
+static int world_law_stress(void *user, const sb_mat3 *F, sb_mat3 *P)
+{
+    return sb_material_stress((const sb_material *)user, F, NULL, P);
+}
+
+static const sb_material_law world_law = {"rubber", &world_rubber, world_law_energy, world_law_stress, NULL};
 static const sb_matrix *world_lent;
 static sb_material_history world_history;
 static sb_mesh_report world_report;

@@ -111,6 +111,7 @@ public enum sb_material_model
     SB_REDUCED_POLYNOMIAL = 9,
     SB_OGDEN = 10,
     SB_FUNG = 11,
+    SB_CUSTOM_LAW = 12,
 }
 public enum sb_tangent_kind
 {
@@ -208,6 +209,12 @@ public enum sb_newton
     SB_NEWTON_AUTO = 0,
     SB_NEWTON_PLAIN = 1,
     SB_NEWTON_MIXED_POINTS = 2,
+}
+public enum sb_start
+{
+    SB_START_AUTO = 0,
+    SB_START_PRESENT = 1,
+    SB_START_ROTATIONS = 2,
 }
 public enum sb_tool_shape
 {
@@ -771,6 +778,15 @@ public unsafe struct sb_stuff_report
     public fixed double surface_share[64];
 }
 [StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_material_law
+{
+    public byte* name;
+    public void* user;
+    public IntPtr energy;
+    public IntPtr stress;
+    public IntPtr tangent;
+}
+[StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_material
 {
     public sb_material_model model;
@@ -794,6 +810,8 @@ public unsafe struct sb_material
     public int prony_count;
     public fixed double prony_g[8];
     public fixed double prony_tau[8];
+    public sb_material_law* law;
+    public double law_scale;
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_material_history
@@ -1210,6 +1228,7 @@ public unsafe struct sb_static_options
     public int max_iterations;
     public int quasi_newton;
     public sb_newton newton;
+    public sb_start start;
     public int forces_only;
     public int keep_progress;
     public int instantaneous;
@@ -3009,6 +3028,16 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_fung(double c10, double exponent, double d1, double density);
     /// <summary>
+    /// A law of the caller's own, lent, see sb_material_law, and bulk [Pa] &gt;= 0 that the library adds as (J - 1)^2/d1,
+    /// d1 = 2/bulk. A law of F J^(-1/3) alone with its bulk modulus here is what elements that do not lock (B-bar) need:
+    /// they evaluate the law at each point and the bulk term in the mean. A law that has its own volume term goes with bulk
+    /// 0, and locks as any fully integrated element. Prony terms relax the law and leave the bulk term. lambda and mu are
+    /// those of the law's tangent at F = I, averaged over directions; they scale tolerances and steps. NULL, a call that is
+    /// missing or a law without a tangent at F = I give a material that sb_material_check refuses.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_custom(sb_material_law* law, double bulk, double density);
+    /// <summary>
     /// The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
     ///     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 &gt; 1, I4 = |F a0|^2, a0 the unit direction at rest,
     /// and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 &lt;= 1) do nothing. k1 [Pa] &gt;= 0, k2 &gt;= 0. The moduli lambda, mu
@@ -3062,9 +3091,9 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_material_check(sb_material* material, sb_error* error);
     /// <summary>
-    /// 1 when the model has a finite energy for J &lt;= 0; 0 when it needs J &gt; 0 (or is unknown). SB_SVK has one,
-    /// but does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come
-    /// to rest.
+    /// 1 when the model has a finite energy for J &lt;= 0; 0 when it needs J &gt; 0 (or is unknown, or a law that decides itself).
+    /// SB_SVK has one, but does not oppose inversion: it has the same value for F and its mirror image, so an inverted
+    /// element may come to rest.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern int sb_material_allows_inversion(sb_material_model model);

@@ -121,6 +121,7 @@
 #define sb_material_reduced_polynomial sb_material_reduced_polynomial_f32
 #define sb_material_ogden sb_material_ogden_f32
 #define sb_material_fung sb_material_fung_f32
+#define sb_material_custom sb_material_custom_f32
 #define sb_material_with_fibres sb_material_with_fibres_f32
 #define sb_material_with_dispersion sb_material_with_dispersion_f32
 #define sb_material_with_contraction sb_material_with_contraction_f32

@@ -94,6 +94,7 @@ SB_MOONEY_RIVLIN = 8
 SB_REDUCED_POLYNOMIAL = 9
 SB_OGDEN = 10
 SB_FUNG = 11
+SB_CUSTOM_LAW = 12
 SB_MAX_PRONY_TERMS = 8
 SB_MAX_OGDEN_TERMS = 4
 SB_TANGENT_EXACT = 0
@@ -174,6 +175,9 @@ SB_STOP_FLOOR = 2
 SB_NEWTON_AUTO = 0
 SB_NEWTON_PLAIN = 1
 SB_NEWTON_MIXED_POINTS = 2
+SB_START_AUTO = 0
+SB_START_PRESENT = 1
+SB_START_ROTATIONS = 2
 SB_TOOL_SPHERE = 1
 SB_TOOL_CAPSULES = 2
 SB_TOOL_BOX = 3
@@ -326,6 +330,7 @@ class sb_surface_repair_report(Structure): pass
 class sb_shape(Structure): pass
 class sb_stuff_def(Structure): pass
 class sb_stuff_report(Structure): pass
+class sb_material_law(Structure): pass
 class sb_material(Structure): pass
 class sb_material_history(Structure): pass
 class sb_test_point(Structure): pass
@@ -761,6 +766,13 @@ sb_stuff_report._fields_ = [
     ("volume_share", c_double * 64),
     ("surface_share", c_double * 64),
 ]
+sb_material_law._fields_ = [
+    ("name", c_char_p),
+    ("user", c_void_p),
+    ("energy", CFUNCTYPE(c_int, c_void_p, POINTER(sb_mat3), POINTER(c_double))),
+    ("stress", CFUNCTYPE(c_int, c_void_p, POINTER(sb_mat3), POINTER(sb_mat3))),
+    ("tangent", CFUNCTYPE(c_int, c_void_p, POINTER(sb_mat3), POINTER(c_double))),
+]
 sb_material._fields_ = [
     ("model", c_int),
     ("density", c_double),
@@ -783,6 +795,8 @@ sb_material._fields_ = [
     ("prony_count", c_int),
     ("prony_g", c_double * 8),
     ("prony_tau", c_double * 8),
+    ("law", POINTER(sb_material_law)),
+    ("law_scale", c_double),
 ]
 sb_material_history._fields_ = [
     ("stress", c_double * 6),
@@ -1125,6 +1139,7 @@ sb_static_options._fields_ = [
     ("max_iterations", c_int),
     ("quasi_newton", c_int),
     ("newton", c_int),
+    ("start", c_int),
     ("forces_only", c_int),
     ("keep_progress", c_int),
     ("instantaneous", c_int),
@@ -2113,6 +2128,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_material_reduced_polynomial": (sb_material, (c_double, c_double, c_double, c_double, c_double, )),
     "sb_material_ogden": (sb_material, (POINTER(c_double), POINTER(c_double), c_int, c_double, c_double, )),
     "sb_material_fung": (sb_material, (c_double, c_double, c_double, c_double, )),
+    "sb_material_custom": (sb_material, (POINTER(sb_material_law), c_double, c_double, )),
     "sb_material_with_fibres": (sb_material, (sb_material, c_double, c_double, )),
     "sb_material_with_dispersion": (sb_material, (sb_material, c_double, )),
     "sb_material_with_contraction": (sb_material, (sb_material, c_double, c_double, c_double, )),
@@ -2642,6 +2658,7 @@ DOCUMENTATION = {
     'sb_material_reduced_polynomial': 'Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of\nany sign: a negative one that is not outweighed makes the material unstable under large strain.',
     'sb_material_ogden': "Ogden's material with 1 to SB_MAX_OGDEN_TERMS terms mu[terms] [Pa] and alpha[terms], of any sign; its shear modulus\nis sum of mu_i alpha_i/2 > 0. (Abaqus' mu_i is alpha_i/2 times this one.) One term with alpha 2 is neo-Hookean, two\nwith 2 and -2 are Mooney-Rivlin. Another number of terms gives a material that sb_material_check refuses.",
     'sb_material_fung': "Fung's exponential: c10 [Pa] > 0 as above, exponent b >= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).\nDirections: sb_material_with_fibres.",
+    'sb_material_custom': "A law of the caller's own, lent, see sb_material_law, and bulk [Pa] >= 0 that the library adds as (J - 1)^2/d1,\nd1 = 2/bulk. A law of F J^(-1/3) alone with its bulk modulus here is what elements that do not lock (B-bar) need:\nthey evaluate the law at each point and the bulk term in the mean. A law that has its own volume term goes with bulk\n0, and locks as any fully integrated element. Prony terms relax the law and leave the bulk term. lambda and mu are\nthose of the law's tangent at F = I, averaged over directions; they scale tolerances and steps. NULL, a call that is\nmissing or a law without a tangent at F = I give a material that sb_material_check refuses.",
     'sb_material_with_fibres': 'The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):\n    W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,\nand k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu\nstay those of the matrix.',
     'sb_material_with_dispersion': 'Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes\n    E = kappa I1 + (1 - 3 kappa) I4 - 1,\nkappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume\nthis is the published model. Slack: E <= 0. A body may have a second family of them, see sb_body_def.second_fibres.',
     'sb_material_with_contraction': 'The hyperelastic material, contracting along its fibres with a tension [Pa] >= 0 per area at rest, at stretch l = |F\na0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family\nalike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by\nsb_body_set_tension. Beyond the optimum the tangent is not positive definite.',
@@ -2649,7 +2666,7 @@ DOCUMENTATION = {
     'sb_material_preset': 'A material by name; liver has a density of about 1060 kg/m^3. An unknown preset gives a material that\nsb_material_check refuses.',
     'sb_material_young': "Constants of the small-strain limit: Young's modulus [Pa], Poisson's ratio, bulk modulus [Pa].",
     'sb_material_check': "Checks model, finiteness and ranges of a material (mu > 0, bulk > 0, density > 0, Poisson's ratio in\n(-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as\ntheir constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown\nmodel, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may\nbe NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit.",
-    'sb_material_allows_inversion': '1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,\nbut does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come\nto rest.',
+    'sb_material_allows_inversion': '1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown, or a law that decides itself).\nSB_SVK has one, but does not oppose inversion: it has the same value for F and its mirror image, so an inverted\nelement may come to rest.',
     'sb_material_is_linear': '1 when the tangent does not depend on F.',
     'sb_material_is_hyperelastic': '1 for the models that take fibres and Prony terms: all but the linear and corotated ones.',
     'sb_material_energy': 'W = elastic energy per reference volume [J/m^3].',
