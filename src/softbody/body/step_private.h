@@ -66,6 +66,9 @@ SBI_API int sbi_static_is_done(sbi_step *step);
 /* 1 when a failing iteration has come as near as rounding, or as the reactions, can tell: it ends with success. */
 SBI_API int sbi_static_settles(sbi_step *step);
 
+/* Rounding (N) in the residual of a static solve whose tangent is in the body's matrix, not yet masked or masked. */
+SBI_API sb_real sbi_static_floor(const sbi_step *step);
+
 /* ---- step_direct.c: of static solves ---- */
 /* A complete factor takes the preconditioner's place, where the body leaves the choice to the library and it fits. */
 SBI_API void sbi_static_take_direct(sbi_step *step);
