@@ -3,7 +3,12 @@
 #include "softbody.h"
 #include <stdio.h>
 
-static int fail(const sb_error *e) { return fprintf(stderr, "hello: %s:%d: %s\n", e->file, e->line, e->message), 1; }
+static int fail(const sb_error *e)
+{
+    return fprintf(stderr, "%s:%d: %s\nusage: hello [ORGAN.vtk|.msh|.vtu|...], in metres\n", e->file, e->line,
+                   e->message),
+           1;
+}
 
 int main(int argc, char **argv)
 {
