@@ -5,9 +5,8 @@
 
 static int fail(const sb_error *e)
 {
-    return fprintf(stderr, "%s:%d: %s\nusage: hello [ORGAN.vtk|.msh|.vtu|...], in metres\n", e->file, e->line,
-                   e->message),
-           1;
+    fprintf(stderr, "%s:%d: %s\nusage: hello [ORGAN.vtk], in metres\n", e->file, e->line, e->message);
+    return 1;
 }
 
 int main(int argc, char **argv)
