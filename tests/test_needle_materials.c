@@ -234,6 +234,7 @@ static void refuse(sb_element_type type, sb_real slack, const char *names)
     def.slack = slack;
     if (CHECK_OK(sb_body_create(&def, &body, &error))) {
         needle.body = body;
+        needle.follow = NDL_REMESH;
         needle.base = sb_v3(REAL(0.02), REAL(0.02), REAL(0.1));
         needle.direction = sb_v3(0, 0, -1);
         CHECK_RESULT(ndl_needle_create(&needle, &made, &error), SB_ERROR_UNSUPPORTED);

@@ -427,6 +427,7 @@ static int ndli_step_let_go(ndl_needle *needle)
     if (!site->embeds)
         return ndl_remesh_withdraw(site->remesh, needle->index, NULL, NULL) == SB_OK;
     ndli_held_leave(needle);
+    needle->lost = NDLI_LOST_TORN;
     return 1;
 }
 
