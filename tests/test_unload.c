@@ -23,7 +23,8 @@ static sb_result dress(void *user, sb_body *body, sb_real share, sb_error *error
     sb_result result = sb_body_hold(body, b->held, b->held_count, SB_XYZ, error);
     b->calls++;
     if (result == SB_OK && b->face_count > 0)
-        result = sb_body_add_pressure(body, b->faces, b->face_count, b->corners, share * REAL(b->pressure), NULL, error);
+        result =
+            sb_body_add_pressure(body, b->faces, b->face_count, b->corners, share * REAL(b->pressure), NULL, error);
     return result;
 }
 
@@ -153,8 +154,8 @@ static sb_result draw(void *user, sb_body *body, sb_real share, sb_error *error)
             if (fabs((double)scene_component(p->image->nodes[i], axis)) < 1e-9)
                 result = sb_body_hold(body, &i, 1, 1 << axis, error);
     if (result == SB_OK)
-        result = sb_body_add_traction(body, p->faces, p->face_count, p->corners,
-                                      sb_v3(share * REAL(p->traction), 0, 0), error);
+        result = sb_body_add_traction(body, p->faces, p->face_count, p->corners, sb_v3(share * REAL(p->traction), 0, 0),
+                                      error);
     return result;
 }
 

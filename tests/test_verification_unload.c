@@ -11,7 +11,7 @@ static sb_result hang(void *user, sb_body *body, sb_real share, sb_error *error)
 {
     const sb_mesh *mesh = ((const hung *)user)->image;
     sb_result result = SB_OK;
-    (void)share; /* gravity alone */
+    (void)share;                         /* gravity alone */
     for (int axis = 0; axis < 3; axis++) /* no side moves across: uniaxial strain */
         for (int i = 0; i < mesh->node_count && result == SB_OK; i++) {
             double at = (double)scene_component(mesh->nodes[i], axis);
@@ -21,8 +21,8 @@ static sb_result hang(void *user, sb_body *body, sb_real share, sb_error *error)
     return result;
 }
 
-/* A confined column of St. Venant-Kirchhoff, nu 0, hung or standing: P = E l (l^2 - 1)/2 = rho g (H - Z) with Z at rest,
- * so that the rest height H of an image of height h solves h = int l dZ. */
+/* A confined column of St. Venant-Kirchhoff, nu 0, hung or standing: P = E l (l^2 - 1)/2 = rho g (H - Z) with Z at
+ * rest, so that the rest height H of an image of height h solves h = int l dZ. */
 static double column_height(double H, double weight, double young)
 {
     const int steps = 2000;

@@ -18,7 +18,8 @@ SB_API sb_unload_def sb_default_unload_def(void)
     def.body = sb_default_body_def();
     def.statics = sb_default_static_options();
     def.statics.tolerance = (sb_real)1e-9;
-    def.statics.forces_only = 1; /* it starts from the answer, so that no energy or increment is there to compare with */
+    def.statics.forces_only =
+        1; /* it starts from the answer, so that no energy or increment is there to compare with */
     def.tolerance = sb_max((sb_real)1e-6, 100 * SB_EPSILON);
     def.max_iterations = 60;
     def.load_steps = 1;
@@ -32,10 +33,10 @@ typedef struct sbi_unload {
     sb_mesh mesh; /* the imaged one, with the trial's nodes */
     int count;
     const sb_vec3 *image;
-    sb_vec3 *rest, *gap;           /* the trial X, and x* - x(X) */
-    sb_vec3 *last_rest, *last_gap; /* of the trial before */
-    sb_vec3 *best, *best_gap;      /* of the least gap for this share */
-    sb_vec3 *reached;              /* the rest shape of the share before */
+    sb_vec3 *rest, *gap;                                            /* the trial X, and x* - x(X) */
+    sb_vec3 *last_rest, *last_gap;                                  /* of the trial before */
+    sb_vec3 *best, *best_gap;                                       /* of the least gap for this share */
+    sb_vec3 *reached;                                               /* the rest shape of the share before */
     sb_vec3 *moves[SBI_UNLOAD_MEMORY], *changes[SBI_UNLOAD_MEMORY]; /* differences of rest and gap, the oldest first */
     int known;                                                      /* of them */
     int has_last;

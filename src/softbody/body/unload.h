@@ -35,24 +35,25 @@ typedef struct sb_unload_def {
      * they are. Returns SB_OK, or what ends the call. NULL: none, gravity alone */
     sb_result (*dress)(void *user, sb_body *body, sb_real share, sb_error *error);
     void *user;
-    sb_static_options statics; /* of the verifying solve; default sb_default_static_options() with tolerance 1e-9, forces_only */
-    sb_real tolerance;         /* largest |x* - x| over the diagonal of the bounding box, (0, 1); default 1e-6, in float
-                                * 1e-5 */
-    int max_iterations;        /* trials for each share of the loads, >= 1; default 60 */
-    int load_steps;            /* shares to begin with, 1 to 1000; one that fails is halved, six times; default 1 */
-    unsigned cookie;           /* set by sb_default_unload_def */
+    sb_static_options
+        statics; /* of the verifying solve; default sb_default_static_options() with tolerance 1e-9, forces_only */
+    sb_real tolerance;  /* largest |x* - x| over the diagonal of the bounding box, (0, 1); default 1e-6, in float
+                         * 1e-5 */
+    int max_iterations; /* trials for each share of the loads, >= 1; default 60 */
+    int load_steps;     /* shares to begin with, 1 to 1000; one that fails is halved, six times; default 1 */
+    unsigned cookie;    /* set by sb_default_unload_def */
 } sb_unload_def;
 
 SB_API sb_unload_def sb_default_unload_def(void);
 
 typedef struct sb_unload_report {
-    int solves;       /* trials in all, a linear system each */
-    int load_steps;   /* shares taken */
-    sb_real share;    /* of the loads that is reached, 1 on success */
-    sb_real gap;      /* largest |x* - x| at the end (m) */
-    sb_real size;     /* diagonal of the imaged bounding box (m) */
-    sb_real moved;    /* largest |x* - X| (m) */
-    sb_error error;   /* as returned */
+    int solves;     /* trials in all, a linear system each */
+    int load_steps; /* shares taken */
+    sb_real share;  /* of the loads that is reached, 1 on success */
+    sb_real gap;    /* largest |x* - x| at the end (m) */
+    sb_real size;   /* diagonal of the imaged bounding box (m) */
+    sb_real moved;  /* largest |x* - X| (m) */
+    sb_error error; /* as returned */
 } sb_unload_report;
 
 /* Finds the rest shape.
@@ -61,12 +62,12 @@ typedef struct sb_unload_report {
  *         sb_body_destroy. May be NULL
  * report  may be NULL; written also on failure
  * Makes a body for each trial, from def->body.allocator; the same bits for any number of threads. On failure rest and
- * *body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged mesh,
- * SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found (SB_ERROR_NOT_CONVERGED,
- * SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away; report->gap and share tell how far it
- * came). What asks too much: an image that its loads, put on as if it were at rest, would move by more than its size; a
- * limit load. Under compression rest shapes need not be the only ones: this one's forward solve, from the image, stays
- * there. */
+ * *body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged
+ * mesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found
+ * (SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;
+ * report->gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at
+ * rest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones: this
+ * one's forward solve, from the image, stays there. */
 SB_API sb_result sb_body_unload(const sb_unload_def *def, sb_vec3 *rest, sb_body **body, sb_unload_report *report,
                                 sb_error *error);
 
