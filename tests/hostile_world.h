@@ -67,6 +67,8 @@ typedef struct world {
     int ints[4 * WORLD_CLOUD];
     sb_quat turns[WORLD_CLOUD];
     sb_constraint_term terms[2];
+    sb_parameter parameter;
+    sb_body *still; /* at an equilibrium */
     sb_shape solid;
     sb_mapping rows_of_two;
     sb_body_def body_def;
@@ -395,6 +397,25 @@ static sb_body *world_plain(world *w)
     if (!w->plain)
         CHECK_OK(sb_body_create(&def, &w->plain, NULL));
     return w->plain;
+}
+
+static sb_body *world_still(world *w)
+{
+    sb_static_options options = sb_default_static_options();
+    sb_body_def def = *world_body_def(w);
+    def.gravity = sb_v3(0, 0, REAL(-0.1));
+    if (w->still)
+        return w->still;
+    CHECK_OK(sb_body_create(&def, &w->still, NULL));
+    scene_fix_plane(w->still, world_mesh(w), 0, 0, SB_XYZ);
+    CHECK_OK(sb_body_solve_static(w->still, &options, NULL));
+    return w->still;
+}
+
+static sb_parameter *world_parameters(world *w)
+{
+    w->parameter.kind = SB_PARAMETER_DENSITY;
+    return &w->parameter;
 }
 
 static sb_contact_def *world_contact_def(world *w)
@@ -1304,6 +1325,7 @@ static void world_free(world *w)
     sb_body_destroy(w->parted);
     sb_body_destroy(w->touched);
     sb_body_destroy(w->plain);
+    sb_body_destroy(w->still);
     sb_body_destroy(w->live);
     sb_body_destroy(w->idle);
     sb_body_destroy(w->body);

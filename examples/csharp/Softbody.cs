@@ -210,6 +210,38 @@ public enum sb_newton
     SB_NEWTON_PLAIN = 1,
     SB_NEWTON_MIXED_POINTS = 2,
 }
+public enum sb_start
+{
+    SB_START_AUTO = 0,
+    SB_START_PRESENT = 1,
+    SB_START_ROTATIONS = 2,
+}
+public enum sb_parameter_kind
+{
+    SB_PARAMETER_YOUNG = 1,
+    SB_PARAMETER_POISSON = 2,
+    SB_PARAMETER_CONSTANT = 3,
+    SB_PARAMETER_DENSITY = 4,
+    SB_PARAMETER_GRAVITY = 5,
+    SB_PARAMETER_FORCE = 6,
+    SB_PARAMETER_PRESSURE = 7,
+    SB_PARAMETER_STIFFNESS = 8,
+    SB_PARAMETER_TARGET = 9,
+    SB_PARAMETER_SUPPORT = 10,
+}
+public enum sb_constant
+{
+    SB_CONSTANT_LAMBDA = 1,
+    SB_CONSTANT_MU = 2,
+    SB_CONSTANT_C10 = 3,
+    SB_CONSTANT_C01 = 4,
+    SB_CONSTANT_C20 = 5,
+    SB_CONSTANT_C30 = 6,
+    SB_CONSTANT_D1 = 7,
+    SB_CONSTANT_FIBRE_STIFFNESS = 8,
+    SB_CONSTANT_FIBRE_TENSION = 9,
+    SB_CONSTANT_OGDEN_MU = 10,
+}
 public enum sb_tool_shape
 {
     SB_TOOL_SPHERE = 1,
@@ -1222,6 +1254,7 @@ public unsafe struct sb_static_options
     public int max_iterations;
     public int quasi_newton;
     public sb_newton newton;
+    public sb_start start;
     public int forces_only;
     public int keep_progress;
     public int instantaneous;
@@ -1294,6 +1327,18 @@ public unsafe struct sb_recording_report
     public int last_node;
     public double distance;
     public sb_error error;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_parameter
+{
+    public sb_parameter_kind kind;
+    public int region;
+    public int constant;
+    public int load_id;
+    public int row;
+    public int axis;
+    public int* nodes;
+    public int node_count;
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_pose
@@ -4352,6 +4397,40 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_recording_replay(sb_recording* recording, sb_body* body, sb_recording_report* report);
+    /// <summary>
+    /// x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).
+    ///   rhs        [count][node_count] (N); on supported axes it has no effect
+    ///   x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs
+    ///   tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); a factored solve is as exact as rounding lets it be
+    /// A factored solve of many right-hand sides at once costs much less than one after the other.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_solve_tangent(sb_body* body, sb_vec3* rhs, sb_vec3* x, int count, double tolerance, sb_error* error);
+    /// <summary>
+    /// Derivatives of displacements and of reactions, one solve for each parameter.
+    ///   parameters  [count]
+    ///   du          [count][node_count]: du/dp (m per unit of the parameter)
+    ///   dreaction   [count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL
+    /// More errors: SB_ERROR_ARGUMENT naming the parameter: no such kind, axis or constant in its material, a node that is
+    /// not supported along the axis; SB_ERROR_INDEX: no such region, load or row.
+    /// Method: K du/dp = -dr/dp, r = f_int - f_ext; reactions dr_s/dp + K_sf du_f/dp. dr/dp is exact: stresses are linear in
+    /// constants, loads in theirs.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_sensitivities(sb_body* body, sb_parameter* parameters, int count, sb_vec3* du, sb_vec3* dreaction, sb_error* error);
+    /// <summary>
+    /// Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).
+    ///   dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0
+    ///   dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0
+    ///   parameters    [count], NULL where count is 0
+    ///   gradient      [count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added
+    ///   dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL
+    /// Errors as sb_body_sensitivities.
+    /// Method: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports
+    /// dJ/du - K^T m.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_gradient(sb_body* body, sb_vec3* dj_du, sb_vec3* dj_dreaction, sb_parameter* parameters, int count, double* gradient, sb_vec3* dj_dforce, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_tool_def sb_default_tool_def();
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]

@@ -324,6 +324,9 @@
 #define sb_recording_save_file sb_recording_save_file_f32
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
+#define sb_body_solve_tangent sb_body_solve_tangent_f32
+#define sb_body_sensitivities sb_body_sensitivities_f32
+#define sb_body_gradient sb_body_gradient_f32
 #define sb_default_tool_def sb_default_tool_def_f32
 #define sb_default_contact_def sb_default_contact_def_f32
 #define sb_contact_create sb_contact_create_f32

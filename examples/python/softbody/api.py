@@ -175,6 +175,29 @@ SB_STOP_FLOOR = 2
 SB_NEWTON_AUTO = 0
 SB_NEWTON_PLAIN = 1
 SB_NEWTON_MIXED_POINTS = 2
+SB_START_AUTO = 0
+SB_START_PRESENT = 1
+SB_START_ROTATIONS = 2
+SB_PARAMETER_YOUNG = 1
+SB_PARAMETER_POISSON = 2
+SB_PARAMETER_CONSTANT = 3
+SB_PARAMETER_DENSITY = 4
+SB_PARAMETER_GRAVITY = 5
+SB_PARAMETER_FORCE = 6
+SB_PARAMETER_PRESSURE = 7
+SB_PARAMETER_STIFFNESS = 8
+SB_PARAMETER_TARGET = 9
+SB_PARAMETER_SUPPORT = 10
+SB_CONSTANT_LAMBDA = 1
+SB_CONSTANT_MU = 2
+SB_CONSTANT_C10 = 3
+SB_CONSTANT_C01 = 4
+SB_CONSTANT_C20 = 5
+SB_CONSTANT_C30 = 6
+SB_CONSTANT_D1 = 7
+SB_CONSTANT_FIBRE_STIFFNESS = 8
+SB_CONSTANT_FIBRE_TENSION = 9
+SB_CONSTANT_OGDEN_MU = 10
 SB_TOOL_SPHERE = 1
 SB_TOOL_CAPSULES = 2
 SB_TOOL_BOX = 3
@@ -376,6 +399,7 @@ class sb_unload_report(Structure): pass
 class sb_recording(Structure): pass
 class sb_recording_info(Structure): pass
 class sb_recording_report(Structure): pass
+class sb_parameter(Structure): pass
 class sb_pose(Structure): pass
 class sb_tool_def(Structure): pass
 class sb_contact(Structure): pass
@@ -1138,6 +1162,7 @@ sb_static_options._fields_ = [
     ("max_iterations", c_int),
     ("quasi_newton", c_int),
     ("newton", c_int),
+    ("start", c_int),
     ("forces_only", c_int),
     ("keep_progress", c_int),
     ("instantaneous", c_int),
@@ -1197,6 +1222,16 @@ sb_recording_report._fields_ = [
     ("last_node", c_int),
     ("distance", c_double),
     ("error", sb_error),
+]
+sb_parameter._fields_ = [
+    ("kind", c_int),
+    ("region", c_int),
+    ("constant", c_int),
+    ("load_id", c_int),
+    ("row", c_int),
+    ("axis", c_int),
+    ("nodes", POINTER(c_int)),
+    ("node_count", c_int),
 ]
 sb_pose._fields_ = [
     ("position", sb_vec3),
@@ -2348,6 +2383,9 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_recording_save_file": (c_int, (POINTER(sb_recording), c_char_p, POINTER(sb_error), )),
     "sb_recording_load_file": (c_int, (c_char_p, POINTER(sb_allocator), POINTER(POINTER(sb_recording)), POINTER(sb_error), )),
     "sb_recording_replay": (c_int, (POINTER(sb_recording), POINTER(sb_body), POINTER(sb_recording_report), )),
+    "sb_body_solve_tangent": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), c_int, c_double, POINTER(sb_error), )),
+    "sb_body_sensitivities": (c_int, (POINTER(sb_body), POINTER(sb_parameter), c_int, POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_body_gradient": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_parameter), c_int, POINTER(c_double), POINTER(sb_vec3), POINTER(sb_error), )),
     "sb_default_tool_def": (sb_tool_def, ()),
     "sb_default_contact_def": (sb_contact_def, ()),
     "sb_contact_create": (c_int, (POINTER(sb_contact_def), POINTER(POINTER(sb_contact)), POINTER(sb_error), )),
@@ -2830,6 +2868,9 @@ DOCUMENTATION = {
     'sb_recording_load': 'Makes a recording from what sb_recording_save wrote; whole and unharmed, or SB_ERROR_FORMAT, SB_ERROR_UNSUPPORTED\n(version, precision), SB_ERROR_MEMORY, SB_ERROR_ARGUMENT, with *recording untouched.',
     'sb_recording_save_file': 'The same with a file; SB_ERROR_FILE when it cannot be opened, read or written (then it is what it was before).',
     'sb_recording_replay': "Plays a recording on a body made from the same mesh with the same kinds of elements, mass and preconditioner (what\nelse the def says comes with the recording): loads the state it began with, then repeats the calls.\nSB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body\nis as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the\nbody is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an\nincomplete recording what there is is played. report may be NULL. Takes memory from the recording's allocator for\nthe longest list of arguments, and for constraints from the body's.",
+    'sb_body_solve_tangent': 'x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).\n  rhs        [count][node_count] (N); on supported axes it has no effect\n  x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs\n  tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); a factored solve is as exact as rounding lets it be\nA factored solve of many right-hand sides at once costs much less than one after the other.',
+    'sb_body_sensitivities': 'Derivatives of displacements and of reactions, one solve for each parameter.\n  parameters  [count]\n  du          [count][node_count]: du/dp (m per unit of the parameter)\n  dreaction   [count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL\nMore errors: SB_ERROR_ARGUMENT naming the parameter: no such kind, axis or constant in its material, a node that is\nnot supported along the axis; SB_ERROR_INDEX: no such region, load or row.\nMethod: K du/dp = -dr/dp, r = f_int - f_ext; reactions dr_s/dp + K_sf du_f/dp. dr/dp is exact: stresses are linear in\nconstants, loads in theirs.',
+    'sb_body_gradient': "Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).\n  dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0\n  dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0\n  parameters    [count], NULL where count is 0\n  gradient      [count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added\n  dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL\nErrors as sb_body_sensitivities.\nMethod: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports\ndJ/du - K^T m.",
     'sb_contact_create': "SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps\nare explicit or def.skin is given, and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's\nmesh, or does not follow its changes; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.\nNothing allocates afterwards but sb_contact_add_tool.",
     'sb_contact_add_tool': 'Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it\noverlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or max_tools are\nthere; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such).',
     'sb_contact_remove_tool': 'In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is\nnone. Nothing changes then.',

@@ -86,7 +86,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
     SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress,
-                                    * instantaneous + 2 quasi_newton + 4 forces_only + 8 newton; reals: tolerance */
+                                    * instantaneous + 2 quasi_newton + 4 forces_only + 8 newton + 32 start (0: the present
+                                    * shape, 1: SB_START_AUTO, 2: rotations); reals: tolerance */
     SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away, b: 2 of the second family; reals: one vector per element */
     SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
     SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */

@@ -422,6 +422,9 @@ static sb_result sbi_play_static(sb_body *body, const sbi_command *c, sb_error *
     options.quasi_newton = c->ints[4] >> 1 & 1;
     options.forces_only = c->ints[4] >> 2 & 1;
     options.newton = (sb_newton)(c->ints[4] >> 3 & 3);
+    options.start = (c->ints[4] >> 5 & 3) == 0   ? SB_START_PRESENT
+                    : (c->ints[4] >> 5 & 3) == 1 ? SB_START_AUTO
+                                                 : SB_START_ROTATIONS;
     options.tolerance = c->reals[0];
     result = sb_body_solve_static(body, &options, &info);
     *error = info.error;

@@ -66,10 +66,20 @@ SBI_API int sbi_static_is_done(sbi_step *step);
 /* 1 when a failing iteration has come as near as rounding, or as the reactions, can tell: it ends with success. */
 SBI_API int sbi_static_settles(sbi_step *step);
 
+/* Rounding (N) in the residual of a static solve whose tangent is in the body's matrix, not yet masked or masked. */
+SBI_API sb_real sbi_static_floor(const sbi_step *step);
+
 /* ---- step_direct.c: of static solves ---- */
 /* A complete factor takes the preconditioner's place, where the body leaves the choice to the library and it fits. */
 SBI_API void sbi_static_take_direct(sbi_step *step);
 SBI_API void sbi_static_give_back_direct(sbi_step *step);
+
+/* ---- step_start.c: of static solves ---- */
+/* 1 when the solve may start from rotations. */
+SBI_API int sbi_static_may_start(const sbi_step *step, sb_start start);
+/* In place of the first iteration, whose system is made: to where rotations lead, or where the line search does.
+ * duration: that materials with Prony terms relax for (s). */
+SBI_API sb_result sbi_static_start(sbi_step *step, sb_real duration);
 
 /* ---- step_guest.c ---- */
 /* Takes the memory for these guests; all or nothing. */
@@ -145,6 +155,12 @@ SBI_API void sbi_step_reactions(const sbi_step *step);
 SBI_API sb_result sbi_step_solve_system(sbi_step *step);
 
 /* ---- step_search.c ---- */
+/* work2 = the displacement a share t of the increment on; at its end with supports and slaves where they belong. */
+SBI_API void sbi_step_trial(const sbi_step *step, sb_real t);
+/* Takes the displacement `end` where its potential is lower than at the end of the whole increment and, unless supports
+ * move, as much lower than the present one as a line search asks for: 1. Otherwise 0, and nothing but `end`
+ * (overwritten) has changed. Of static solves without tools. */
+SBI_API int sbi_step_take_lower(sbi_step *step, sb_vec3 *end);
 /* Moves the displacement by the increment, or the share of it that the line search admits. */
 SBI_API sb_result sbi_step_accept(sbi_step *step);
 
