@@ -316,6 +316,8 @@ static sb_result sbi_unload_check(const sb_unload_def *def, const sb_vec3 *rest,
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "tolerance must be in (0, 1), max_iterations >= 1 and load_steps 1 to %d",
                         (int)SBI_UNLOAD_MOST_STEPS);
+    if (def->statics.max_iterations < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.statics.max_iterations must be >= 1");
     if (!sb_v3_is_finite(def->body.gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.body.gravity is not finite");
     return sb_mesh_validate(def->body.mesh, error);

@@ -66,8 +66,9 @@ typedef struct sb_unload_report {
  * mesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found
  * (SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;
  * report->gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at
- * rest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones: this
- * one's forward solve, from the image, stays there. */
+ * rest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones, and a
+ * straight column beyond its buckling load is in balance, too: sb_body_modes of the body, at_present, tells
+ * (SB_ERROR_INDEFINITE). */
 SB_API sb_result sb_body_unload(const sb_unload_def *def, sb_vec3 *rest, sb_body **body, sb_unload_report *report,
                                 sb_error *error);
 
