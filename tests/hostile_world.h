@@ -67,6 +67,8 @@ typedef struct world {
     int ints[4 * WORLD_CLOUD];
     sb_quat turns[WORLD_CLOUD];
     sb_constraint_term terms[2];
+    sb_parameter parameter;
+    sb_body *still; /* at an equilibrium */
     sb_shape solid;
     sb_mapping rows_of_two;
     sb_body_def body_def;
@@ -130,6 +132,18 @@ static const sb_real world_shares[1] = {REAL(0.3)};
 static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
 static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
 static sb_material world_prony, world_rubber;
+
+static int world_law_energy(void *user, const sb_mat3 *F, sb_real *W)
+{
+    return sb_material_energy((const sb_material *)user, F, NULL, W);
+}
+
+static int world_law_stress(void *user, const sb_mat3 *F, sb_mat3 *P)
+{
+    return sb_material_stress((const sb_material *)user, F, NULL, P);
+}
+
+static const sb_material_law world_law = {"rubber", &world_rubber, world_law_energy, world_law_stress, NULL};
 static const sb_matrix *world_lent;
 static sb_material_history world_history;
 static sb_mesh_report world_report;
@@ -366,6 +380,25 @@ static sb_body *world_plain(world *w)
     if (!w->plain)
         CHECK_OK(sb_body_create(&def, &w->plain, NULL));
     return w->plain;
+}
+
+static sb_body *world_still(world *w)
+{
+    sb_static_options options = sb_default_static_options();
+    sb_body_def def = *world_body_def(w);
+    def.gravity = sb_v3(0, 0, REAL(-0.1));
+    if (w->still)
+        return w->still;
+    CHECK_OK(sb_body_create(&def, &w->still, NULL));
+    scene_fix_plane(w->still, world_mesh(w), 0, 0, SB_XYZ);
+    CHECK_OK(sb_body_solve_static(w->still, &options, NULL));
+    return w->still;
+}
+
+static sb_parameter *world_parameters(world *w)
+{
+    w->parameter.kind = SB_PARAMETER_DENSITY;
+    return &w->parameter;
 }
 
 static sb_contact_def *world_contact_def(world *w)
@@ -833,6 +866,7 @@ static ndl_needle_def *world_needle_def(world *w)
 {
     w->needle_def = ndl_default_needle_def();
     w->needle_def.body = world_pierced(w);
+    w->needle_def.follow = NDL_REMESH; /* for the calls about what follows */
     w->needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
     w->needle_def.direction = sb_v3(0, 0, -1);
     w->needle_def.director = sb_v3(1, 0, 0);
@@ -1274,6 +1308,7 @@ static void world_free(world *w)
     sb_body_destroy(w->parted);
     sb_body_destroy(w->touched);
     sb_body_destroy(w->plain);
+    sb_body_destroy(w->still);
     sb_body_destroy(w->live);
     sb_body_destroy(w->idle);
     sb_body_destroy(w->body);

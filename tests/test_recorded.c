@@ -401,6 +401,31 @@ static sb_result act_load_file(actor *a)
 }
 static sb_result act_step(actor *a) { return sb_body_step(a->body, REAL(0.003), NULL); }
 static sb_result act_static(actor *a) { return sb_body_solve_static(a->body, NULL, NULL); }
+/* Derivatives leave no trace: in what way, 0 to 2. */
+static sb_result act_derive(actor *a, int way)
+{
+    const sb_vec3 *loss = sb_body_reactions(a->body);
+    size_t n = (size_t)sb_body_node_count(a->body);
+    sb_vec3 *out;
+    sb_parameter p;
+    sb_real slope;
+    sb_static_options options = sb_default_static_options();
+    sb_result result;
+    options.forces_only = 1;
+    if (sb_body_solve_static(a->body, &options, NULL) != SB_OK)
+        return SB_OK;
+    out = (sb_vec3 *)malloc(n * sizeof *out);
+    memset(&p, 0, sizeof p);
+    p.kind = SB_PARAMETER_GRAVITY;
+    result = way == 0   ? sb_body_solve_tangent(a->body, loss, out, 1, REAL(1e-3), &a->error)
+             : way == 1 ? sb_body_sensitivities(a->body, &p, 1, out, NULL, &a->error)
+                        : sb_body_gradient(a->body, loss, NULL, &p, 1, &slope, out, &a->error);
+    free(out);
+    return result;
+}
+static sb_result act_solve_tangent(actor *a) { return act_derive(a, 0); }
+static sb_result act_sensitivities(actor *a) { return act_derive(a, 1); }
+static sb_result act_gradient(actor *a) { return act_derive(a, 2); }
 /* Another recording is played on the body that is being recorded. */
 static sb_result act_replay(actor *a)
 {
@@ -574,6 +599,9 @@ static const act acts[] = {
     {"sb_body_state_load_file", act_load_file, ACTOR_LOADED},
     {"sb_body_step", act_step, ACTOR_LOADED},
     {"sb_body_solve_static", act_static, ACTOR_LOADED},
+    {"sb_body_solve_tangent", act_solve_tangent, ACTOR_LOADED},
+    {"sb_body_sensitivities", act_sensitivities, ACTOR_LOADED},
+    {"sb_body_gradient", act_gradient, ACTOR_LOADED},
     {"sb_recording_replay", act_replay, ACTOR_PLAIN},
     {"sb_recording_start", act_record_again, ACTOR_LOADED},
     {"reg_match_create", act_match_create, ACTOR_PLAIN},
