@@ -49,6 +49,9 @@ SBI_API const sb_vec3 *sbi_step_unbalanced(const sbi_step *step);
 /* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more
  * than `rounding` (N). */
 SBI_API int sbi_step_parts_meet(sbi_step *step, sb_real rounding);
+/* 1 when guests have still a part of their way to go that the tolerance shows: what they are held by tells forces of
+ * that gap, not of a balance. */
+SBI_API int sbi_step_guests_lag(const sbi_step *step);
 /* What rounding may leave of the residual (N), as far as moduli and springs tell. */
 SBI_API sb_real sbi_step_rounding(const sbi_step *step);
 /* Forces, residual, and the tangent of a linearised step. */
@@ -189,9 +192,10 @@ SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
 SBI_API sb_result sbi_step_linearise(sbi_step *step);
 /* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
 SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
-/* A time step from begin to end, undone where it fails. part: share of what is left of a divided step; else 1. */
+/* A time step from begin to end, undone where it fails. part: share of what is left of a divided step; else 1.
+ * patience: see sbi_step_part. */
 SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 sb_real part, sb_step_info *info);
+                                 sb_real part, int patience, sb_step_info *info);
 SBI_API void sbi_step_forget_error(sb_step_info *info);
 /* Sees to it that a failing call says why, whatever failed. */
 SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
