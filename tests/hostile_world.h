@@ -87,6 +87,7 @@ typedef struct world {
     sb_label_def label_def;
     sb_fit_options fit_options;
     sb_modes_options modes_options;
+    sb_unload_def unload_def;
     sb_static_options static_options;
     sb_tear_options tear_options;
     sb_pcg_options pcg_options;
@@ -253,6 +254,22 @@ static sb_body_def *world_body_def(world *w)
     w->body_def.allocator = w->allocator;
     w->body_def.gravity = sb_v3(0, 0, REAL(-9.81));
     return &w->body_def;
+}
+
+static sb_result world_dress(void *user, sb_body *body, sb_real share, sb_error *error)
+{
+    const int nodes[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    (void)user;
+    (void)share;
+    return sb_body_hold(body, nodes, 8, SB_XYZ, error);
+}
+
+static sb_unload_def *world_unload_def(world *w)
+{
+    w->unload_def = sb_default_unload_def();
+    w->unload_def.body = *world_body_def(w);
+    w->unload_def.dress = world_dress;
+    return &w->unload_def;
 }
 
 /* Nodes of a corner face of the mesh's boundary, in the numbers of the volume. */

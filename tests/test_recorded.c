@@ -800,11 +800,12 @@ static int takes_body(const char *declaration)
 }
 
 /* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c, and second families of fibres,
- * which bear none, in test_fibres.c; listeners change no body. */
+ * which bear none, in test_fibres.c; listeners change no body, and unloading makes one. */
 static int has_act(const char *name)
 {
     static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create",   "sb_body_change_begin",
-                                            "sb_body_listen",  "sb_body_unlisten", "sb_body_set_second_fibres"};
+                                            "sb_body_listen",  "sb_body_unlisten", "sb_body_set_second_fibres",
+                                            "sb_body_unload"};
     for (int i = 0; i < ACT_COUNT; i++)
         if (strcmp(acts[i].name, name) == 0)
             return 1;

@@ -1280,6 +1280,29 @@ public unsafe struct sb_modes_info
     public double residual;
     public double seconds;
 }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_unload_def
+{
+    public sb_body_def body;
+    public IntPtr dress;
+    public void* user;
+    public sb_static_options statics;
+    public double tolerance;
+    public int max_iterations;
+    public int load_steps;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_unload_report
+{
+    public int solves;
+    public int load_steps;
+    public double share;
+    public double gap;
+    public double size;
+    public double moved;
+    public sb_error error;
+}
 public struct sb_recording { }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_recording_info
@@ -4316,6 +4339,25 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_modes(sb_body* body, int count, sb_modes_options* options, double* frequencies, sb_vec3* shapes, sb_modes_info* info, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_unload_def sb_default_unload_def();
+    /// <summary>
+    /// Finds the rest shape.
+    /// rest    [node_count] (m) receives it; held nodes keep their place along the held axes
+    /// body    receives the body made from it, with its supports and loads, at rest in the imaged shape: destroy it with
+    ///         sb_body_destroy. May be NULL
+    /// report  may be NULL; written also on failure
+    /// Makes a body for each trial, from def-&gt;body.allocator; the same bits for any number of threads. On failure rest and
+    /// *body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged
+    /// mesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found
+    /// (SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;
+    /// report-&gt;gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at
+    /// rest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones, and a
+    /// straight column beyond its buckling load is in balance, too: sb_body_modes of the body, at_present, tells
+    /// (SB_ERROR_INDEFINITE).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_unload(sb_unload_def* def, sb_vec3* rest, sb_body** body, sb_unload_report* report, sb_error* error);
     /// <summary>
     /// Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports
     /// and other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body.

@@ -307,6 +307,8 @@
 #define sb_body_solve_static sb_body_solve_static_f32
 #define sb_default_modes_options sb_default_modes_options_f32
 #define sb_body_modes sb_body_modes_f32
+#define sb_default_unload_def sb_default_unload_def_f32
+#define sb_body_unload sb_body_unload_f32
 #define sb_body_state_size sb_body_state_size_f32
 #define sb_body_state_save sb_body_state_save_f32
 #define sb_body_state_load sb_body_state_load_f32

@@ -398,6 +398,8 @@ class sb_step_info(Structure): pass
 class sb_static_options(Structure): pass
 class sb_modes_options(Structure): pass
 class sb_modes_info(Structure): pass
+class sb_unload_def(Structure): pass
+class sb_unload_report(Structure): pass
 class sb_recording(Structure): pass
 class sb_recording_info(Structure): pass
 class sb_recording_report(Structure): pass
@@ -1188,6 +1190,25 @@ sb_modes_info._fields_ = [
     ("pcg_iterations", c_int),
     ("residual", c_double),
     ("seconds", c_double),
+]
+sb_unload_def._fields_ = [
+    ("body", sb_body_def),
+    ("dress", CFUNCTYPE(c_int, c_void_p, POINTER(sb_body), c_double, POINTER(sb_error))),
+    ("user", c_void_p),
+    ("statics", sb_static_options),
+    ("tolerance", c_double),
+    ("max_iterations", c_int),
+    ("load_steps", c_int),
+    ("cookie", c_uint),
+]
+sb_unload_report._fields_ = [
+    ("solves", c_int),
+    ("load_steps", c_int),
+    ("share", c_double),
+    ("gap", c_double),
+    ("size", c_double),
+    ("moved", c_double),
+    ("error", sb_error),
 ]
 sb_recording_info._fields_ = [
     ("commands", c_int),
@@ -2387,6 +2408,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_solve_static": (c_int, (POINTER(sb_body), POINTER(sb_static_options), POINTER(sb_step_info), )),
     "sb_default_modes_options": (sb_modes_options, ()),
     "sb_body_modes": (c_int, (POINTER(sb_body), c_int, POINTER(sb_modes_options), POINTER(c_double), POINTER(sb_vec3), POINTER(sb_modes_info), POINTER(sb_error), )),
+    "sb_default_unload_def": (sb_unload_def, ()),
+    "sb_body_unload": (c_int, (POINTER(sb_unload_def), POINTER(sb_vec3), POINTER(POINTER(sb_body)), POINTER(sb_unload_report), POINTER(sb_error), )),
     "sb_body_state_size": (c_size_t, (POINTER(sb_body), )),
     "sb_body_state_save": (c_int, (POINTER(sb_body), c_void_p, c_size_t, )),
     "sb_body_state_load": (c_int, (POINTER(sb_body), c_void_p, c_size_t, POINTER(sb_error), )),
@@ -2876,6 +2899,7 @@ DOCUMENTATION = {
     'sb_body_stable_step': 'dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the\nlumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.\nSprings, mappings, pressures and constraints count, Prony terms with their instantaneous stiffness. Mass damping does\nnot change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and\nleaves their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On\nfailure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for\nconstraints that cannot be lumped) *dt is untouched; error may be NULL.\nBound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration.',
     'sb_body_solve_static': 'Bodies made with SB_PRECOND_AUTO whose systems conjugate gradients would take long for, thin ones and those whose\nlast solve took more than 1000 iterations, are factored (SB_PRECOND_CHOLESKY) up to 30,000 nodes; the factor is taken\nfrom the allocator and given back within the call; without memory for it conjugate gradients go on. Not with tools.\n\nWhere rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info->statics.\n\nFinds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive\ndefinite where it is not, a line search that refuses inverted elements, and adaptive load increments from the\nloads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.\n\nMaterials with Prony terms: the equilibrium long after, when all has relaxed that relaxes, with nothing else\nremembered; or (options->instantaneous) the one right after the loads changed in no time, from what is remembered.\n\nErrors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element\nthat would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times.',
     'sb_body_modes': "Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints\n(their values play no part), springs and mappings. Other loads play none, but that pressures act at_present: with the\nsymmetric part of their stiffness. Prony terms respond at once, as to the fastest of motions.\ncount        1 .. degrees of freedom that no support holds and no constraint eliminates\noptions      NULL: defaults\nfrequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come\n             out as about 0 (rounding of K x), never as NaN\nshapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right\n             angles in M; 0 at supported axes; slaves follow their masters\ninfo, error  may be NULL\nTakes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is\nleft as it is, to the last bit.\nErrors: SB_ERROR_ARGUMENT, SB_ERROR_MEMORY, SB_ERROR_INVERTED (at_present, naming the element), SB_ERROR_INDEFINITE\n(the present shape is not stable: it buckles), SB_ERROR_NOT_CONVERGED naming the mode; frequencies and shapes are\nthen untouched.\nMethod: Rayleigh-Ritz in a space that grows by (K + shift M)^-1 r of the residuals r of the lowest modes not yet\nfound, from random vectors (block Davidson; Parlett 1998, 11 and 13); systems by PCG, loosely.",
+    'sb_body_unload': 'Finds the rest shape.\nrest    [node_count] (m) receives it; held nodes keep their place along the held axes\nbody    receives the body made from it, with its supports and loads, at rest in the imaged shape: destroy it with\n        sb_body_destroy. May be NULL\nreport  may be NULL; written also on failure\nMakes a body for each trial, from def->body.allocator; the same bits for any number of threads. On failure rest and\n*body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged\nmesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found\n(SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;\nreport->gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at\nrest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones, and a\nstraight column beyond its buckling load is in balance, too: sb_body_modes of the body, at_present, tells\n(SB_ERROR_INDEFINITE).',
     'sb_body_state_size': 'Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports\nand other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body.',
     'sb_body_state_save': 'Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.\nSB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched).',
     'sb_body_state_load': "Makes the body what it was when buffer[size] was saved. Everything is checked before anything changes:\nSB_ERROR_FORMAT (no saved state, cut short, too long, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other\nversion or precision), SB_ERROR_STATE (another body's), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT, SB_ERROR_MATERIAL;\nSB_ERROR_MEMORY when more room is needed than the allocator gives. On failure the body is as it was. Where supports,\nmaterials, loads and constraints need no more room and have the rows they had, nothing is allocated.",
