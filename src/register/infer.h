@@ -34,7 +34,8 @@
  * their regions. reg_nicp was closer in 8 of them. Models of 120 to 175 nodes with a dent that they can resolve are
  * up to 1.65 times the start off (3 organs; 3.4 to 7 mm are expected there). Give the model some 2,000 nodes.
  *
- * Sources: Rucker et al. 2013 and Heiselman et al. 2020 for responses to loads nobody knows; Matheron's rule for draws
+ * Sources: Rucker et al. 2013 and Heiselman et al. 2020 for responses to loads nobody knows; Rasmussen, Williams 2006,
+ * 5.4.2, for predictions of what is left out, which choose the misfit; Matheron's rule for draws
  * (Wilson et al. 2021). */
 #ifndef REG_INFER_H
 #define REG_INFER_H
@@ -138,7 +139,7 @@ typedef struct reg_quality {
     sb_real seen;                     /* share of the model's surface with points of the target near */
     sb_real used;                     /* share of the target's weight that was believed */
     sb_real noise;                    /* m: standard deviation of the points across the surface, estimated */
-    sb_real misfit;                   /* m: of what does not average out, as facets, chosen by evidence */
+    sb_real misfit;                   /* m: of what does not average out, as facets, by what foretells parts left out */
     sb_real residual, residual_p95;   /* m: distances of the points believed, mean and 95th percentile */
     sb_real expected, expected_worst; /* m: root mean square error to expect, mean over nodes, and of the worst */
     sb_real pose_sd[2];               /* m, rad: largest of the pose's deviations */
