@@ -95,6 +95,8 @@ struct reg_infer {
     double pose_sd[REGI_INFER_POSE];                          /* m, rad */
     double pose[REGI_INFER_POSE];                             /* reached: m, rad */
     double next[REGI_GAUSS_POSES];                            /* found in this round; the offset last (m) */
+    sb_real change_before;                                    /* m: largest motion of the round before the last */
+    sb_real least_volume;                                     /* of the elements after the last round, share */
     double temper;                                            /* share of the evidence that counts, (0, 1] */
 };
 
