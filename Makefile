@@ -61,7 +61,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: shared bindings page test-page test-ports test-bindings tested all examples demo headers dev test check test-float test-cpp \
+.PHONY: shared docs bindings page test-page test-ports test-bindings tested all examples demo headers dev test check test-float test-cpp \
 	test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race benches lint fuzz \
 	test-corpus soak soak-cuts coverage format install clean FORCE
 
@@ -142,6 +142,11 @@ build/page.wasm: examples/web/page.c $(HEADERS) build/flags
 	    -Wl,-z,stack-size=1048576 -Wl,--strip-all $< -lm -o $@
 build/page.html: build/page.wasm $(wildcard examples/web/*)
 	examples/web/join.sh $< >$@
+# The reference of the headers as static files: docs/reference/index.html.
+DOCS = $(wildcard src/*/*_doc.h) $(foreach product,$(PRODUCTS),$(shell awk '/^section/ { on = $$2 == "declarations" } \
+	on && /[.]h/ && !/names[.]h/ { print "src/$(product)/" $$1 }' src/$(product)/manifest.txt)) README.md $(wildcard docs/*.md)
+docs:
+	DOCS_INPUT='$(DOCS)' doxygen docs/Doxyfile
 bindings: $(HEADERS)
 	CC='$(CC)' $(PYTHON) src/bindings.py
 
@@ -349,7 +354,9 @@ LINT_clang = $(CLANG) $(LINT_STD) $(C_WARNINGS)
 LINT_gxx = $(GXX) -std=c++11 $(WARNINGS) -x c++
 LINT_clangxx = $(CLANGXX) -std=c++11 $(WARNINGS) -x c++
 
-# $(call lint,COMPILER,REAL): gcc optimises the implementation, since some of its warnings need that
+# $(call lint,COMPILER,REAL): gcc optimises the implementation, since some of its warnings need that. (make check leaves that
+# to the builds of tests, which have the same warnings as errors.)
+LINT_OPTIMISED = gcc gxx
 define lint
 build/lint/$(1)-$(2)/%.ok: %.c $(HEADERS) build/suites.h build/calls.h $(wildcard tests/*.h tests/*/*.h examples/*.h)
 	@mkdir -p $$(@D)
@@ -362,7 +369,7 @@ build/lint/$(1)-$(2)/src/%.ok: src/%.c $(HEADERS)
 build/lint/$(1)-$(2)/tests/implementation.ok build/lint/$(1)-$(2)/tests/link/declarations.ok: \
 build/lint/$(1)-$(2)/tests/%.ok: tests/%.c $(HEADERS)
 	@mkdir -p $$(@D)
-	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) $(if $(filter gcc gxx,$(1)),-O2 -c -o $$(@:.ok=.o),-fsyntax-only) $$<
+	$$(LINT_$(1)) -Werror -DSB_REAL=$(2) $(INCLUDES) $(if $(filter $(LINT_OPTIMISED),$(1)),-O2 -c -o $$(@:.ok=.o),-fsyntax-only) $$<
 	@touch $$@
 LINT_OK += $(patsubst %.c,build/lint/$(1)-$(2)/%.ok,$(LINT_UNITS) $(LINT_UNITS_$(2)))
 endef
@@ -410,6 +417,7 @@ race: $(HEADERS) build/bench/bench_step build/bench/bench_jumps
 # Fuzz targets are functions of one program. Where clang has libFuzzer it does the fuzzing, under the sanitizers;
 # elsewhere the program mutates the corpus by itself. The corpus is also a test.
 FUZZ_SECONDS = 10
+FUZZ_CFLAGS = -O1 -g
 FUZZ_TARGETS = vtk gmsh tetgen surface geometry mesh case state record body cloud vtu medit needle_state needle_program \
 	icp cpd match nicp precond image
 FUZZ_PARTS = $(FUZZERS) $(HEADERS) $(wildcard tests/fuzz/*.h examples/case_reader.h)
@@ -422,7 +430,7 @@ build/fuzz/plain: $(FUZZ_PARTS) build/flags
 	$(CC) -std=c99 $(UNIT_CFLAGS) -w $(INCLUDES) $(FUZZERS) -lm -o $@
 build/fuzz/libfuzzer: $(FUZZ_PARTS)
 	@mkdir -p $(@D) build/fuzz_case
-	$(CLANG) -std=c99 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined -DFUZZ_LIBFUZZER \
+	$(CLANG) -std=c99 $(FUZZ_CFLAGS) -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined -DFUZZ_LIBFUZZER \
 	    $(INCLUDES) $(FUZZERS) -lm -o $@
 
 test-corpus: build/fuzz/plain
@@ -457,7 +465,7 @@ build/soak_haptic: tests/soak_haptic.c $(HEADERS) tests/check.h tests/haptic_han
 # make build/sweeps/tests build/soak_haptic CFLAGS='-O3 -march=native' UNIT_CFLAGS= makes both as fast as they get; -static
 # too, to run them elsewhere.
 $(eval $(call suite,sweeps,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS),,,$(call some,contact_sweep)))
-SWEEP_KINDS = 12# of tests/test_contact_sweep.c
+SWEEP_KINDS = 12# of tests/test_contact_sweep.c, without meshes
 SWEEPS = build/double/tests # as check has made it already
 soak: build/soak build/soak_haptic build/double/tests $(SWEEPS)
 	tests/total.sh "SOAK_STEPS='$(SOAK_STEPS)' SOAK_SECONDS='$(SOAK_SECONDS)' build/soak" \

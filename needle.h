@@ -61,7 +61,6 @@
  *         sb_body_def bd = sb_default_body_def();
  *         bd.mesh = &mesh;
  *         bd.material = sb_material_corotated(50e3, 0.45, 1000);        // Young's modulus, Poisson's ratio, density
- *         bd.slack = 0.2;                                               // its mesh may change
  *         sb_body *body = NULL;
  *         require(sb_body_create(&bd, &body, &error), &error);
  *         for (int i = 0; i < mesh.node_count; i++)
@@ -93,8 +92,8 @@
  *                        1e3 * ndl_needle_depth(needle), -force.z);
  *             }
  *         }
- *         int out = ndl_remesh_is_original(ndl_needle_remesh(needle));
- *         printf("the mesh is %s\n", out ? "as it was" : "changed");
+ *         int out = !(ndl_needle_depth(needle) > 0);
+ *         printf("the needle is %s\n", out ? "out again" : "in");
  *         ndl_needle_destroy(needle);                                   // before its body
  *         sb_body_destroy(body);
  *         sb_mesh_free(&mesh);
@@ -112,9 +111,9 @@
  * ndl_needle   a needle at one body, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
  *              cuts. ndl_step moves a body and all its needles together: the linear systems of the body's own step,
  *              solved again with other states of friction where a node sticks that should slip, or the other way.
- * follow       how a needle is held. NDL_REMESH: each of its nodes in tissue lies on a node of the mesh, which follows.
- *              NDL_EMBED: springs hold it at material points, and the mesh stays as it is: forces that do not depend on
- *              the mesh, any elements, bodies that are cut, needles side by side.
+ * follow       how a needle is held. NDL_EMBED, the default: springs hold it at material points, and the mesh stays as
+ *              it is: forces that do not depend on the mesh, any elements, bodies that are cut, needles side by side.
+ *              NDL_REMESH: each of its nodes in tissue lies on a node of the mesh, which follows.
  * contact      along the needle each node sticks or slips (ndl_contact). Friction is a force per length of shaft by
  *              region, cutting a force at the tip; membranes are faces between regions that take more force to
  *              puncture. What a hand feels: ndl_needle_base_wrench.
@@ -1182,13 +1181,18 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* How a needle is in the tissue.
  *
- * Which to take: NDL_EMBED wherever forces, bends or places matter, in soft tissue above all, in other elements than
- * tet4, in cut bodies, for needles close together. NDL_REMESH (the default, and what Chentanez 2010 has) where nodes
- * are wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x
- * 3 cells. Markers of that phantom are off those of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED
- * (RMS; needle_phantom); lateral stiffness changes 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a
- * bend is 0.82 to 1.56 of its law with NDL_REMESH (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED.
- * Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm, feel friction and cutting to 1 %.
+ * Which to take: NDL_EMBED, the default, wherever forces, bends or places matter, in soft tissue above all, in other
+ * elements than tet4, in cut bodies, for needles close together. NDL_REMESH (what Chentanez 2010 has) where nodes are
+ * wanted on the needle's line, or steps have to be cheap: it takes 0.6 times the time in a gel phantom of 24 x 24 x 3
+ * cells, but 1 to 2.5 % of its insertions into curved skin have a step above 5 N. Markers of that phantom are off those
+ * of a finer mesh by 0.107 mm with NDL_REMESH, 0.022 with NDL_EMBED (RMS; needle_phantom); lateral stiffness changes
+ * 1.9 times over edges from 17 to 7 mm with NDL_REMESH; in 50 kPa a bend is 0.82 to 1.56 of its law with NDL_REMESH
+ * (ndl_step_info.coarse says when), 0.99 to 1.06 with NDL_EMBED. A nitinol needle 28 mm deep in 30 kPa that is drawn
+ * back takes tissue with it by 422 N/m, as a line of its radius in a tube of 30 mm, and its tip by some more: with
+ * edges of 12 and 7.5 mm NDL_EMBED has 484 and 436 N/m, NDL_REMESH 1050 and 920. So after 4 mm of the way NDL_REMESH
+ * slips, and holds all of the friction (0.82 N), while NDL_EMBED still sticks, as a needle would (0.43 N); after 10 mm
+ * both hold friction times depth. Templates: 4 and 16 held needles 5 mm apart, in edges of 5 and 10 mm, feel friction
+ * and cutting to 1 %.
  *
  * With NDL_EMBED the shaft is held by springs at material points. They are what the mesh does not show of the tissue
  * close to the needle (couple_rows.h), so that what a hand feels hardly depends on the mesh: an 18-gauge or nitinol
@@ -1213,7 +1217,7 @@ typedef enum ndl_follow {
 typedef struct ndl_needle_def {
     sb_body *body;     /* with implicit steps; borrowed, destroyed after its needles. Its material, supports, loads and
                         * integrator are its own: see ndl_step */
-    ndl_follow follow; /* default NDL_REMESH; the same for all needles of a body */
+    ndl_follow follow; /* default NDL_EMBED; the same for all needles of a body, and of a body whose states hold them */
     sb_vec3 base;      /* m: the sleeve's outlet, outside of the tissue */
     sb_vec3 direction; /* in which the needle leaves it, any length but 0 */
     sb_vec3 director;  /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
@@ -1293,8 +1297,9 @@ typedef struct ndl_step_info {
     int blocked;         /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
                           * follow it (no operation left sound tets, no memory); then it tries again later */
     int torn;            /* needles that were less than half an edge deep and tore out of the skin, because nothing
-                          * else could be computed. They come in again when their tips cross the skin anew, from
-                          * outside */
+                          * else could be computed. With NDL_EMBED they are held again, without a force at first,
+                          * once they are half an edge deep: from where the shaft goes in through the skin. With
+                          * NDL_REMESH they come in again when their tips cross the skin anew, from outside */
     int limited;         /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
     int coarse;          /* needles with NDL_REMESH in tissue so soft that it, not the bevel, sets how far they bend
                           * (curvature times lam beyond the lag, see steer.h): their way then depends on the mesh, 0.82
@@ -1319,7 +1324,9 @@ typedef struct ndl_step_info {
  * ndl_needle_create, which takes the step back first, or until a saved state is loaded. Steps that do without memory
  * they asked for (info->blocked) are not repeated by a recording that has it.
  *
- * A step is divided where a tip comes to an edge of a membrane or a command is fast. Supports and tools of an
+ * A step is divided where a tip comes to an edge of a membrane or a command is fast, and where it fails as a whole: the
+ * rod would fold, tissue would turn inside out, or of hyperelastic tissue max_newton iterations do not bring it to
+ * where the needle has gone (what is read of a needle is never the force of that gap). Supports and tools of an
  * sb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever
  * was tried before. In parts cut short by a membrane a tool that just comes to the tissue feels the parts' shorter
  * time: up to 8 % of the force that it has later (measured in 8 scenes).
@@ -12487,6 +12494,13 @@ NDLI_API void ndli_track_shorten(ndli_track *track, double arc)
 
 enum { NDLI_TRACK_POINTS = 16 }; /* of a needle's track for each of its nodes */
 
+/* How a needle is in tissue that does not hold it. */
+typedef enum ndli_lost {
+    NDLI_LOST_NOT = 0,
+    NDLI_LOST_MESH = 1, /* the mesh has changed about it, and it is not out of that yet */
+    NDLI_LOST_TORN = 2  /* of needles held by rows: it has torn out, and is not out of the tissue yet */
+} ndli_lost;
+
 typedef struct ndli_capsule {
     ndl_membrane def;
     sb_surface *surface; /* the faces between its regions in the undeformed tissue */
@@ -12524,7 +12538,7 @@ struct ndl_needle {
     int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
     double radius;           /* m */
     ndli_track track;        /* of a needle that is held by rows, as what follows */
-    int lost;                /* 1: the mesh has changed about it, and it is not out of that yet */
+    int lost;                /* an ndli_lost */
     double entering;         /* m of the edge before its first node in the tissue that are in it */
     double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */
@@ -13136,7 +13150,7 @@ static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_need
     h->base_given = needle->base_given;
     h->hold_steps = needle->hold_steps;
     h->points = h->count > 0 ? needle->track.count : 0;
-    h->lost = needle->lost || (stale && needle->line.count > 0);
+    h->lost = stale && needle->line.count > 0 ? NDLI_LOST_MESH : needle->lost;
     h->reals[4] = h->count > 0 ? h->reals[4] : 0;
 }
 
@@ -13240,7 +13254,8 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
                         h->node_count, needle->rod->capacity);
     if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
         h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) || h->points < 0 ||
-        h->points > needle->track.capacity || (h->lost != 0 && h->lost != 1) || !ndli_state_is_unit(h->vectors[1]) ||
+        h->points > needle->track.capacity || h->lost < NDLI_LOST_NOT || h->lost > NDLI_LOST_TORN ||
+        (h->lost == NDLI_LOST_TORN && !needle->site->embeds) || !ndli_state_is_unit(h->vectors[1]) ||
         (h->points > 0 && !ndli_state_is_unit(h->vectors[5])) ||
         (h->points > 0) != (h->count > 0 && needle->site->embeds) || (h->shallow != 0 && h->shallow != 1) ||
         (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 || !(h->reals[0] > 0) || !(h->reals[4] >= 0) ||
@@ -14437,6 +14452,88 @@ static void ndli_held_slip(ndl_needle *needle)
     }
 }
 
+/* ---- a needle that has torn out is held again ---- */
+
+/* Where the shaft comes in through the skin that goes on to the tip: on edge *j, at *at; *place: of the skin there.
+ * Returns what is behind it up to the tip (m); negative: it comes in nowhere. */
+static double ndli_held_behind(const ndl_needle *needle, int *j, ndli_place *place, sb_vec3 *at)
+{
+    const ndl_rod *rod = needle->rod;
+    double behind = 0;
+    for (*j = rod->node_count - 2; *j > 0; (*j)--) {
+        if (ndli_bed_hit(&needle->site->bed, ndli_to(rod->x[*j]), ndli_to(rod->x[*j + 1]), place, at))
+            return behind + ndli_norm(ndli_sub(rod->x[*j + 1], ndli_from(*at)));
+        behind += ndli_held_edge(rod, *j);
+    }
+    return -1;
+}
+
+/* The material that is at x in space, by Newton's method from *X on. 0: none is near. */
+static int ndli_held_material(const ndli_bed *bed, ndli_v3 x, ndli_v3 *X, ndli_place *place)
+{
+    const double enough = 1e-6 * bed->mean_edge;
+    for (int round = 0; round < 20; round++) {
+        ndli_bed_row row;
+        ndli_v3 off;
+        sb_mat3 f;
+        if (!ndli_bed_locate(bed, ndli_to(*X), place->element, place) || !ndli_bed_row_at(bed, place, &row))
+            return 0;
+        off = ndli_sub(x, ndli_bed_at(bed, &row));
+        if (ndli_norm(off) < enough)
+            return 1;
+        f = ndli_bed_gradient(bed, place, &row);
+        if (!(sb_m3_det(f) > 0))
+            return 0;
+        *X = ndli_add(*X, ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(off))));
+    }
+    return 0;
+}
+
+/* The track is where the shaft is from the skin at edge j, so that the tissue is held without any force. 0: it cannot
+ * be followed. */
+static int ndli_held_lay_track(ndl_needle *needle, int j, ndli_place place)
+{
+    const ndl_rod *rod = needle->rod;
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track *track = &needle->track;
+    ndli_v3 X = ndli_from(sbi_embed_map(&bed->mesh, place.element, place.xi, NULL));
+    ndli_track_begin(track, X, place.element);
+    for (int i = j + 1; i < rod->node_count; i++) {
+        if (!ndli_held_material(bed, rod->x[i], &X, &place) || !ndli_track_extend(track, X, place.element))
+            return 0;
+        needle->arc[i] = ndli_track_length(track);
+    }
+    return track->count > 1;
+}
+
+/* Once it is half an edge deep, which is how deep no needle tears out again at once. */
+static void ndli_held_thread(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    ndli_place place;
+    sb_vec3 at;
+    int j;
+    if (ndli_held_behind(needle, &j, &place, &at) < 0.5 * needle->site->mean_edge)
+        return;
+    if (!ndli_held_lay_track(needle, j, place)) {
+        ndli_held_leave(needle);
+        return;
+    }
+    needle->heading = ndli_track_at(&needle->track, ndli_track_length(&needle->track)).tangent;
+    needle->lost = NDLI_LOST_NOT;
+    line->first = j + 1;
+    line->count = rod->node_count - line->first;
+    for (int i = j; i < rod->node_count; i++) {
+        line->state[i] = NDL_STATIC;
+        line->contact[i] = ndli_v(0, 0, 0);
+        line->slip[i] = 0;
+    }
+    ndli_held_measure_entering(needle);
+}
+
+/* ---- the tip comes in ---- */
+
 static void ndli_held_enter(ndl_needle *needle)
 {
     const ndl_rod *rod = needle->rod;
@@ -14448,8 +14545,11 @@ static void ndli_held_enter(ndl_needle *needle)
     sb_vec3 at, X;
     sb_mat3 f;
     int hits = ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at);
-    if (needle->lost) { /* it was in another mesh, and has to come out of this one first */
-        needle->lost = hits || ndli_bed_holds_in_space(bed, ndli_to(rod->x[last]));
+    if (needle->lost) { /* it is in the tissue, which does not hold it */
+        if (!hits && !ndli_bed_holds_in_space(bed, ndli_to(rod->x[last])))
+            needle->lost = NDLI_LOST_NOT;
+        else if (needle->lost == NDLI_LOST_TORN)
+            ndli_held_thread(needle);
         return;
     }
     if (!hits || !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))
@@ -15223,7 +15323,8 @@ NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the nodes of a body that has grown");
     for (int i = 0; i < NDL_MAX_NEEDLES && stale && result == SB_OK; i++)
         if (site->needles[i]) {
-            site->needles[i]->lost |= site->needles[i]->line.count > 0;
+            if (site->needles[i]->line.count > 0)
+                site->needles[i]->lost = NDLI_LOST_MESH;
             ndli_held_leave(site->needles[i]);
             site->needles[i]->shallow = 0;
         }
@@ -15247,6 +15348,7 @@ typedef struct ndli_stepping {
     const ndl_command *commands;
     int count;
     ndli_line *lines[NDL_MAX_NEEDLES];
+    int patience; /* see sbi_step_part */
     ndl_step_info *info;
     sb_error *error;
 } ndli_stepping;
@@ -15425,6 +15527,7 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_p
     struct ndli_site *site = s->site;
     double begin = ndli_step_now(site), solve;
     const sbi_guest *guests[1];
+    sbi_step_part span;
     ndli_couple couple;
     sb_result result;
     if (site->embeds)
@@ -15433,7 +15536,9 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_p
     else
         ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
     guests[0] = &couple.guest;
-    result = sbi_body_step_part(site->body, (sb_real)dt, guests, 1, part->begin, part->end, &s->info->body);
+    span.begin = part->begin, span.end = part->end;
+    span.patience = s->patience;
+    result = sbi_body_step_part(site->body, (sb_real)dt, guests, 1, &span, &s->info->body);
     solve = s->info->body.seconds_solve;
     s->info->seconds_couple += solve;
     s->info->seconds_body += ndli_step_now(site) - begin - solve;
@@ -15653,6 +15758,7 @@ static int ndli_step_let_go(ndl_needle *needle)
     if (!site->embeds)
         return ndl_remesh_withdraw(site->remesh, needle->index, NULL, NULL) == SB_OK;
     ndli_held_leave(needle);
+    needle->lost = NDLI_LOST_TORN;
     return 1;
 }
 
@@ -15689,6 +15795,30 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     return result;
 }
 
+/* 1: shorter steps may do better. */
+static int ndli_step_may_be_too_long(sb_result result)
+{
+    return result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
+           result == SB_ERROR_NOT_CONVERGED;
+}
+
+/* Times the body's cap on iterations. */
+enum { NDLI_STEP_PATIENCE = 8 };
+
+/* In more and more substeps until it succeeds. Tissue that does not let needles go their way is waited for in the
+ * shortest, and if that does not help in the whole step: in long ones more iterations would but crush it. */
+static sb_result ndli_step_run_finer(ndli_stepping *s, double dt, int substeps)
+{
+    sb_result result;
+    s->patience = 1;
+    result = ndli_step_run(s, dt, substeps);
+    for (int finer = 4; ndli_step_may_be_too_long(result) && finer <= NDLI_FINEST; finer *= 4) {
+        s->patience = finer < NDLI_FINEST ? 1 : NDLI_STEP_PATIENCE;
+        result = ndli_step_run(s, dt, finer * substeps);
+    }
+    return ndli_step_may_be_too_long(result) ? ndli_step_run(s, dt, substeps) : result;
+}
+
 /* A step that is sound in its arguments. */
 static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
 {
@@ -15703,9 +15833,7 @@ static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
         return result;
     if (!ndli_needle_keep(s->site, NDLI_KEPT_STEP))
         return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
-    result = ndli_step_run(s, dt, substeps);
-    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
-        result = ndli_step_run(s, dt, finer * substeps);
+    result = ndli_step_run_finer(s, dt, substeps);
     if (result == SB_ERROR_DIVERGED) {
         int torn = ndli_step_tear_out(s);
         if (torn != 0)
@@ -15804,6 +15932,7 @@ NDL_API ndl_needle_def ndl_default_needle_def(void)
 {
     ndl_needle_def def;
     memset(&def, 0, sizeof def);
+    def.follow = NDL_EMBED;
     def.length = (sb_real)0.05;
     def.capacity = 128;
     ndl_rod_section_preset(NDL_STYLET_18G, &def.section);

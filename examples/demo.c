@@ -239,8 +239,8 @@ static int make_mesh(const settings *set, scene *s)
     if (get_organ(set, &s->mesh, &error) != SB_OK)
         return complain(&error, EXIT_USAGE);
     if (sb_element_dimension(s->mesh.element_type) != 3) {
-        fprintf(stderr, "demo: %s is a surface (%s); a body needs a volume mesh\n", set->organ,
-                sb_element_name(s->mesh.element_type));
+        fprintf(stderr, "demo: %s is a surface (%s); a body needs a volume mesh: surface_to_sim fills it with tets\n",
+                set->organ, sb_element_name(s->mesh.element_type));
         return EXIT_USAGE;
     }
     /* neighbours in memory: fewer cache misses; errors and files then count in the new order */

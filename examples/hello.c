@@ -3,7 +3,11 @@
 #include "softbody.h"
 #include <stdio.h>
 
-static int fail(const sb_error *e) { return fprintf(stderr, "hello: %s:%d: %s\n", e->file, e->line, e->message), 1; }
+static int fail(const sb_error *e)
+{
+    fprintf(stderr, "%s:%d: %s\nusage: hello [ORGAN.vtk], in metres\n", e->file, e->line, e->message);
+    return 1;
+}
 
 int main(int argc, char **argv)
 {

@@ -83,6 +83,7 @@ static int place_needle(trial *t)
     t->friction.friction = (sb_real)set->friction;
     t->friction.cutting = (sb_real)set->cutting;
     t->needle = ndl_default_needle_def();
+    t->needle.follow = NDL_REMESH;
     t->needle.base = t->entry;
     t->needle.base.z += (sb_real)outlet_height;
     t->needle.direction = down;

@@ -93,6 +93,7 @@ static int make_scene(const settings *s, scene *c)
         return complain("gel", &error);
     ndl_rod_section_preset(c->preset, &def.section);
     def.body = c->gel;
+    def.follow = NDL_REMESH;
     def.base = sb_v3(0.53 * size, 0.48 * size, size + 0.051);
     def.direction = sb_v3(0, 0, -1);
     def.frictions = c->frictions;
@@ -251,7 +252,7 @@ static int study_puncture(const settings *s, record *r)
     free_scene(&c);
     if (status)
         return status;
-    plot_begin(&p, "Through a skin and a capsule (figure 7.5)");
+    plot_begin(&p, "Through a skin and a capsule");
     panel = plot_add_panel(&p, "Force", "insertion past the skin's place (mm)", "force (N)");
     plot_add_curve(panel, "push of the hand", r->values[0], r->values[1], r->count);
     plot_add_curve(panel, "needed to cut", r->values[0], r->values[2], r->count)->dashed = 1;
@@ -292,7 +293,7 @@ static int study_viscous(const settings *s, record *r)
         status = record_viscous(s, r, run);
     if (status)
         return status;
-    plot_begin(&p, "Viscous friction: pushed in, then held still (figure 7.4)");
+    plot_begin(&p, "Viscous friction: pushed in, then held still");
     panel = plot_add_panel(&p, "Force at three speeds", "time (s)", "push (N)");
     for (int run = 0; run < 3; run++)
         plot_add_curve(panel,
@@ -331,7 +332,7 @@ static int study_lateral(const settings *s, record *r)
     free_scene(&c);
     if (status)
         return status;
-    plot_begin(&p, "The hand moves sideways while the needle goes in (figure 7.6)");
+    plot_begin(&p, "The hand moves sideways while the needle goes in");
     panel = plot_add_panel(&p, "The gel goes to the same side", "time (s)", "sideways (mm)");
     plot_add_curve(panel, "hand", r->values[0], r->values[1], r->count);
     plot_add_curve(panel, "gel where the needle enters", r->values[0], r->values[2], r->count);

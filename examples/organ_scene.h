@@ -116,7 +116,8 @@ static inline int organ_load(organ *o, const char *file, double scale)
     if (sb_mesh_load(&o->mesh, file, &options, &error) != SB_OK)
         return organ_complain_of(o, file, &error, ORGAN_USAGE);
     if (sb_element_dimension(o->mesh.element_type) != 3)
-        return organ_complain(o, file, "is a surface; a body needs a volume mesh", ORGAN_USAGE);
+        return organ_complain(o, file, "is a surface; a body needs a volume mesh: surface_to_sim fills it with tets",
+                              ORGAN_USAGE);
     return 0;
 }
 

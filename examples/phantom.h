@@ -305,6 +305,7 @@ static inline sb_result phantom_make_needle(phantom *p, sb_real curvature, sb_ve
         frictions[r] = r == p->prostate ? prostate : tissue;
     }
     def.body = p->tissue;
+    def.follow = NDL_REMESH;
     def.base = sb_v3_add(entry, sb_v3((sb_real)-0.030, 0, 0));
     def.direction = sb_v3(1, 0, 0);
     def.director = sb_v3(0, 1, 0); /* then m2 = t x m1 looks up */

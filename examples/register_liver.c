@@ -12,6 +12,7 @@
  *                          a b c d         or all nodes with a x + b y + c z < d
  *     --targets FILE       x y z           points of the model to carry along; --targets-out: where they are then
  *     --displacement FILE  n ux uy uz      is written: of every node, rigid part included
+ *     --picture FILE.png                   is written: the organ where it is now, and what was seen of it
  * The last line is iterations=N steps_per_second=S seconds=T distance_mm=D stop=REASON: of the deformation, but for T,
  * which is all from the files to the result, and D, the mean distance of the target's points from the registered
  * surface. Which way a target's surface faces is known from --camera, or found: both ways are tried. What the rigid
@@ -32,13 +33,15 @@
 #include "register.h"
 
 #include "options.h"
+#include "picture.h"
 #include "registration.h"
 
 enum { EXIT_USAGE = 2, EXIT_FAILED = 3, EXIT_DOUBTFUL = 4 };
 #define REAL(x) ((sb_real)(x)) /* files and everything here are in double, the body in sb_real */
 
 typedef struct settings {
-    const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out, *camera, *seen_from;
+    const char *method, *surface, *landmarks, *fix, *targets, *targets_out, *displacement, *out, *picture, *camera,
+        *seen_from;
     int linear, partial, aligned, any, noisy, plain, force, cells, steps, help;
     double scale, young, poisson, seconds, limit;
 } settings;
@@ -568,6 +571,150 @@ static int write_model(const work *w, sb_vec3 *moved, const sb_vec3 *displacemen
     return result == SB_OK ? 0 : complain_error(w->set->out, &error);
 }
 
+/* ---- the picture ----------------------------------------------------------------------------------------------- */
+
+enum { PICTURE_POINTS = 3000, PICTURE_FEW = 600 }; /* of the target are drawn at most; that hide the organ little */
+
+/* What is drawn: the organ's skin in the target's frame, points of the target, and a number of each (m). */
+typedef struct view {
+    sb_mesh skin; /* nodes are the view's own, the rest the boundary's */
+    sb_real *skin_values;
+    sb_vec3 *points;
+    double *point_values;
+    int point_count;
+    double most;
+} view;
+
+static void view_free(view *v)
+{
+    free(v->skin.nodes);
+    free(v->skin_values);
+    free(v->points);
+    free(v->point_values);
+}
+
+/* The skin from places of all nodes, and values [nodes] or NULL for none. */
+static int view_skin(view *v, const sb_boundary *boundary, const sb_vec3 *moved, const sb_real *values)
+{
+    size_t count = (size_t)boundary->surface.node_count;
+    v->skin = boundary->surface;
+    v->skin.nodes = (sb_vec3 *)malloc(count * sizeof *v->skin.nodes);
+    v->skin_values = (sb_real *)calloc(count, sizeof *v->skin_values);
+    if (!v->skin.nodes || !v->skin_values)
+        return 0;
+    for (size_t i = 0; i < count; i++) {
+        size_t node = boundary->nodes ? (size_t)boundary->nodes[i] : i;
+        v->skin.nodes[i] = moved[node];
+        v->skin_values[i] = values ? values[node] : 0;
+    }
+    return 1;
+}
+
+/* Points of the target, evenly picked, and how far from the skin they are. */
+static sb_result view_points(view *v, const work *w, sb_error *error)
+{
+    const sb_vec3 *points = w->has_target ? w->target.nodes : w->cloud.points;
+    int count = w->has_target ? w->target.node_count : w->cloud.count,
+        stride = 1 + count / (w->out.infer ? PICTURE_FEW : PICTURE_POINTS);
+    sb_surface *tree = NULL;
+    sb_result result;
+    v->points = (sb_vec3 *)malloc(PICTURE_POINTS * sizeof *v->points);
+    v->point_values = (double *)malloc(PICTURE_POINTS * sizeof *v->point_values);
+    if (!v->points || !v->point_values)
+        return task_fail(error, SB_ERROR_MEMORY, "not enough memory for the picture");
+    result = sb_surface_create(&v->skin, NULL, &tree, error);
+    for (int i = 0; result == SB_OK && i < count; i += stride) {
+        sb_surface_hit hit;
+        if (sb_surface_closest_from(tree, points[i], SB_REAL_MAX, -1, &hit)) {
+            v->points[v->point_count] = points[i];
+            v->point_values[v->point_count++] = (double)hit.distance;
+        }
+    }
+    sb_surface_destroy(tree);
+    return result;
+}
+
+/* Where to stand to see most of the target: over the middle of what was seen of the organ. Degrees. */
+static void view_direction(const view *v, double *azimuth, double *elevation)
+{
+    const double degree = 3.14159265358979323846 / 180;
+    sb_vec3 low, high, middle = sb_v3(0, 0, 0), out;
+    double size, aside;
+    sb_mesh_bounds(&v->skin, &low, &high);
+    for (int i = 0; i < v->point_count; i++)
+        middle = sb_v3_madd(middle, REAL(1.0 / v->point_count), v->points[i]);
+    out = sb_v3_sub(middle, sb_v3_scale(REAL(0.5), sb_v3_add(low, high)));
+    size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    *azimuth = 30;
+    *elevation = 25;
+    if ((double)sb_v3_norm(out) < 0.05 * size) /* seen from all sides */
+        return;
+    aside = hypot((double)out.x, (double)out.y);
+    *azimuth = atan2((double)out.x, -(double)out.y) / degree;
+    *elevation = fmax(-80, fmin(80, atan2((double)out.z, aside) / degree));
+}
+
+static void draw_view(const view *v, const work *w, picture *p)
+{
+    sb_vec3 low, high, half;
+    double azimuth, elevation, most = 0;
+    char title[160];
+    int of_skin = w->out.infer != NULL;
+    for (int i = 0; i < v->skin.node_count; i++)
+        most = fmax(most, (double)v->skin_values[i]);
+    for (int i = 0; i < v->point_count && !of_skin; i++)
+        most = fmax(most, v->point_values[i]);
+    most = most > 0 ? most : 1e-3;
+    sb_mesh_bounds(&v->skin, &low, &high);
+    half = sb_v3(1, 1, 1);
+    half = sb_v3_scale(REAL(of_skin ? 0.002 : 0.003) * sb_v3_norm(sb_v3_sub(high, low)), half);
+    picture_add_surface(p, &v->skin, v->skin_values, 0, most);
+    for (int i = 0; i < v->point_count; i++)
+        picture_add_block(p, v->points[i], sb_quat_identity(), half,
+                          of_skin ? picture_web(0x30363d) : picture_map(v->point_values[i] / most));
+    view_direction(v, &azimuth, &elevation);
+    picture_render(p, azimuth, elevation);
+    picture_colour_bar(p, of_skin ? "error to expect" : "distance", "mm", 0, 1e3 * most, 1e3 * most);
+    picture_length_bar(p);
+    snprintf(title, sizeof title,
+             of_skin ? "What error to expect where the organ is now" : "What was seen, over the organ");
+    picture_text(p, 0.06 * p->width, 0.075 * p->height, 22, PICTURE_LEFT, picture_ink(), title);
+    snprintf(title, sizeof title, "%s, %d points%s", w->set->method, v->point_count,
+             of_skin ? " of what was seen" : " coloured by how far from it they are");
+    picture_text(p, 0.06 * p->width, 0.115 * p->height, 14, PICTURE_LEFT, picture_ink(), title);
+}
+
+static int write_picture(const work *w, const sb_vec3 *moved)
+{
+    view v;
+    picture p;
+    sb_error error;
+    sb_result result = SB_OK;
+    int saved = PICTURE_NO_MEMORY;
+    size_t n = (size_t)w->model.node_count;
+    sb_real *expected = (sb_real *)calloc(n, sizeof *expected);
+    memset(&v, 0, sizeof v);
+    if (expected && w->out.infer)
+        (void)reg_infer_expected(w->out.infer, expected);
+    if (expected && view_skin(&v, &w->out.boundary, moved, expected))
+        result = view_points(&v, w, &error);
+    if (result == SB_OK && v.points) {
+        picture_begin(&p, 1280, 960);
+        draw_view(&v, w, &p);
+        saved = picture_save_png(&p, w->set->picture);
+        picture_end(&p);
+    }
+    view_free(&v);
+    free(expected);
+    if (result != SB_OK)
+        return complain_error(w->set->picture, &error);
+    return saved == PICTURE_OK        ? 0
+           : saved == PICTURE_NO_FILE ? complain(w->set->picture, "could not be written")
+                                      : complain_memory();
+}
+
+/* ---- all that is written --------------------------------------------------------------------------------------- */
+
 static int write_all(const work *w)
 {
     size_t n = (size_t)w->model.node_count;
@@ -582,6 +729,8 @@ static int write_all(const work *w)
         status = write_points(w->set, w->set->displacement, moved + n, (int)n, 1);
     if (!status && w->set->out)
         status = write_model(w, moved, moved + n);
+    if (!status && w->set->picture)
+        status = write_picture(w, moved);
     if (!status && w->set->targets)
         status = write_targets(w);
     free(moved);
@@ -763,8 +912,8 @@ static int check_settings(const settings *set, const char *const files[2])
 
 static int program(int argc, char **argv)
 {
-    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0,  0, 0,
-                    0,      0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60, 5};
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0,  0,
+                    0,      0,    0,    0,    0,    12,   300,  0,    1,    5000, 0.45, 60, 5};
     const char *files[2] = {NULL, NULL};
     const option options[] = {
         {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0,
@@ -795,6 +944,8 @@ static int program(int argc, char **argv)
         {"--targets-out", "FILE", OPTION_TEXT, NULL, NULL, &set.targets_out, 0, 0, "where these are then"},
         {"--displacement", "FILE", OPTION_TEXT, NULL, NULL, &set.displacement, 0, 0, "lines n ux uy uz, written"},
         {"-o", "FILE", OPTION_TEXT, NULL, NULL, &set.out, 0, 0, "the registered model (VTK)"},
+        {"--picture", "FILE", OPTION_TEXT, NULL, NULL, &set.picture, 0, 0,
+         "the registered organ under what was seen, coloured by their distance; by what error to expect (infer) (PNG)"},
         {"--scale", "S", OPTION_NUMBER, NULL, &set.scale, NULL, 1e-9, 1e9, "unit of all files in m: 0.001 for mm"},
         {"--young", "PA", OPTION_NUMBER, NULL, &set.young, NULL, 1e-3, 1e12, "Young's modulus; hardly matters"},
         {"--poisson", "NU", OPTION_NUMBER, NULL, &set.poisson, NULL, 0, 0.499, "Poisson's ratio"},

@@ -18,9 +18,10 @@ single() { timed "$1" "{ $2; } && echo '1 passed, 0 failed, 0 skipped'"; }
 skipped() { lane+=("echo 'skip: $1'; echo '0 passed, 0 failed, 1 skipped'"); }
 few() { [ -n "${CHECK_ALL:-}" ] || echo "$1"; } # what keeps a step short unless all is asked for
 
-# No debugging symbols, programs linked with one object that holds the implementation, what calls it not optimised.
+# Warnings are errors. No debugging symbols, programs linked with one object that holds the implementation, what calls it not
+# optimised.
 library=build/double/implementation.o
-make="make --no-print-directory -s CFLAGS=-O2 SANITIZE_CFLAGS=-O1 LIBRARY=$library"
+make="make --no-print-directory -s CFLAGS='-O2 -Werror' SANITIZE_CFLAGS=-O1 LIBRARY=$library"
 unset MAKEFLAGS MFLAGS MAKELEVEL
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -38,13 +39,13 @@ first=("${lane[@]}")
 
 lane=()
 counted "tests under the address and undefined-behaviour sanitizers" "$make sanitize"
-counted "warnings, split build, order of calls, linkage" "$make lint $(few "LINTS='gcc-float clangxx-double'")"
+counted "warnings, split build, order of calls, linkage" "$make lint LINT_OPTIMISED= $(few "LINTS='gcc-float clangxx-double'")"
 counted "tests in double, each with 128 kB of stack and bad operations as signals" "$make test-host"
 counted "examples, README, fuzz corpus" "$make test-programs"
 counted "tests in float" "CHECK_QUICK=1 CHECK_SHORT=1 $make test-float FILTER='\$(SLOW)'"
 counted "the headers from Python and C#" "$make test-bindings"
 counted "the page in a browser" "$make test-page PAGE_CFLAGS=-O1"
-counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1"
+counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1 FUZZ_CFLAGS=-O0"
 # 38 of each kind are among the tests above: 10,008 in all.
 counted "10,000 random sweeps of tools through bodies" "CHECK_FIRST=38 CHECK_SLOW=796 $make test-host FILTER=contact_sweep"
 # Waiting threads leave their processor to the other step. Long tests that have no threads are left out.
@@ -65,6 +66,11 @@ if [ "$(clang-format --version 2>/dev/null | sed 's/.*version \([0-9]*\).*/\1/')
     single "the sources are formatted (make format)" "$make format FORMAT='--dry-run -Werror'"
 else
     skipped "no clang-format 14: the sources are formatted"
+fi
+if command -v doxygen >/dev/null; then
+    single "the reference of the headers is made without warnings" "$make docs"
+else
+    skipped "no doxygen: the reference of the headers"
 fi
 steps=("${lane[@]}")
 

@@ -67,6 +67,10 @@ typedef struct world {
     int ints[4 * WORLD_CLOUD];
     sb_quat turns[WORLD_CLOUD];
     sb_constraint_term terms[2];
+    sb_parameter parameter;
+    sb_measurement measurement;
+    sb_identify_def identify_def;
+    sb_body *still; /* at an equilibrium */
     sb_shape solid;
     sb_mapping rows_of_two;
     sb_body_def body_def;
@@ -83,6 +87,7 @@ typedef struct world {
     sb_label_def label_def;
     sb_fit_options fit_options;
     sb_modes_options modes_options;
+    sb_unload_def unload_def;
     sb_static_options static_options;
     sb_tear_options tear_options;
     sb_pcg_options pcg_options;
@@ -130,6 +135,18 @@ static const sb_real world_shares[1] = {REAL(0.3)};
 static const sb_real world_spd[9] = {4, 1, 0, 1, 4, 1, 0, 1, 4};
 static const ndl_rod_section world_section = {REAL(0.0005), 0, REAL(2e11), REAL(0.3), 8000};
 static sb_material world_prony, world_rubber;
+
+static int world_law_energy(void *user, const sb_mat3 *F, sb_real *W)
+{
+    return sb_material_energy((const sb_material *)user, F, NULL, W);
+}
+
+static int world_law_stress(void *user, const sb_mat3 *F, sb_mat3 *P)
+{
+    return sb_material_stress((const sb_material *)user, F, NULL, P);
+}
+
+static const sb_material_law world_law = {"rubber", &world_rubber, world_law_energy, world_law_stress, NULL};
 static const sb_matrix *world_lent;
 static sb_material_history world_history;
 static sb_mesh_report world_report;
@@ -237,6 +254,22 @@ static sb_body_def *world_body_def(world *w)
     w->body_def.allocator = w->allocator;
     w->body_def.gravity = sb_v3(0, 0, REAL(-9.81));
     return &w->body_def;
+}
+
+static sb_result world_dress(void *user, sb_body *body, sb_real share, sb_error *error)
+{
+    const int nodes[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    (void)user;
+    (void)share;
+    return sb_body_hold(body, nodes, 8, SB_XYZ, error);
+}
+
+static sb_unload_def *world_unload_def(world *w)
+{
+    w->unload_def = sb_default_unload_def();
+    w->unload_def.body = *world_body_def(w);
+    w->unload_def.dress = world_dress;
+    return &w->unload_def;
 }
 
 /* Nodes of a corner face of the mesh's boundary, in the numbers of the volume. */
@@ -366,6 +399,45 @@ static sb_body *world_plain(world *w)
     if (!w->plain)
         CHECK_OK(sb_body_create(&def, &w->plain, NULL));
     return w->plain;
+}
+
+static sb_body *world_still(world *w)
+{
+    sb_static_options options = sb_default_static_options();
+    sb_body_def def = *world_body_def(w);
+    def.gravity = sb_v3(0, 0, REAL(-0.1));
+    if (w->still)
+        return w->still;
+    CHECK_OK(sb_body_create(&def, &w->still, NULL));
+    scene_fix_plane(w->still, world_mesh(w), 0, 0, SB_XYZ);
+    CHECK_OK(sb_body_solve_static(w->still, &options, NULL));
+    return w->still;
+}
+
+static sb_parameter *world_parameters(world *w)
+{
+    w->parameter.kind = SB_PARAMETER_DENSITY;
+    return &w->parameter;
+}
+
+static sb_real world_values[1];
+
+static sb_identify_def *world_identify_def(world *w)
+{
+    static sb_vec3 point;
+    sb_mapping_apply(world_mapping(w), sb_body_positions(world_still(w)), &point);
+    world_values[0] = 1100;
+    memset(&w->measurement, 0, sizeof w->measurement);
+    w->measurement.rows = world_mapping(w);
+    w->measurement.points = &point;
+    w->measurement.sigma_point = REAL(0.01);
+    w->identify_def = sb_default_identify_def();
+    w->identify_def.body = world_still(w);
+    w->identify_def.parameters = world_parameters(w);
+    w->identify_def.count = 1;
+    w->identify_def.measurements = &w->measurement;
+    w->identify_def.max_iterations = 20;
+    return &w->identify_def;
 }
 
 static sb_contact_def *world_contact_def(world *w)
@@ -833,6 +905,7 @@ static ndl_needle_def *world_needle_def(world *w)
 {
     w->needle_def = ndl_default_needle_def();
     w->needle_def.body = world_pierced(w);
+    w->needle_def.follow = NDL_REMESH; /* for the calls about what follows */
     w->needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
     w->needle_def.direction = sb_v3(0, 0, -1);
     w->needle_def.director = sb_v3(1, 0, 0);
@@ -1274,6 +1347,7 @@ static void world_free(world *w)
     sb_body_destroy(w->parted);
     sb_body_destroy(w->touched);
     sb_body_destroy(w->plain);
+    sb_body_destroy(w->still);
     sb_body_destroy(w->live);
     sb_body_destroy(w->idle);
     sb_body_destroy(w->body);

@@ -63,6 +63,7 @@ static inline needle_scene needle_scene_default(void)
     }
     s.body_def = needle_scene_body_def();
     s.needle_def = ndl_default_needle_def();
+    s.needle_def.follow = NDL_REMESH; /* tests of NDL_EMBED say so */
     s.needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
     s.needle_def.direction = sb_v3(0, 0, -1);
     s.needle_def.director = sb_v3(1, 0, 0);

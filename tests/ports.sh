@@ -3,7 +3,11 @@
 # dependency, and tests/ports/app.c is built with it and run. CC and MAKE from the environment. A tool that is missing is a skip; the
 # recipes for vcpkg and Conan then run with the stubs of tests/ports. Ends with `N passed, N failed, N skipped`.
 folder=$1
-cc=${CC:-cc} make=${MAKE:-make}
+make=${MAKE:-make}
+has() { command -v "$1" >/dev/null; }
+cc=${CC:-cc}
+has clang && cc=clang # compiles implementations four times as fast
+CC=$cc && export CC   # CMake and Meson take it from there
 passed=0 failed=0 skipped=0
 rm -rf "$folder"
 mkdir -p "$folder"
@@ -24,7 +28,6 @@ skip() {
     skipped=$((skipped + 1))
     echo "skip: $1"
 }
-has() { command -v "$1" >/dev/null; }
 runs() { # runs PROGRAM: it does a step and prints the version
     [ "$("$1")" = "$version" ]
 }
@@ -78,7 +81,7 @@ fi
 if has meson && has ninja; then
     (
         mkdir -p "$folder/meson/subprojects" && cp -r "$folder/softbody" "$folder/meson/subprojects/" &&
-            cp "$app" "$here/meson/meson.build" "$folder/meson" && cd "$folder/meson" && CC=$cc meson setup build &&
+            cp "$app" "$here/meson/meson.build" "$folder/meson" && cd "$folder/meson" && meson setup build &&
             ninja -C build && runs build/app && DESTDIR=$folder/meson_root ninja -C build install &&
             [ -n "$(find "$folder/meson_root" -path '*include/softbody/needle.h')" ] &&
             [ -n "$(find "$folder/meson_root" -name softbody.pc)" ]

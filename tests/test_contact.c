@@ -38,11 +38,45 @@ static void patch_test(sb_element_type type, int cells)
     press_free(&p);
 }
 
+/* The first step remembers nothing: pressures are those of a spring in series with the block, k / (k + E / H) of what
+ * the block alone would have, one k for all. So long a step has no inertia. */
+static void patch_without_memory(sb_element_type type, int cells)
+{
+    const double young = 5e3, height = 0.04, share = 0.02;
+    sb_body_def def = sb_default_body_def();
+    sb_mesh mesh = scene_box(type, cells, cells, cells, sb_v3(REAL(0.05), REAL(0.06), REAL(height)), 0.2);
+    sb_tool_def plane = press_plane(0, sb_v3(0, 0, REAL(height)), 1);
+    static sb_contact_point points[2048];
+    double k = 0, tolerance = scene_tolerance(1e-9, 1e5);
+    int tool, count;
+    press p;
+    def.material = sb_material_linear(REAL(young), 0, 1000);
+    def.tolerance = sb_max(REAL(1e-12), 100 * SB_EPSILON);
+    p = press_make(mesh, def, press_exact());
+    scene_fix_plane(p.body, &p.mesh, 2, 0, SB_XYZ);
+    tool = press_add(&p, &plane);
+    press_move(&p, tool, sb_v3(0, 0, REAL(height * (1 - share))), press_upside_down());
+    CHECK_OK(sb_body_step(p.body, REAL(1e5), NULL));
+    count = sb_contact_points(p.contact, points, 2048);
+    CHECK(count >= 8 && count <= 2048);
+    for (int i = 0; i < count && i < 2048; i++) {
+        double pressure = (double)(sb_v3_dot(points[i].force, points[i].normal) / points[i].area);
+        k = i == 0 ? -pressure / (double)points[i].gap : k;
+        if (!CHECK_NEAR(pressure, young * share * k / (k + young / height), tolerance * young * share) ||
+            !CHECK_NEAR(-pressure / (double)points[i].gap, k, 100 * tolerance * k))
+            break;
+    }
+    CHECK(k > young / height);
+    press_free(&p);
+}
+
 static void test_patch(void)
 {
     const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < 5; i++) {
         patch_test(types[i], i == 0 ? 4 : 2);
+        patch_without_memory(types[i], i == 0 ? 4 : 2);
+    }
 }
 
 /* ---- a block on an incline ---- */
@@ -174,7 +208,7 @@ static void test_rounding(void)
 }
 
 /* A free body and a tool that hits it: in each step momentum changes by the impulse of what the tool feels. */
-static void check_momentum(sb_element_type type, const sb_tool_def *def, sb_vec3 way)
+static void check_momentum(sb_element_type type, const sb_tool_def *def, sb_vec3 way, double tolerance, double bound)
 {
     sb_body_def body = sb_default_body_def();
     sb_mesh mesh = scene_box(type, 4, 4, 3, sb_v3(REAL(0.04), REAL(0.04), REAL(0.03)), 0.2);
@@ -185,7 +219,7 @@ static void check_momentum(sb_element_type type, const sb_tool_def *def, sb_vec3
     press p;
     body.material = sb_material_corotated(REAL(5e3), REAL(0.4), 1000);
     body.damping_stiffness = REAL(0.002);
-    body.tolerance = sb_max(REAL(1e-12), 100 * SB_EPSILON);
+    body.tolerance = sb_max(REAL(tolerance), 100 * SB_EPSILON);
     p = press_make(mesh, body, press_exact());
     tool = press_add(&p, def);
     for (int i = 0; i < 30; i++) {
@@ -204,7 +238,7 @@ static void check_momentum(sb_element_type type, const sb_tool_def *def, sb_vec3
         before = now;
     }
     CHECK(largest > 1e-5);
-    CHECK(worst <= scene_tolerance(1e-10, 1e4) * largest);
+    CHECK(worst <= bound * largest);
     CHECK(worst_sum <= scene_tolerance(1e-13, 100) * largest);
     free(points);
     press_free(&p);
@@ -213,6 +247,7 @@ static void check_momentum(sb_element_type type, const sb_tool_def *def, sb_vec3
 static void test_momentum(void)
 {
     const sb_vec3 chain[2] = {{REAL(-0.03), 0, REAL(0.004)}, {REAL(0.03), REAL(0.004), 0}};
+    const double exact = scene_tolerance(1e-10, 1e4);
     sb_vec3 down = sb_v3(REAL(0.006), REAL(0.002), REAL(-0.02));
     sb_tool_def sphere = press_sphere(0.01, 0.4, sb_v3(REAL(0.016), REAL(0.021), REAL(0.0405)));
     sb_tool_def capsules = press_sphere(0.005, 0.3, sb_v3(REAL(0.02), REAL(0.02), REAL(0.039)));
@@ -222,10 +257,12 @@ static void test_momentum(void)
     capsules.shape = SB_TOOL_CAPSULES;
     capsules.points = chain;
     capsules.point_count = 2;
-    check_momentum(SB_TET4, &sphere, down);
-    check_momentum(SB_TET10, &capsules, down);
-    check_momentum(SB_HEX8, &box, down);
-    check_momentum(SB_HEX20, &plane, down);
+    check_momentum(SB_TET4, &sphere, down, 1e-12, exact);
+    check_momentum(SB_TET10, &capsules, down, 1e-12, exact);
+    check_momentum(SB_HEX8, &box, down, 1e-12, exact);
+    check_momentum(SB_HEX20, &plane, down, 1e-12, exact);
+    check_momentum(SB_TET4, &sphere, down, 1e-3, 1e-3); /* what the solve leaves */
+    check_momentum(SB_HEX8, &box, down, 1e-3, 1e-3);
 }
 
 /* ---- a grip ---- */
@@ -332,7 +369,7 @@ static void test_grip(void)
     for (int i = 1; i <= 60; i++)
         grip_step(&g, pull * (i < 40 ? i : 40) / 40, 0.02);
     place = grip_place(&g);
-    for (int i = 0; i < 150; i++)
+    for (int i = 0; i < (check_quick() ? 150 : 500); i++) /* 10 s */
         grip_step(&g, pull, 0.02);
     CHECK_NEAR(grip_place(&g), place, 1e-6);
     check_grip_holds(&g, pull);
@@ -353,6 +390,7 @@ static void test_grip(void)
 
 typedef struct ride {
     double mean, ripple, jump, drag; /* N; of the mean; the same in a step; tangential over normal force */
+    double systems;                  /* a step */
 } ride;
 
 /* A sphere pressed 6 mm that slides at 5 cm/s over faces half its radius long. */
@@ -362,7 +400,7 @@ static ride slide(double stiffness)
     sb_body_def def = sb_default_body_def();
     sb_contact_def contact = sb_default_contact_def();
     sb_tool_def sphere = press_sphere(0.01, 0.3, sb_v3(REAL(0.025), REAL(0.03), REAL(0.0405)));
-    ride r = {0, 0, 0, 0};
+    ride r = {0, 0, 0, 0, 0};
     double square = 0, before = 0;
     int tool, count = last - first;
     press p;
@@ -378,6 +416,7 @@ static ride slide(double stiffness)
         CHECK_OK(sb_body_step(p.body, REAL(0.01), NULL));
         force = (double)press_wrench(&p, tool).force.z;
         if (i > first) {
+            r.systems += (double)sb_contact_get_info(p.contact).iterations / count;
             r.mean += force / count;
             square += force * force / count;
             r.drag -= (double)press_wrench(&p, tool).force.x / count;
@@ -400,6 +439,7 @@ static void test_slide(void)
     CHECK(plain.ripple < 0.02 && plain.jump < 0.025);
     CHECK_NEAR(plain.mean, stiff.mean, 0.03 * stiff.mean);
     CHECK_NEAR(plain.drag, stiff.drag, 0.03 * stiff.drag);
+    CHECK(plain.systems < 3.75); /* 4.00 where bounds of friction are not foreseen */
 }
 
 /* ---- scale ---- */

@@ -143,9 +143,10 @@ static void test_balance(void)
         if (!make_scene(&s, seed))
             return;
         random_steps(&s, seed, 0, 12);
+        CHECK_OK(sb_body_set_solver(s.needles.body, sb_max(REAL(1e-11), 100 * SB_EPSILON), 3000));
         pose.position = placed(&s, 0.018, 0.02, 0.0385 + s.radius);
         pose.rotation = sb_quat_identity();
-        for (int i = 0; i < 150; i++) {
+        for (int i = 0; i < 300; i++) {
             CHECK_OK(sb_contact_move_tool(s.contact, s.ball, &pose));
             CHECK_OK(ndl_step(s.needles.body, s.needles.needles, 1, REAL(0.05), &none, NULL, NULL));
         }
@@ -155,7 +156,7 @@ static void test_balance(void)
         most = fmax((double)sb_v3_norm(sum), (double)sb_v3_norm(wrench_of(&s)));
         CHECK((double)sb_v3_norm(wrench_of(&s)) > 0.01 && (double)sb_v3_norm(sleeve) > 0.01);
         sum = sb_v3_sub(sb_v3_add(sum, sleeve), wrench_of(&s));
-        if (!CHECK((double)sb_v3_norm(sum) < 1e-3 * most))
+        if (!CHECK((double)sb_v3_norm(sum) < scene_tolerance(1e-8, 1e5) * most))
             printf("  seed %d: %g of %g N\n", seed, (double)sb_v3_norm(sum), most);
         free_scene(&s);
     }

@@ -440,6 +440,78 @@ static void test_folded(void)
     CHECK(twice <= without / 1000 && touched > 1000);
 }
 
+/* A beam whose root is held, and of which a handle near the tip is led around by 270 degrees, so that the tip stands on
+ * the beam, and then pressed to and fro. */
+typedef struct curl {
+    press p;
+    int handle[64], count;
+    double thick, length, turned; /* m; handle's place along the beam */
+} curl;
+
+static curl curl_make(int pairs)
+{
+    curl c;
+    sb_body_def def = sb_default_body_def();
+    sb_contact_def contact = sb_default_contact_def();
+    memset(&c, 0, sizeof c);
+    c.thick = 0.008, c.length = 0.12, c.turned = 0.0975;
+    def.material = sb_material_corotated(REAL(1e4), REAL(0.3), 1000);
+    def.damping_stiffness = REAL(0.02);
+    def.damping_mass = REAL(5);
+    contact.pairs = pairs;
+    contact.pair_friction = REAL(0.2);
+    c.p =
+        press_make(scene_box(SB_HEX8, 32, 2, 2, sb_v3(REAL(c.length), REAL(c.thick), REAL(c.thick)), 0), def, contact);
+    scene_fix_plane(c.p.body, &c.p.mesh, 0, 0, SB_XYZ);
+    for (int i = 0; i < c.p.mesh.node_count; i++)
+        if (fabs((double)c.p.mesh.nodes[i].x - c.turned) < 0.002)
+            c.handle[c.count++] = i;
+    return c;
+}
+
+/* The handle turned by an angle, of an arc, and moved along x and z. */
+static void curl_lead(const curl *c, double angle, double x, double z)
+{
+    for (int k = 0; k < c->count; k++) {
+        const int node = c->handle[k];
+        sb_vec3 at = c->p.mesh.nodes[node], way;
+        double radius = angle > 0 ? c->turned / angle : 0, up = (double)at.z - 0.5 * c->thick;
+        double along = (angle > 0 ? radius * sin(angle) : c->turned) + (double)at.x - c->turned;
+        way.x = REAL(along - up * sin(angle) + x - (double)at.x);
+        way.y = 0;
+        way.z = REAL((angle > 0 ? radius * (1 - cos(angle)) : 0) + up * cos(angle) + 0.5 * c->thick + z - (double)at.z);
+        CHECK_OK(sb_body_prescribe(c->p.body, &node, 1, SB_XYZ, &way, 1));
+    }
+}
+
+static void curl_play(int pairs, int steps, int *twice, int *touched)
+{
+    curl c = curl_make(pairs);
+    *twice = *touched = 0;
+    for (int i = 1; i <= steps; i++) {
+        double turn = fmin(1, i / 150.0), aside = fmin(1, fmax(0, (i - 150) / 100.0));
+        double pressed = i < 250 ? 0 : 0.006 * (1 - cos(0.05 * (i - 250)));
+        curl_lead(&c, 1.5 * 3.14159265358979 * turn, 0.05 * aside, -pressed);
+        if (!CHECK_OK(sb_body_step(c.p.body, REAL(1.0 / 60), NULL)))
+            break;
+        *touched += sb_contact_get_info(c.p.contact).touching > 0;
+        if (i % 10 == 0)
+            *twice += is_twice_inside(&c.p.mesh, sb_body_positions(c.p.body), 0.3 * c.thick);
+    }
+    press_free(&c.p);
+}
+
+/* CHECK_SLOW: 10,000 steps. */
+static void test_curled(void)
+{
+    int twice, touched;
+    curl_play(0, 300, &twice, &touched);
+    CHECK(twice > 0 && touched == 0);
+    curl_play(SB_CONTACT_SELF, getenv("CHECK_SLOW") ? 10000 : 400, &twice, &touched);
+    CHECK(touched > 100);
+    CHECK_INT(twice, 0);
+}
+
 static sb_material pile_material(void) { return sb_material_corotated(REAL(1e4), REAL(0.4), 1000); }
 
 /* ---- static solves, and a mesh that changes ---- */
@@ -549,10 +621,10 @@ static void pile_steps(pile *s, int from, int to)
 static void test_threads(void)
 {
     const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8};
-    const int workers[] = {1, 2, 3, 8}, both = SB_CONTACT_SELF | SB_CONTACT_ORGANS;
+    const int workers[] = {1, 2, 16, 3, 8}, both = SB_CONTACT_SELF | SB_CONTACT_ORGANS;
     for (int k = 0; k < 3; k++) {
         uint64_t first = 0;
-        for (int w = 0; w < 4; w++) {
+        for (int w = 0; w < (check_quick() ? 3 : 5); w++) {
             pile s;
             pile_make(&s, types[k], workers[w], both, pile_material(), NULL);
             pile_steps(&s, 0, 25);
@@ -835,8 +907,8 @@ static void test_crumpled(void)
 }
 
 CHECK_SUITE(contact_pairs, {"weight", test_weight}, {"patch test", test_patch}, {"incline", test_incline},
-            {"momentum", test_momentum}, {"thrown", test_thrown}, {"folded", test_folded}, {"static", test_static},
-            {"changed", test_changed}, {"threads", test_threads}, {"saved", test_saved}, {"recorded", test_recorded},
-            {"undo", test_undo}, {"no allocation in steps", test_no_allocation}, {"no memory", test_no_memory},
-            {"thinned", test_thinned}, {"refused", test_refused}, {"by surprise", test_surprise},
-            {"crumpled", test_crumpled});
+            {"momentum", test_momentum}, {"thrown", test_thrown}, {"folded", test_folded}, {"curled", test_curled},
+            {"static", test_static}, {"changed", test_changed}, {"threads", test_threads}, {"saved", test_saved},
+            {"recorded", test_recorded}, {"undo", test_undo}, {"no allocation in steps", test_no_allocation},
+            {"no memory", test_no_memory}, {"thinned", test_thinned}, {"refused", test_refused},
+            {"by surprise", test_surprise}, {"crumpled", test_crumpled});

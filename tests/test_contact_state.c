@@ -81,10 +81,10 @@ static uint64_t play_hash(const play *s)
 static void test_threads(void)
 {
     const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8};
-    const int workers[] = {1, 3, 2, 8};
+    const int workers[] = {1, 3, 16, 2, 8};
     for (int k = 0; k < 3; k++) {
         uint64_t first = 0;
-        for (int w = 0; w < (check_quick() ? 2 : 4); w++) {
+        for (int w = 0; w < (check_quick() ? 2 : 5); w++) {
             play s;
             play_make(&s, types[k], workers[w], play_material(), NULL);
             play_steps(&s, 0, 25);
@@ -220,16 +220,34 @@ static void test_undo(void)
 
 /* ---- memory ---- */
 
+/* Two jaws grip the play's slab where nothing else touches it. */
+static void play_grip(play *s, int jaws[2])
+{
+    for (int j = 0; j < 2; j++) {
+        double y = j == 0 ? -0.0085 : 0.0685;
+        sb_tool_def jaw =
+            press_box(sb_v3(REAL(0.006), REAL(0.008), REAL(0.007)), 0.004, 0.5, sb_v3(REAL(0.06), REAL(y), REAL(0.01)));
+        jaws[j] = press_add(&s->p, &jaw);
+    }
+}
+
 static void test_no_allocation(void)
 {
     scene_memory memory = {0, 0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);
     play s;
-    int calls;
+    int calls, jaws[2];
     play_make(&s, SB_TET4, 1, play_material(), &allocator);
+    play_grip(&s, jaws);
     play_steps(&s, 0, 1);
     calls = memory.calls;
-    play_steps(&s, 1, check_quick() ? 100 : 500);
+    for (int i = 1; i < (check_quick() ? 100 : 1000); i++) {
+        double closed = 0.0001 * (i < 20 ? i : 20), pulled = i < 20 ? 0 : 1e-5 * (i < 120 ? i - 20 : 100);
+        press_move(&s.p, jaws[0], sb_v3(REAL(0.06), REAL(-0.0085 + closed), REAL(0.01 + pulled)), sb_quat_identity());
+        press_move(&s.p, jaws[1], sb_v3(REAL(0.06), REAL(0.0685 - closed), REAL(0.01 + pulled)), sb_quat_identity());
+        CHECK_OK(play_step(&s, i));
+    }
+    CHECK(press_wrench(&s.p, jaws[0]).force.y < 0 && press_wrench(&s.p, jaws[1]).force.y > 0);
     CHECK_INT(memory.calls, calls);
     press_free(&s.p);
     CHECK_INT(memory.live, 0);

@@ -308,6 +308,54 @@ static void test_taken_back(void)
     press_free(&other);
 }
 
+/* Ends that are mended into what the material does not admit, and not at all as wholes. */
+static int finds_apart(void *contact, const sb_vec3 *u)
+{
+    sbi_touch *touch = &((sb_contact *)contact)->touch;
+    (void)own_accept(contact, u);
+    touch->missed = 0;
+    touch->apart = 1;
+    return 0;
+}
+
+static int mends_badly(void *contact, sb_vec3 *u, int whole)
+{
+    (void)contact;
+    asked += whole;
+    if (!whole)
+        u[0] = sb_v3(REAL(0.5), REAL(0.5), REAL(0.5)); /* of a cube of 2 cm */
+    return !whole;
+}
+
+/* A shape that its material does not admit is no end of a step: the body can be stepped on from each. */
+static void test_mended_badly(void)
+{
+    const sb_integrator integrators[] = {SB_EULER, SB_GENERALISED_ALPHA, SB_NEWMARK};
+    for (int k = 0; k < 6; k++) {
+        sb_body_def def = soft_def();
+        sb_tool_def tool = press_sphere(0.006, 0.2, sb_v3(REAL(0.011), REAL(0.009), REAL(-0.03)));
+        press p;
+        def.integrator = integrators[k % 3];
+        def.material = sb_material_neo_hookean(REAL(5e3), REAL(0.4), 1000);
+        def.max_newton = k < 3 ? 1 : 6;
+        p = press_make(scene_box(SB_TET4, 2, 2, 2, sb_v3(REAL(0.02), REAL(0.02), REAL(0.02)), 0.2), def,
+                       sb_default_contact_def());
+        CHECK_INT(press_add(&p, &tool), 0);
+        own_accept = p.contact->touch.accept;
+        p.contact->touch.accept = finds_apart;
+        p.contact->touch.mend = mends_badly;
+        asked = 0;
+        for (int i = 0; i < 3; i++) {
+            sb_energy energy;
+            CHECK_OK(sb_body_step(p.body, REAL(1e-3), NULL));
+            CHECK_OK(sb_body_energy(p.body, &energy));
+            CHECK_INT(sb_contact_get_info(p.contact).mended, 0);
+        }
+        CHECK(asked > 0);
+        press_free(&p);
+    }
+}
+
 /* Loads that came after the contact need more room: where there is no memory the step fails as a whole step does. */
 static void test_no_memory(void)
 {
@@ -399,5 +447,5 @@ static void test_squeezed_to_nothing(void)
 
 CHECK_SUITE(contact_substeps, {"flying", test_flying}, {"supports", test_supports},
             {"random flights", test_random_flights}, {"far too fast", test_far_too_fast},
-            {"taken back", test_taken_back}, {"no memory", test_no_memory}, {"recorded", test_recorded},
-            {"squeezed to nothing", test_squeezed_to_nothing});
+            {"taken back", test_taken_back}, {"mended badly", test_mended_badly}, {"no memory", test_no_memory},
+            {"recorded", test_recorded}, {"squeezed to nothing", test_squeezed_to_nothing});

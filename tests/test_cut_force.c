@@ -406,7 +406,7 @@ static void test_waiting(void)
         for (int i = 0; i < sb_body_node_count(b.body); i++)
             CHECK_NEAR(sb_v3_norm(sb_body_displacements(b.body)[i]), 0, 1e-9);
     CHECK_INT(b.body->live->push_count, count);
-    CHECK_OK(sbi_step_whole(b.body, REAL(0.001), NULL, 0, REAL(0.5), &info)); /* part of a divided step */
+    CHECK_OK(sbi_step_whole(b.body, REAL(0.001), NULL, 0, REAL(0.5), 0, &info)); /* part of a divided step */
     CHECK_INT(b.body->live->push_count, count);
     block_step(&b, 1);
     CHECK_INT(b.body->live->push_count, 0);

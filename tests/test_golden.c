@@ -102,4 +102,100 @@ static void test_golden_cut(void)
     }
 }
 
-CHECK_SUITE(golden, {"golden scenes", test_golden}, {"golden cuts", test_golden_cut});
+/* ---- tools and organs that touch ----------------------------------------------------------------------------------
+ */
+
+static unsigned long long force_hash(const sb_contact *contact, int tool)
+{
+    sb_wrench wrench = {{0, 0, 0}, {0, 0, 0}};
+    CHECK_OK(sb_contact_wrench(contact, tool, &wrench));
+    CHECK(sb_v3_norm(wrench.force) > 0);
+    return scene_hash(&wrench, sizeof wrench);
+}
+
+/* A block falls on another, which a chain presses from the side and a box on a spring from above. */
+static unsigned long long play_touch(sb_element_type type)
+{
+    const sb_vec3 chain[3] = {{0, REAL(-0.02), 0}, {0, 0, REAL(0.001)}, {0, REAL(0.02), 0}};
+    const int cells = type == SB_TET10 ? 2 : 3;
+    sb_mesh mesh = scene_box(type, cells + 1, cells, cells, sb_v3(REAL(0.06), REAL(0.04), REAL(0.03)), 0.1);
+    sb_mesh upper = scene_box(type, cells, cells, cells, sb_v3(REAL(0.025), REAL(0.03), REAL(0.02)), 0.1);
+    sb_body_def def = sb_default_body_def();
+    sb_contact_def contact_def = sb_default_contact_def();
+    sb_tool_def tools[2];
+    sb_contact *contact = NULL;
+    unsigned long long hash;
+    size_t nodes;
+    int numbers[2];
+    for (int i = 0; i < upper.node_count; i++)
+        upper.nodes[i] = sb_v3_add(upper.nodes[i], sb_v3(REAL(0.003), REAL(0.005), REAL(0.0304)));
+    CHECK_OK(sb_mesh_append(&mesh, &upper, NULL));
+    sb_mesh_free(&upper);
+    def.mesh = &mesh;
+    def.material = sb_material_corotated(REAL(1e4), REAL(0.4), REAL(1000));
+    def.damping_stiffness = REAL(0.01);
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    contact_def.body = scene_body(&def);
+    contact_def.pairs = SB_CONTACT_ORGANS;
+    contact_def.pair_friction = REAL(0.4);
+    scene_fix_plane(contact_def.body, &mesh, 2, 0, SB_XYZ);
+    CHECK_OK(sb_contact_create(&contact_def, &contact, NULL));
+    for (int t = 0; t < 2; t++)
+        tools[t] = sb_default_tool_def();
+    tools[0].shape = SB_TOOL_CAPSULES;
+    tools[0].points = chain;
+    tools[0].point_count = 3;
+    tools[0].radius = REAL(0.006);
+    tools[0].friction = REAL(0.3);
+    tools[0].pose.position = sb_v3(REAL(-0.0065), REAL(0.02), REAL(0.02));
+    tools[1].shape = SB_TOOL_BOX;
+    tools[1].half = sb_v3(REAL(0.008), REAL(0.01), REAL(0.008));
+    tools[1].radius = REAL(0.004);
+    tools[1].coupling_stiffness = REAL(200);
+    tools[1].coupling_turning = REAL(0.02);
+    tools[1].pose.position = sb_v3(REAL(0.05), REAL(0.02), REAL(0.0385));
+    for (int t = 0; t < 2; t++)
+        CHECK_OK(sb_contact_add_tool(contact, tools + t, numbers + t, NULL));
+    for (int i = 1; i <= 20; i++) {
+        sb_pose poses[2];
+        poses[0] = tools[0].pose, poses[1] = tools[1].pose;
+        poses[0].position.x += REAL(2e-4) * REAL(i);
+        poses[1].position.z -= REAL(2e-4) * REAL(i);
+        poses[1].position.y += REAL(1e-4) * REAL(i);
+        for (int t = 0; t < 2; t++)
+            CHECK_OK(sb_contact_move_tool(contact, numbers[t], poses + t));
+        CHECK_OK(sb_body_step(contact_def.body, REAL(0.01), NULL));
+    }
+    CHECK(sb_contact_get_info(contact).touching > 30);
+    nodes = (size_t)sb_body_node_count(contact_def.body);
+    hash = scene_hash(sb_body_displacements(contact_def.body), nodes * sizeof(sb_vec3)) ^
+           scene_hash(sb_body_velocities(contact_def.body), nodes * sizeof(sb_vec3)) ^ force_hash(contact, numbers[0]) ^
+           force_hash(contact, numbers[1]);
+    sb_contact_destroy(contact);
+    sb_body_destroy(contact_def.body);
+    sb_mesh_free(&mesh);
+    return hash;
+}
+
+static void test_golden_touch(void)
+{
+    static const struct {
+        sb_element_type type;
+        unsigned long long expected; /* of double */
+    } touches[] = {
+        {SB_TET4, 0x921a40f1d4dd6f5eULL}, {SB_TET10, 0xb51487015f2c2cefULL}, {SB_HEX8, 0x69c5e464fb0ab3b0ULL}};
+    if (SB_REAL_IS_FLOAT) {
+        CHECK_SKIP("golden hashes are of double");
+        return;
+    }
+    for (size_t i = 0; i < sizeof touches / sizeof touches[0]; i++) {
+        unsigned long long hash = play_touch(touches[i].type);
+        if (getenv("GOLDEN"))
+            printf("  touch, %s 0x%016llxULL\n", sb_element_name(touches[i].type), hash);
+        if (!CHECK(hash == touches[i].expected))
+            printf("  touch, %s: 0x%016llx\n", sb_element_name(touches[i].type), hash);
+    }
+}
+
+CHECK_SUITE(golden, {"golden scenes", test_golden}, {"golden cuts", test_golden_cut},
+            {"golden touch", test_golden_touch});

@@ -776,6 +776,43 @@ static void test_passive(void)
     printf("    most beyond the bank %.2f mJ\n", 1e3 * worst);
 }
 
+/* A hand that lets go of the device when a frame arrives, of each in turn: what is left has only the device's mass, and
+ * gets no more than 10 mJ beyond the bank; it is not shot away. */
+static void test_let_go(void)
+{
+    seed_t seed = 57;
+    double worst = 0, fastest = 0;
+    for (int i = 0; i < (check_quick() ? 4 : 20); i++) {
+        sb_haptic_def def = random_device(&seed, 15, 3);
+        hand_case is = hand_usual();
+        hand_scene s;
+        is.tissue = 50 * exp(check_random(&seed) * log(400));
+        is.period = i % 2 ? 0.01 : 1 / 60.0;
+        def.resolution = is.encoder;
+        if (!hand_begin(&s, &is, &def, seed))
+            return;
+        for (int frame = 0; frame < 200; frame++) {
+            int64_t before = s.servo.info.frames;
+            hand_scene loose;
+            double stored;
+            while (s.servo.info.frames == before)
+                hand_call(&s);
+            loose = s;
+            loose.is.stiffness = loose.is.damping = 0;
+            loose.is.mass = 0.05;
+            stored = 0.5 * 0.05 * sbi_d_dot(loose.v, loose.v) + fmax(loose.bank, 0);
+            for (int k = 0; k < 300; k++) {
+                hand_call(&loose);
+                fastest = fmax(fastest, 0.5 * 0.05 * sbi_d_dot(loose.v, loose.v) - stored);
+            }
+            worst = fmax(worst, loose.beyond);
+        }
+    }
+    printf("    most beyond the bank %.2f mJ, kinetic energy beyond it %.2f mJ\n", 1e3 * worst, 1e3 * fastest);
+    CHECK(worst < 0.01);
+    CHECK(fastest < 0.01);
+}
+
 /* A hand that rests on stiff tissue with its tremor: the bank does not run dry, no force is taken off. */
 static void test_rest(void)
 {
@@ -903,5 +940,6 @@ CHECK_SUITE(haptic_servo, {"rotations there and back", test_turns},
             {"any input gives a finite force within limits", test_fuzz},
             {"hands come to rest in any tissue", test_no_swing},
             {"a held force swings where planes do not", test_held_force_swings},
-            {"random hands get no energy from late steps", test_passive}, {"a resting hand keeps its force", test_rest},
+            {"random hands get no energy from late steps", test_passive}, {"a hand that lets go", test_let_go},
+            {"a resting hand keeps its force", test_rest},
             {"force against the same tissue stepped at 1 kHz", test_fidelity});

@@ -51,6 +51,7 @@ static int block_add_needle(block *b, double curvature)
     ndl_friction friction = {20, 0, REAL(0.5), 0, 0};
     sb_error error;
     def.body = b->body;
+    def.follow = NDL_REMESH;
     def.base = sb_v3_add(b->entry, sb_v3(0, 0, REAL(0.01)));
     def.direction = sb_v3(0, 0, -1);
     def.director = sb_v3(1, 0, 0);

@@ -128,6 +128,69 @@ static void test_convergence(void)
     CHECK(fabs(dense - coarse) < 0.35 * finest); /* a line of nodes holds the softer the finer the mesh is */
 }
 
+/* ---- increments cut short ---- */
+
+/* A node in five that is not near the needle flies at random, by up to an element in a step: elements would turn inside
+ * out, and every increment of Newton's method is cut short. */
+static void throw_nodes(const needle_scene *s, unsigned long long *random)
+{
+    int count = sb_body_node_count(s->body);
+    const sb_vec3 *x = sb_body_positions(s->body);
+    sb_vec3 *v = (sb_vec3 *)malloc((size_t)count * sizeof *v);
+    double most = 0.01 / dt;
+    if (!CHECK(v != NULL))
+        return;
+    memcpy(v, sb_body_velocities(s->body), (size_t)count * sizeof *v);
+    for (int i = 0; i < count; i++) {
+        sb_real aside = sb_v3_norm(sb_v3(x[i].x - s->needle_def.base.x, x[i].y - s->needle_def.base.y, 0));
+        if (!needle_scene_is_side(s, x[i]) && aside > REAL(0.007) && check_random(random) < 0.2)
+            v[i] = sb_v3(REAL(check_random_in(random, -most, most)), REAL(check_random_in(random, -most, most)),
+                         REAL(check_random_in(random, -most, most)));
+    }
+    CHECK_OK(sb_body_set_velocities(s->body, v));
+    free(v);
+}
+
+/* Whatever becomes of the tissue, the sleeve pushes with no more than friction and tip can hold: forces of a step that
+ * did not get to its end are none. Returns how many steps were capped. */
+static int among_thrown_nodes(int seed, ndl_follow follow)
+{
+    needle_scene s = needle_scene_default();
+    sb_material material;
+    unsigned long long random = (unsigned long long)seed;
+    int capped = 0;
+    material = sb_material_neo_hookean(REAL(check_random_in(&random, 4000, 40000)), REAL(0.45), 1000);
+    s.other = &material;
+    s.body_def.integrator = seed % 2 ? SB_EULER : SB_GENERALISED_ALPHA;
+    s.body_def.max_newton = 2 + seed % 5;
+    s.needle_def.follow = follow;
+    if (needle_scene_make(&s))
+        for (int i = 0; i < 20; i++) {
+            ndl_command command = needle_command((i < 5 ? 5 : 1) * speed * check_random_in(&random, 0.5, 1.5), 0);
+            sb_result result;
+            if (i > 5 && i % 3 == 0)
+                throw_nodes(&s, &random);
+            result = ndl_step(s.body, s.needles, 1, REAL(dt), &command, &s.info, &s.error);
+            if (result == SB_OK && !CHECK(needle_push(&s) < 20 * (double)ndl_needle_depth(s.needles[0]) + 0.6))
+                printf("seed %d step %d: %g N of %g\n", seed, i, needle_push(&s),
+                       20 * (double)ndl_needle_depth(s.needles[0]) + 0.5);
+            if (!CHECK_OK(result))
+                printf("seed %d step %d: %s\n", seed, i, s.error.message);
+            capped += s.info.body.capped || s.info.substeps > 1;
+        }
+    needle_scene_free(&s);
+    return capped;
+}
+
+static void test_cut_increments(void)
+{
+    int capped = 0;
+    for (int seed = 1; seed <= (check_quick() ? 2 : 5); seed++)
+        capped += among_thrown_nodes(seed, seed % 4 < 2 ? NDL_EMBED : NDL_REMESH);
+    printf("%d steps capped or divided\n", capped);
+    CHECK(capped > 3);
+}
+
 /* ---- solvers ---- */
 
 /* All find the same. */
@@ -171,6 +234,7 @@ static void refuse(sb_element_type type, sb_real slack, const char *names)
     def.slack = slack;
     if (CHECK_OK(sb_body_create(&def, &body, &error))) {
         needle.body = body;
+        needle.follow = NDL_REMESH;
         needle.base = sb_v3(REAL(0.02), REAL(0.02), REAL(0.1));
         needle.direction = sb_v3(0, 0, -1);
         CHECK_RESULT(ndl_needle_create(&needle, &made, &error), SB_ERROR_UNSUPPORTED);
@@ -232,5 +296,6 @@ static void test_changes_by_others(void)
 }
 
 CHECK_SUITE(needle_materials, {"every material", test_materials}, {"meshes and steps", test_convergence},
-            {"every solver", test_preconditioners}, {"refusals", test_refusals}, {"explicit bodies", test_explicit},
+            {"cut increments", test_cut_increments}, {"every solver", test_preconditioners},
+            {"refusals", test_refusals}, {"explicit bodies", test_explicit},
             {"changes by others", test_changes_by_others});

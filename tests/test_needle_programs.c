@@ -143,6 +143,7 @@ static ndl_needle *random_needle(programs *p, unsigned long long *seed)
     ndl_needle *needle = NULL;
     double x = check_random_in(seed, 0.3, 0.7), y = check_random_in(seed, 0.3, 0.7);
     def.body = p->body;
+    def.follow = NDL_REMESH;
     def.base = sb_v3(p->low.x + REAL(x) * (p->high.x - p->low.x), p->low.y + REAL(y) * (p->high.y - p->low.y),
                      p->high.z + REAL(0.04));
     def.direction.x = REAL(check_random_in(seed, -0.1, 0.1));

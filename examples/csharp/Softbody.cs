@@ -111,6 +111,7 @@ public enum sb_material_model
     SB_REDUCED_POLYNOMIAL = 9,
     SB_OGDEN = 10,
     SB_FUNG = 11,
+    SB_CUSTOM_LAW = 12,
 }
 public enum sb_tangent_kind
 {
@@ -208,6 +209,38 @@ public enum sb_newton
     SB_NEWTON_AUTO = 0,
     SB_NEWTON_PLAIN = 1,
     SB_NEWTON_MIXED_POINTS = 2,
+}
+public enum sb_start
+{
+    SB_START_AUTO = 0,
+    SB_START_PRESENT = 1,
+    SB_START_ROTATIONS = 2,
+}
+public enum sb_parameter_kind
+{
+    SB_PARAMETER_YOUNG = 1,
+    SB_PARAMETER_POISSON = 2,
+    SB_PARAMETER_CONSTANT = 3,
+    SB_PARAMETER_DENSITY = 4,
+    SB_PARAMETER_GRAVITY = 5,
+    SB_PARAMETER_FORCE = 6,
+    SB_PARAMETER_PRESSURE = 7,
+    SB_PARAMETER_STIFFNESS = 8,
+    SB_PARAMETER_TARGET = 9,
+    SB_PARAMETER_SUPPORT = 10,
+}
+public enum sb_constant
+{
+    SB_CONSTANT_LAMBDA = 1,
+    SB_CONSTANT_MU = 2,
+    SB_CONSTANT_C10 = 3,
+    SB_CONSTANT_C01 = 4,
+    SB_CONSTANT_C20 = 5,
+    SB_CONSTANT_C30 = 6,
+    SB_CONSTANT_D1 = 7,
+    SB_CONSTANT_FIBRE_STIFFNESS = 8,
+    SB_CONSTANT_FIBRE_TENSION = 9,
+    SB_CONSTANT_OGDEN_MU = 10,
 }
 public enum sb_tool_shape
 {
@@ -771,6 +804,15 @@ public unsafe struct sb_stuff_report
     public fixed double surface_share[64];
 }
 [StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_material_law
+{
+    public byte* name;
+    public void* user;
+    public IntPtr energy;
+    public IntPtr stress;
+    public IntPtr tangent;
+}
+[StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_material
 {
     public sb_material_model model;
@@ -794,6 +836,8 @@ public unsafe struct sb_material
     public int prony_count;
     public fixed double prony_g[8];
     public fixed double prony_tau[8];
+    public sb_material_law* law;
+    public double law_scale;
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_material_history
@@ -1210,6 +1254,7 @@ public unsafe struct sb_static_options
     public int max_iterations;
     public int quasi_newton;
     public sb_newton newton;
+    public sb_start start;
     public int forces_only;
     public int keep_progress;
     public int instantaneous;
@@ -1235,6 +1280,29 @@ public unsafe struct sb_modes_info
     public double residual;
     public double seconds;
 }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_unload_def
+{
+    public sb_body_def body;
+    public IntPtr dress;
+    public void* user;
+    public sb_static_options statics;
+    public double tolerance;
+    public int max_iterations;
+    public int load_steps;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_unload_report
+{
+    public int solves;
+    public int load_steps;
+    public double share;
+    public double gap;
+    public double size;
+    public double moved;
+    public sb_error error;
+}
 public struct sb_recording { }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_recording_info
@@ -1259,6 +1327,59 @@ public unsafe struct sb_recording_report
     public int last_node;
     public double distance;
     public sb_error error;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_parameter
+{
+    public sb_parameter_kind kind;
+    public int region;
+    public int constant;
+    public int load_id;
+    public int row;
+    public int axis;
+    public int* nodes;
+    public int node_count;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_measurement
+{
+    public sb_mapping* rows;
+    public sb_vec3* points;
+    public double sigma_point;
+    public int* force_nodes;
+    public int force_count;
+    public sb_vec3 force;
+    public double sigma_force;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_identify_def
+{
+    public sb_body* body;
+    public sb_parameter* parameters;
+    public int count;
+    public int free_count;
+    public double* low;
+    public double* high;
+    public int state_count;
+    public sb_measurement* measurements;
+    public IntPtr apply;
+    public void* user;
+    public int max_iterations;
+    public sb_static_options statics;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_identify_info
+{
+    public int iterations;
+    public int solves;
+    public int readings;
+    public double chi2;
+    public double start_chi2;
+    public int warnings;
+    public double weakest;
+    public int weakest_parameter;
+    public fixed byte hidden[160];
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_pose
@@ -2299,6 +2420,10 @@ public static unsafe class Native
     public const int SB_NODE_KEEP_Z = 8;
     public const int SB_TIE_CLOSE_GAPS = 1;
     public const int SB_TIE_ALL = 2;
+    public const int SB_IDENTIFY_HIDDEN = 1;
+    public const int SB_IDENTIFY_MISFIT = 2;
+    public const int SB_IDENTIFY_BOUND = 4;
+    public const int SB_IDENTIFY_LOCKS = 8;
     public const int SB_TOOL_MAX_POINTS = 64;
     public const int SB_TOOL_MIN_CELLS = 16;
     public const int SB_TOOL_MAX_CELLS = 128;
@@ -3009,6 +3134,16 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_material sb_material_fung(double c10, double exponent, double d1, double density);
     /// <summary>
+    /// A law of the caller's own, lent, see sb_material_law, and bulk [Pa] &gt;= 0 that the library adds as (J - 1)^2/d1,
+    /// d1 = 2/bulk. A law of F J^(-1/3) alone with its bulk modulus here is what elements that do not lock (B-bar) need:
+    /// they evaluate the law at each point and the bulk term in the mean. A law that has its own volume term goes with bulk
+    /// 0, and locks as any fully integrated element. Prony terms relax the law and leave the bulk term. lambda and mu are
+    /// those of the law's tangent at F = I, averaged over directions; they scale tolerances and steps. NULL, a call that is
+    /// missing or a law without a tangent at F = I give a material that sb_material_check refuses.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_material sb_material_custom(sb_material_law* law, double bulk, double density);
+    /// <summary>
     /// The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
     ///     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 &gt; 1, I4 = |F a0|^2, a0 the unit direction at rest,
     /// and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 &lt;= 1) do nothing. k1 [Pa] &gt;= 0, k2 &gt;= 0. The moduli lambda, mu
@@ -3062,9 +3197,9 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_material_check(sb_material* material, sb_error* error);
     /// <summary>
-    /// 1 when the model has a finite energy for J &lt;= 0; 0 when it needs J &gt; 0 (or is unknown). SB_SVK has one,
-    /// but does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come
-    /// to rest.
+    /// 1 when the model has a finite energy for J &lt;= 0; 0 when it needs J &gt; 0 (or is unknown, or a law that decides itself).
+    /// SB_SVK has one, but does not oppose inversion: it has the same value for F and its mirror image, so an inverted
+    /// element may come to rest.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern int sb_material_allows_inversion(sb_material_model model);
@@ -4204,6 +4339,25 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_modes(sb_body* body, int count, sb_modes_options* options, double* frequencies, sb_vec3* shapes, sb_modes_info* info, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_unload_def sb_default_unload_def();
+    /// <summary>
+    /// Finds the rest shape.
+    /// rest    [node_count] (m) receives it; held nodes keep their place along the held axes
+    /// body    receives the body made from it, with its supports and loads, at rest in the imaged shape: destroy it with
+    ///         sb_body_destroy. May be NULL
+    /// report  may be NULL; written also on failure
+    /// Makes a body for each trial, from def-&gt;body.allocator; the same bits for any number of threads. On failure rest and
+    /// *body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged
+    /// mesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found
+    /// (SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;
+    /// report-&gt;gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at
+    /// rest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones, and a
+    /// straight column beyond its buckling load is in balance, too: sb_body_modes of the body, at_present, tells
+    /// (SB_ERROR_INDEFINITE).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_unload(sb_unload_def* def, sb_vec3* rest, sb_body** body, sb_unload_report* report, sb_error* error);
     /// <summary>
     /// Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports
     /// and other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body.
@@ -4289,6 +4443,62 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_recording_replay(sb_recording* recording, sb_body* body, sb_recording_report* report);
+    /// <summary>
+    /// x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).
+    ///   rhs        [count][node_count] (N); on supported axes it has no effect
+    ///   x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs
+    ///   tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); a factored solve is as exact as rounding lets it be
+    /// A factored solve of many right-hand sides at once costs much less than one after the other.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_solve_tangent(sb_body* body, sb_vec3* rhs, sb_vec3* x, int count, double tolerance, sb_error* error);
+    /// <summary>
+    /// Derivatives of displacements and of reactions, one solve for each parameter.
+    ///   parameters  [count]
+    ///   du          [count][node_count]: du/dp (m per unit of the parameter)
+    ///   dreaction   [count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL
+    /// More errors: SB_ERROR_ARGUMENT naming the parameter: no such kind, axis or constant in its material, a node that is
+    /// not supported along the axis; SB_ERROR_INDEX: no such region, load or row.
+    /// Method: K du/dp = -dr/dp, r = f_int - f_ext; reactions dr_s/dp + K_sf du_f/dp. dr/dp is exact: stresses are linear in
+    /// constants, loads in theirs.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_sensitivities(sb_body* body, sb_parameter* parameters, int count, sb_vec3* du, sb_vec3* dreaction, sb_error* error);
+    /// <summary>
+    /// Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).
+    ///   dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0
+    ///   dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0
+    ///   parameters    [count], NULL where count is 0
+    ///   gradient      [count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added
+    ///   dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL
+    /// Errors as sb_body_sensitivities.
+    /// Method: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports
+    /// dJ/du - K^T m.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_gradient(sb_body* body, sb_vec3* dj_du, sb_vec3* dj_dreaction, sb_parameter* parameters, int count, double* gradient, sb_vec3* dj_dforce, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_identify_def sb_default_identify_def();
+    /// <summary>
+    /// Finds values[count + free_count], which come in as the start.
+    ///   deviations   [count + free_count] standard deviations in the values' units, or NULL
+    ///   own_shares   [count + free_count] or NULL: of what a value changes in the readings, the share (of its square, in
+    ///                units of sigma) that no other values could change instead: 1 alone, 0 hidden by the others
+    ///   info, error  may be NULL
+    /// Derivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted
+    /// shape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are
+    /// untouched and the body has its materials and shape again, but loads and supports as `apply` has left them:
+    /// SB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),
+    /// SB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),
+    /// SB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading
+    /// sees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a
+    /// minimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.
+    /// Method: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at
+    /// most 1 there; a trial whose solve fails counts as one that does not help. Ends when chi2 falls by less than 1e-6 of
+    /// itself or values move by less than 1e-8.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_identify(sb_identify_def* def, double* values, double* deviations, double* own_shares, sb_identify_info* info, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_tool_def sb_default_tool_def();
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
@@ -5034,7 +5244,9 @@ public static unsafe class Native
     /// ndl_needle_create, which takes the step back first, or until a saved state is loaded. Steps that do without memory
     /// they asked for (info-&gt;blocked) are not repeated by a recording that has it.
     ///
-    /// A step is divided where a tip comes to an edge of a membrane or a command is fast. Supports and tools of an
+    /// A step is divided where a tip comes to an edge of a membrane or a command is fast, and where it fails as a whole: the
+    /// rod would fold, tissue would turn inside out, or of hyperelastic tissue max_newton iterations do not bring it to
+    /// where the needle has gone (what is read of a needle is never the force of that gap). Supports and tools of an
     /// sb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever
     /// was tried before. In parts cut short by a membrane a tool that just comes to the tissue feels the parts' shorter
     /// time: up to 8 % of the force that it has later (measured in 8 scenes).

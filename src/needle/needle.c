@@ -15,6 +15,7 @@ NDL_API ndl_needle_def ndl_default_needle_def(void)
 {
     ndl_needle_def def;
     memset(&def, 0, sizeof def);
+    def.follow = NDL_EMBED;
     def.length = (sb_real)0.05;
     def.capacity = 128;
     ndl_rod_section_preset(NDL_STYLET_18G, &def.section);

@@ -55,7 +55,6 @@
  *         sb_body_def bd = sb_default_body_def();
  *         bd.mesh = &mesh;
  *         bd.material = sb_material_corotated(50e3, 0.45, 1000);        // Young's modulus, Poisson's ratio, density
- *         bd.slack = 0.2;                                               // its mesh may change
  *         sb_body *body = NULL;
  *         require(sb_body_create(&bd, &body, &error), &error);
  *         for (int i = 0; i < mesh.node_count; i++)
@@ -87,8 +86,8 @@
  *                        1e3 * ndl_needle_depth(needle), -force.z);
  *             }
  *         }
- *         int out = ndl_remesh_is_original(ndl_needle_remesh(needle));
- *         printf("the mesh is %s\n", out ? "as it was" : "changed");
+ *         int out = !(ndl_needle_depth(needle) > 0);
+ *         printf("the needle is %s\n", out ? "out again" : "in");
  *         ndl_needle_destroy(needle);                                   // before its body
  *         sb_body_destroy(body);
  *         sb_mesh_free(&mesh);
@@ -106,9 +105,9 @@
  * ndl_needle   a needle at one body, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
  *              cuts. ndl_step moves a body and all its needles together: the linear systems of the body's own step,
  *              solved again with other states of friction where a node sticks that should slip, or the other way.
- * follow       how a needle is held. NDL_REMESH: each of its nodes in tissue lies on a node of the mesh, which follows.
- *              NDL_EMBED: springs hold it at material points, and the mesh stays as it is: forces that do not depend on
- *              the mesh, any elements, bodies that are cut, needles side by side.
+ * follow       how a needle is held. NDL_EMBED, the default: springs hold it at material points, and the mesh stays as
+ *              it is: forces that do not depend on the mesh, any elements, bodies that are cut, needles side by side.
+ *              NDL_REMESH: each of its nodes in tissue lies on a node of the mesh, which follows.
  * contact      along the needle each node sticks or slips (ndl_contact). Friction is a force per length of shaft by
  *              region, cutting a force at the tip; membranes are faces between regions that take more force to
  *              puncture. What a hand feels: ndl_needle_base_wrench.

@@ -442,6 +442,88 @@ static void ndli_held_slip(ndl_needle *needle)
     }
 }
 
+/* ---- a needle that has torn out is held again ---- */
+
+/* Where the shaft comes in through the skin that goes on to the tip: on edge *j, at *at; *place: of the skin there.
+ * Returns what is behind it up to the tip (m); negative: it comes in nowhere. */
+static double ndli_held_behind(const ndl_needle *needle, int *j, ndli_place *place, sb_vec3 *at)
+{
+    const ndl_rod *rod = needle->rod;
+    double behind = 0;
+    for (*j = rod->node_count - 2; *j > 0; (*j)--) {
+        if (ndli_bed_hit(&needle->site->bed, ndli_to(rod->x[*j]), ndli_to(rod->x[*j + 1]), place, at))
+            return behind + ndli_norm(ndli_sub(rod->x[*j + 1], ndli_from(*at)));
+        behind += ndli_held_edge(rod, *j);
+    }
+    return -1;
+}
+
+/* The material that is at x in space, by Newton's method from *X on. 0: none is near. */
+static int ndli_held_material(const ndli_bed *bed, ndli_v3 x, ndli_v3 *X, ndli_place *place)
+{
+    const double enough = 1e-6 * bed->mean_edge;
+    for (int round = 0; round < 20; round++) {
+        ndli_bed_row row;
+        ndli_v3 off;
+        sb_mat3 f;
+        if (!ndli_bed_locate(bed, ndli_to(*X), place->element, place) || !ndli_bed_row_at(bed, place, &row))
+            return 0;
+        off = ndli_sub(x, ndli_bed_at(bed, &row));
+        if (ndli_norm(off) < enough)
+            return 1;
+        f = ndli_bed_gradient(bed, place, &row);
+        if (!(sb_m3_det(f) > 0))
+            return 0;
+        *X = ndli_add(*X, ndli_from(sb_m3_apply(sb_m3_inverse(f), ndli_to(off))));
+    }
+    return 0;
+}
+
+/* The track is where the shaft is from the skin at edge j, so that the tissue is held without any force. 0: it cannot
+ * be followed. */
+static int ndli_held_lay_track(ndl_needle *needle, int j, ndli_place place)
+{
+    const ndl_rod *rod = needle->rod;
+    const ndli_bed *bed = &needle->site->bed;
+    ndli_track *track = &needle->track;
+    ndli_v3 X = ndli_from(sbi_embed_map(&bed->mesh, place.element, place.xi, NULL));
+    ndli_track_begin(track, X, place.element);
+    for (int i = j + 1; i < rod->node_count; i++) {
+        if (!ndli_held_material(bed, rod->x[i], &X, &place) || !ndli_track_extend(track, X, place.element))
+            return 0;
+        needle->arc[i] = ndli_track_length(track);
+    }
+    return track->count > 1;
+}
+
+/* Once it is half an edge deep, which is how deep no needle tears out again at once. */
+static void ndli_held_thread(ndl_needle *needle)
+{
+    ndl_rod *rod = needle->rod;
+    ndli_line *line = &needle->line;
+    ndli_place place;
+    sb_vec3 at;
+    int j;
+    if (ndli_held_behind(needle, &j, &place, &at) < 0.5 * needle->site->mean_edge)
+        return;
+    if (!ndli_held_lay_track(needle, j, place)) {
+        ndli_held_leave(needle);
+        return;
+    }
+    needle->heading = ndli_track_at(&needle->track, ndli_track_length(&needle->track)).tangent;
+    needle->lost = NDLI_LOST_NOT;
+    line->first = j + 1;
+    line->count = rod->node_count - line->first;
+    for (int i = j; i < rod->node_count; i++) {
+        line->state[i] = NDL_STATIC;
+        line->contact[i] = ndli_v(0, 0, 0);
+        line->slip[i] = 0;
+    }
+    ndli_held_measure_entering(needle);
+}
+
+/* ---- the tip comes in ---- */
+
 static void ndli_held_enter(ndl_needle *needle)
 {
     const ndl_rod *rod = needle->rod;
@@ -453,8 +535,11 @@ static void ndli_held_enter(ndl_needle *needle)
     sb_vec3 at, X;
     sb_mat3 f;
     int hits = ndli_bed_hit(bed, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &place, &at);
-    if (needle->lost) { /* it was in another mesh, and has to come out of this one first */
-        needle->lost = hits || ndli_bed_holds_in_space(bed, ndli_to(rod->x[last]));
+    if (needle->lost) { /* it is in the tissue, which does not hold it */
+        if (!hits && !ndli_bed_holds_in_space(bed, ndli_to(rod->x[last])))
+            needle->lost = NDLI_LOST_NOT;
+        else if (needle->lost == NDLI_LOST_TORN)
+            ndli_held_thread(needle);
         return;
     }
     if (!hits || !ndli_bed_row_at(bed, &place, &row) || !(sb_m3_det(f = ndli_bed_gradient(bed, &place, &row)) > 0))

@@ -17,6 +17,13 @@
 
 enum { NDLI_TRACK_POINTS = 16 }; /* of a needle's track for each of its nodes */
 
+/* How a needle is in tissue that does not hold it. */
+typedef enum ndli_lost {
+    NDLI_LOST_NOT = 0,
+    NDLI_LOST_MESH = 1, /* the mesh has changed about it, and it is not out of that yet */
+    NDLI_LOST_TORN = 2  /* of needles held by rows: it has torn out, and is not out of the tissue yet */
+} ndli_lost;
+
 typedef struct ndli_capsule {
     ndl_membrane def;
     sb_surface *surface; /* the faces between its regions in the undeformed tissue */
@@ -54,7 +61,7 @@ struct ndl_needle {
     int *path;               /* [capacity] tissue nodes of rod nodes line.first .. */
     double radius;           /* m */
     ndli_track track;        /* of a needle that is held by rows, as what follows */
-    int lost;                /* 1: the mesh has changed about it, and it is not out of that yet */
+    int lost;                /* an ndli_lost */
     double entering;         /* m of the edge before its first node in the tissue that are in it */
     double *arc;             /* [capacity] m at rest: where on it nodes in the tissue are */
     struct ndli_hold *holds; /* [capacity] the line's */

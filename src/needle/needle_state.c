@@ -88,7 +88,7 @@ static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_need
     h->base_given = needle->base_given;
     h->hold_steps = needle->hold_steps;
     h->points = h->count > 0 ? needle->track.count : 0;
-    h->lost = needle->lost || (stale && needle->line.count > 0);
+    h->lost = stale && needle->line.count > 0 ? NDLI_LOST_MESH : needle->lost;
     h->reals[4] = h->count > 0 ? h->reals[4] : 0;
 }
 
@@ -192,7 +192,8 @@ static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_nee
                         h->node_count, needle->rod->capacity);
     if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
         h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) || h->points < 0 ||
-        h->points > needle->track.capacity || (h->lost != 0 && h->lost != 1) || !ndli_state_is_unit(h->vectors[1]) ||
+        h->points > needle->track.capacity || h->lost < NDLI_LOST_NOT || h->lost > NDLI_LOST_TORN ||
+        (h->lost == NDLI_LOST_TORN && !needle->site->embeds) || !ndli_state_is_unit(h->vectors[1]) ||
         (h->points > 0 && !ndli_state_is_unit(h->vectors[5])) ||
         (h->points > 0) != (h->count > 0 && needle->site->embeds) || (h->shallow != 0 && h->shallow != 1) ||
         (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 || !(h->reals[0] > 0) || !(h->reals[4] >= 0) ||

@@ -17,6 +17,7 @@ typedef struct ndli_stepping {
     const ndl_command *commands;
     int count;
     ndli_line *lines[NDL_MAX_NEEDLES];
+    int patience; /* see sbi_step_part */
     ndl_step_info *info;
     sb_error *error;
 } ndli_stepping;
@@ -195,6 +196,7 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_p
     struct ndli_site *site = s->site;
     double begin = ndli_step_now(site), solve;
     const sbi_guest *guests[1];
+    sbi_step_part span;
     ndli_couple couple;
     sb_result result;
     if (site->embeds)
@@ -203,7 +205,9 @@ static sb_result ndli_step_solve(const ndli_stepping *s, double dt, const ndli_p
     else
         ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
     guests[0] = &couple.guest;
-    result = sbi_body_step_part(site->body, (sb_real)dt, guests, 1, part->begin, part->end, &s->info->body);
+    span.begin = part->begin, span.end = part->end;
+    span.patience = s->patience;
+    result = sbi_body_step_part(site->body, (sb_real)dt, guests, 1, &span, &s->info->body);
     solve = s->info->body.seconds_solve;
     s->info->seconds_couple += solve;
     s->info->seconds_body += ndli_step_now(site) - begin - solve;
@@ -423,6 +427,7 @@ static int ndli_step_let_go(ndl_needle *needle)
     if (!site->embeds)
         return ndl_remesh_withdraw(site->remesh, needle->index, NULL, NULL) == SB_OK;
     ndli_held_leave(needle);
+    needle->lost = NDLI_LOST_TORN;
     return 1;
 }
 
@@ -459,6 +464,30 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     return result;
 }
 
+/* 1: shorter steps may do better. */
+static int ndli_step_may_be_too_long(sb_result result)
+{
+    return result == SB_ERROR_DIVERGED || result == SB_ERROR_INVERTED || result == SB_ERROR_INDEFINITE ||
+           result == SB_ERROR_NOT_CONVERGED;
+}
+
+/* Times the body's cap on iterations. */
+enum { NDLI_STEP_PATIENCE = 8 };
+
+/* In more and more substeps until it succeeds. Tissue that does not let needles go their way is waited for in the
+ * shortest, and if that does not help in the whole step: in long ones more iterations would but crush it. */
+static sb_result ndli_step_run_finer(ndli_stepping *s, double dt, int substeps)
+{
+    sb_result result;
+    s->patience = 1;
+    result = ndli_step_run(s, dt, substeps);
+    for (int finer = 4; ndli_step_may_be_too_long(result) && finer <= NDLI_FINEST; finer *= 4) {
+        s->patience = finer < NDLI_FINEST ? 1 : NDLI_STEP_PATIENCE;
+        result = ndli_step_run(s, dt, finer * substeps);
+    }
+    return ndli_step_may_be_too_long(result) ? ndli_step_run(s, dt, substeps) : result;
+}
+
 /* A step that is sound in its arguments. */
 static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
 {
@@ -473,9 +502,7 @@ static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
         return result;
     if (!ndli_needle_keep(s->site, NDLI_KEPT_STEP))
         return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
-    result = ndli_step_run(s, dt, substeps);
-    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
-        result = ndli_step_run(s, dt, finer * substeps);
+    result = ndli_step_run_finer(s, dt, substeps);
     if (result == SB_ERROR_DIVERGED) {
         int torn = ndli_step_tear_out(s);
         if (torn != 0)

@@ -180,7 +180,8 @@ NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the nodes of a body that has grown");
     for (int i = 0; i < NDL_MAX_NEEDLES && stale && result == SB_OK; i++)
         if (site->needles[i]) {
-            site->needles[i]->lost |= site->needles[i]->line.count > 0;
+            if (site->needles[i]->line.count > 0)
+                site->needles[i]->lost = NDLI_LOST_MESH;
             ndli_held_leave(site->needles[i]);
             site->needles[i]->shallow = 0;
         }

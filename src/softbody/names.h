@@ -121,6 +121,7 @@
 #define sb_material_reduced_polynomial sb_material_reduced_polynomial_f32
 #define sb_material_ogden sb_material_ogden_f32
 #define sb_material_fung sb_material_fung_f32
+#define sb_material_custom sb_material_custom_f32
 #define sb_material_with_fibres sb_material_with_fibres_f32
 #define sb_material_with_dispersion sb_material_with_dispersion_f32
 #define sb_material_with_contraction sb_material_with_contraction_f32
@@ -306,6 +307,8 @@
 #define sb_body_solve_static sb_body_solve_static_f32
 #define sb_default_modes_options sb_default_modes_options_f32
 #define sb_body_modes sb_body_modes_f32
+#define sb_default_unload_def sb_default_unload_def_f32
+#define sb_body_unload sb_body_unload_f32
 #define sb_body_state_size sb_body_state_size_f32
 #define sb_body_state_save sb_body_state_save_f32
 #define sb_body_state_load sb_body_state_load_f32
@@ -321,6 +324,11 @@
 #define sb_recording_save_file sb_recording_save_file_f32
 #define sb_recording_load_file sb_recording_load_file_f32
 #define sb_recording_replay sb_recording_replay_f32
+#define sb_body_solve_tangent sb_body_solve_tangent_f32
+#define sb_body_sensitivities sb_body_sensitivities_f32
+#define sb_body_gradient sb_body_gradient_f32
+#define sb_default_identify_def sb_default_identify_def_f32
+#define sb_identify sb_identify_f32
 #define sb_default_tool_def sb_default_tool_def_f32
 #define sb_default_contact_def sb_default_contact_def_f32
 #define sb_contact_create sb_contact_create_f32

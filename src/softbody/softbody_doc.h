@@ -32,8 +32,11 @@
  *                        and theirs. Saved states and recordings stay, in memory and in files. register.h needs these
  *                        readers.
  *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids, embeddings and what touches surfaces: tools, organs
- * and hands (SB_NO_CONTACT). needle.h and register.h need them. SB_NO_CONTACT      leaves out sb_contact and sb_haptic.
- *     SB_NO_CUT          leaves out sb_cut. The README tells what each of the four saves.
+ *                        and hands (SB_NO_CONTACT). needle.h and register.h need them.
+ *     SB_NO_CONTACT      leaves out sb_contact and sb_haptic.
+ *     SB_NO_CUT          leaves out sb_cut.
+ *     SB_NO_IDENTIFY     leaves out derivatives (sb_body_gradient and its kin) and what is identified by them.
+ *                        docs/questions.md tells what these save.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO

@@ -163,6 +163,7 @@ static ndl_needle *fuzz_make_needle(fuzz_bytes *bytes, sb_body *body)
     sb_error error;
     friction.friction = 50 * sb_abs(fuzz_real(bytes));
     def.body = body;
+    def.follow = NDL_REMESH;
     def.direction = sb_v3((sb_real)0.5 * tilt.x, (sb_real)0.5 * tilt.y, -1);
     def.base =
         sb_v3((sb_real)(0.015 + 0.012 * (double)aim.x), (sb_real)(0.015 + 0.012 * (double)aim.y), (sb_real)0.072);

@@ -1,5 +1,5 @@
-/* A trainer's unit that leaves parts out by SB_NO_FILES, SB_NO_GEOMETRY, SB_NO_CONTACT and SB_NO_CUT: makes a body,
- * steps it, saves and loads its state in memory. */
+/* A trainer's unit that leaves parts out by SB_NO_FILES, SB_NO_GEOMETRY, SB_NO_CONTACT, SB_NO_CUT and SB_NO_IDENTIFY:
+ * makes a body, steps it, saves and loads its state in memory. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 

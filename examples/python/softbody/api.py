@@ -94,6 +94,7 @@ SB_MOONEY_RIVLIN = 8
 SB_REDUCED_POLYNOMIAL = 9
 SB_OGDEN = 10
 SB_FUNG = 11
+SB_CUSTOM_LAW = 12
 SB_MAX_PRONY_TERMS = 8
 SB_MAX_OGDEN_TERMS = 4
 SB_TANGENT_EXACT = 0
@@ -174,6 +175,33 @@ SB_STOP_FLOOR = 2
 SB_NEWTON_AUTO = 0
 SB_NEWTON_PLAIN = 1
 SB_NEWTON_MIXED_POINTS = 2
+SB_START_AUTO = 0
+SB_START_PRESENT = 1
+SB_START_ROTATIONS = 2
+SB_PARAMETER_YOUNG = 1
+SB_PARAMETER_POISSON = 2
+SB_PARAMETER_CONSTANT = 3
+SB_PARAMETER_DENSITY = 4
+SB_PARAMETER_GRAVITY = 5
+SB_PARAMETER_FORCE = 6
+SB_PARAMETER_PRESSURE = 7
+SB_PARAMETER_STIFFNESS = 8
+SB_PARAMETER_TARGET = 9
+SB_PARAMETER_SUPPORT = 10
+SB_CONSTANT_LAMBDA = 1
+SB_CONSTANT_MU = 2
+SB_CONSTANT_C10 = 3
+SB_CONSTANT_C01 = 4
+SB_CONSTANT_C20 = 5
+SB_CONSTANT_C30 = 6
+SB_CONSTANT_D1 = 7
+SB_CONSTANT_FIBRE_STIFFNESS = 8
+SB_CONSTANT_FIBRE_TENSION = 9
+SB_CONSTANT_OGDEN_MU = 10
+SB_IDENTIFY_HIDDEN = 1
+SB_IDENTIFY_MISFIT = 2
+SB_IDENTIFY_BOUND = 4
+SB_IDENTIFY_LOCKS = 8
 SB_TOOL_SPHERE = 1
 SB_TOOL_CAPSULES = 2
 SB_TOOL_BOX = 3
@@ -326,6 +354,7 @@ class sb_surface_repair_report(Structure): pass
 class sb_shape(Structure): pass
 class sb_stuff_def(Structure): pass
 class sb_stuff_report(Structure): pass
+class sb_material_law(Structure): pass
 class sb_material(Structure): pass
 class sb_material_history(Structure): pass
 class sb_test_point(Structure): pass
@@ -369,9 +398,15 @@ class sb_step_info(Structure): pass
 class sb_static_options(Structure): pass
 class sb_modes_options(Structure): pass
 class sb_modes_info(Structure): pass
+class sb_unload_def(Structure): pass
+class sb_unload_report(Structure): pass
 class sb_recording(Structure): pass
 class sb_recording_info(Structure): pass
 class sb_recording_report(Structure): pass
+class sb_parameter(Structure): pass
+class sb_measurement(Structure): pass
+class sb_identify_def(Structure): pass
+class sb_identify_info(Structure): pass
 class sb_pose(Structure): pass
 class sb_tool_def(Structure): pass
 class sb_contact(Structure): pass
@@ -761,6 +796,13 @@ sb_stuff_report._fields_ = [
     ("volume_share", c_double * 64),
     ("surface_share", c_double * 64),
 ]
+sb_material_law._fields_ = [
+    ("name", c_char_p),
+    ("user", c_void_p),
+    ("energy", CFUNCTYPE(c_int, c_void_p, POINTER(sb_mat3), POINTER(c_double))),
+    ("stress", CFUNCTYPE(c_int, c_void_p, POINTER(sb_mat3), POINTER(sb_mat3))),
+    ("tangent", CFUNCTYPE(c_int, c_void_p, POINTER(sb_mat3), POINTER(c_double))),
+]
 sb_material._fields_ = [
     ("model", c_int),
     ("density", c_double),
@@ -783,6 +825,8 @@ sb_material._fields_ = [
     ("prony_count", c_int),
     ("prony_g", c_double * 8),
     ("prony_tau", c_double * 8),
+    ("law", POINTER(sb_material_law)),
+    ("law_scale", c_double),
 ]
 sb_material_history._fields_ = [
     ("stress", c_double * 6),
@@ -1125,6 +1169,7 @@ sb_static_options._fields_ = [
     ("max_iterations", c_int),
     ("quasi_newton", c_int),
     ("newton", c_int),
+    ("start", c_int),
     ("forces_only", c_int),
     ("keep_progress", c_int),
     ("instantaneous", c_int),
@@ -1146,6 +1191,25 @@ sb_modes_info._fields_ = [
     ("residual", c_double),
     ("seconds", c_double),
 ]
+sb_unload_def._fields_ = [
+    ("body", sb_body_def),
+    ("dress", CFUNCTYPE(c_int, c_void_p, POINTER(sb_body), c_double, POINTER(sb_error))),
+    ("user", c_void_p),
+    ("statics", sb_static_options),
+    ("tolerance", c_double),
+    ("max_iterations", c_int),
+    ("load_steps", c_int),
+    ("cookie", c_uint),
+]
+sb_unload_report._fields_ = [
+    ("solves", c_int),
+    ("load_steps", c_int),
+    ("share", c_double),
+    ("gap", c_double),
+    ("size", c_double),
+    ("moved", c_double),
+    ("error", sb_error),
+]
 sb_recording_info._fields_ = [
     ("commands", c_int),
     ("steps", c_int),
@@ -1165,6 +1229,51 @@ sb_recording_report._fields_ = [
     ("last_node", c_int),
     ("distance", c_double),
     ("error", sb_error),
+]
+sb_parameter._fields_ = [
+    ("kind", c_int),
+    ("region", c_int),
+    ("constant", c_int),
+    ("load_id", c_int),
+    ("row", c_int),
+    ("axis", c_int),
+    ("nodes", POINTER(c_int)),
+    ("node_count", c_int),
+]
+sb_measurement._fields_ = [
+    ("rows", POINTER(sb_mapping)),
+    ("points", POINTER(sb_vec3)),
+    ("sigma_point", c_double),
+    ("force_nodes", POINTER(c_int)),
+    ("force_count", c_int),
+    ("force", sb_vec3),
+    ("sigma_force", c_double),
+]
+sb_identify_def._fields_ = [
+    ("body", POINTER(sb_body)),
+    ("parameters", POINTER(sb_parameter)),
+    ("count", c_int),
+    ("free_count", c_int),
+    ("low", POINTER(c_double)),
+    ("high", POINTER(c_double)),
+    ("state_count", c_int),
+    ("measurements", POINTER(sb_measurement)),
+    ("apply", CFUNCTYPE(c_int, c_void_p, c_int, POINTER(c_double), POINTER(sb_body), POINTER(sb_error))),
+    ("user", c_void_p),
+    ("max_iterations", c_int),
+    ("statics", sb_static_options),
+    ("cookie", c_uint),
+]
+sb_identify_info._fields_ = [
+    ("iterations", c_int),
+    ("solves", c_int),
+    ("readings", c_int),
+    ("chi2", c_double),
+    ("start_chi2", c_double),
+    ("warnings", c_int),
+    ("weakest", c_double),
+    ("weakest_parameter", c_int),
+    ("hidden", c_char * 160),
 ]
 sb_pose._fields_ = [
     ("position", sb_vec3),
@@ -2113,6 +2222,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_material_reduced_polynomial": (sb_material, (c_double, c_double, c_double, c_double, c_double, )),
     "sb_material_ogden": (sb_material, (POINTER(c_double), POINTER(c_double), c_int, c_double, c_double, )),
     "sb_material_fung": (sb_material, (c_double, c_double, c_double, c_double, )),
+    "sb_material_custom": (sb_material, (POINTER(sb_material_law), c_double, c_double, )),
     "sb_material_with_fibres": (sb_material, (sb_material, c_double, c_double, )),
     "sb_material_with_dispersion": (sb_material, (sb_material, c_double, )),
     "sb_material_with_contraction": (sb_material, (sb_material, c_double, c_double, c_double, )),
@@ -2298,6 +2408,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_solve_static": (c_int, (POINTER(sb_body), POINTER(sb_static_options), POINTER(sb_step_info), )),
     "sb_default_modes_options": (sb_modes_options, ()),
     "sb_body_modes": (c_int, (POINTER(sb_body), c_int, POINTER(sb_modes_options), POINTER(c_double), POINTER(sb_vec3), POINTER(sb_modes_info), POINTER(sb_error), )),
+    "sb_default_unload_def": (sb_unload_def, ()),
+    "sb_body_unload": (c_int, (POINTER(sb_unload_def), POINTER(sb_vec3), POINTER(POINTER(sb_body)), POINTER(sb_unload_report), POINTER(sb_error), )),
     "sb_body_state_size": (c_size_t, (POINTER(sb_body), )),
     "sb_body_state_save": (c_int, (POINTER(sb_body), c_void_p, c_size_t, )),
     "sb_body_state_load": (c_int, (POINTER(sb_body), c_void_p, c_size_t, POINTER(sb_error), )),
@@ -2313,6 +2425,11 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_recording_save_file": (c_int, (POINTER(sb_recording), c_char_p, POINTER(sb_error), )),
     "sb_recording_load_file": (c_int, (c_char_p, POINTER(sb_allocator), POINTER(POINTER(sb_recording)), POINTER(sb_error), )),
     "sb_recording_replay": (c_int, (POINTER(sb_recording), POINTER(sb_body), POINTER(sb_recording_report), )),
+    "sb_body_solve_tangent": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), c_int, c_double, POINTER(sb_error), )),
+    "sb_body_sensitivities": (c_int, (POINTER(sb_body), POINTER(sb_parameter), c_int, POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_body_gradient": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_parameter), c_int, POINTER(c_double), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_default_identify_def": (sb_identify_def, ()),
+    "sb_identify": (c_int, (POINTER(sb_identify_def), POINTER(c_double), POINTER(c_double), POINTER(c_double), POINTER(sb_identify_info), POINTER(sb_error), )),
     "sb_default_tool_def": (sb_tool_def, ()),
     "sb_default_contact_def": (sb_contact_def, ()),
     "sb_contact_create": (c_int, (POINTER(sb_contact_def), POINTER(POINTER(sb_contact)), POINTER(sb_error), )),
@@ -2642,6 +2759,7 @@ DOCUMENTATION = {
     'sb_material_reduced_polynomial': 'Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of\nany sign: a negative one that is not outweighed makes the material unstable under large strain.',
     'sb_material_ogden': "Ogden's material with 1 to SB_MAX_OGDEN_TERMS terms mu[terms] [Pa] and alpha[terms], of any sign; its shear modulus\nis sum of mu_i alpha_i/2 > 0. (Abaqus' mu_i is alpha_i/2 times this one.) One term with alpha 2 is neo-Hookean, two\nwith 2 and -2 are Mooney-Rivlin. Another number of terms gives a material that sb_material_check refuses.",
     'sb_material_fung': "Fung's exponential: c10 [Pa] > 0 as above, exponent b >= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).\nDirections: sb_material_with_fibres.",
+    'sb_material_custom': "A law of the caller's own, lent, see sb_material_law, and bulk [Pa] >= 0 that the library adds as (J - 1)^2/d1,\nd1 = 2/bulk. A law of F J^(-1/3) alone with its bulk modulus here is what elements that do not lock (B-bar) need:\nthey evaluate the law at each point and the bulk term in the mean. A law that has its own volume term goes with bulk\n0, and locks as any fully integrated element. Prony terms relax the law and leave the bulk term. lambda and mu are\nthose of the law's tangent at F = I, averaged over directions; they scale tolerances and steps. NULL, a call that is\nmissing or a law without a tangent at F = I give a material that sb_material_check refuses.",
     'sb_material_with_fibres': 'The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):\n    W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,\nand k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu\nstay those of the matrix.',
     'sb_material_with_dispersion': 'Fibres that point not all alike (Gasser, Ogden and Holzapfel 2006): the strain I4 - 1 above becomes\n    E = kappa I1 + (1 - 3 kappa) I4 - 1,\nkappa in [0, 1/3]. I1 and I4 are those of F, as above, so that a growing volume stretches fibres; at constant volume\nthis is the published model. Slack: E <= 0. A body may have a second family of them, see sb_body_def.second_fibres.',
     'sb_material_with_contraction': 'The hyperelastic material, contracting along its fibres with a tension [Pa] >= 0 per area at rest, at stretch l = |F\na0| P += T f(l) (F a0) (x) a0/l,   f = max(0, 1 - ((l - optimum)/width)^2), or 1 for width 0, along each family\nalike, dispersion left out, not relaxing. With or without passive fibres (k1 = 0). Drive the tension in time by\nsb_body_set_tension. Beyond the optimum the tangent is not positive definite.',
@@ -2649,7 +2767,7 @@ DOCUMENTATION = {
     'sb_material_preset': 'A material by name; liver has a density of about 1060 kg/m^3. An unknown preset gives a material that\nsb_material_check refuses.',
     'sb_material_young': "Constants of the small-strain limit: Young's modulus [Pa], Poisson's ratio, bulk modulus [Pa].",
     'sb_material_check': "Checks model, finiteness and ranges of a material (mu > 0, bulk > 0, density > 0, Poisson's ratio in\n(-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as\ntheir constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown\nmodel, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may\nbe NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit.",
-    'sb_material_allows_inversion': '1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,\nbut does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come\nto rest.',
+    'sb_material_allows_inversion': '1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown, or a law that decides itself).\nSB_SVK has one, but does not oppose inversion: it has the same value for F and its mirror image, so an inverted\nelement may come to rest.',
     'sb_material_is_linear': '1 when the tangent does not depend on F.',
     'sb_material_is_hyperelastic': '1 for the models that take fibres and Prony terms: all but the linear and corotated ones.',
     'sb_material_energy': 'W = elastic energy per reference volume [J/m^3].',
@@ -2781,6 +2899,7 @@ DOCUMENTATION = {
     'sb_body_stable_step': 'dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the\nlumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.\nSprings, mappings, pressures and constraints count, Prony terms with their instantaneous stiffness. Mass damping does\nnot change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and\nleaves their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On\nfailure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for\nconstraints that cannot be lumped) *dt is untouched; error may be NULL.\nBound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration.',
     'sb_body_solve_static': 'Bodies made with SB_PRECOND_AUTO whose systems conjugate gradients would take long for, thin ones and those whose\nlast solve took more than 1000 iterations, are factored (SB_PRECOND_CHOLESKY) up to 30,000 nodes; the factor is taken\nfrom the allocator and given back within the call; without memory for it conjugate gradients go on. Not with tools.\n\nWhere rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info->statics.\n\nFinds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive\ndefinite where it is not, a line search that refuses inverted elements, and adaptive load increments from the\nloads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.\n\nMaterials with Prony terms: the equilibrium long after, when all has relaxed that relaxes, with nothing else\nremembered; or (options->instantaneous) the one right after the loads changed in no time, from what is remembered.\n\nErrors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element\nthat would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times.',
     'sb_body_modes': "Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints\n(their values play no part), springs and mappings. Other loads play none, but that pressures act at_present: with the\nsymmetric part of their stiffness. Prony terms respond at once, as to the fastest of motions.\ncount        1 .. degrees of freedom that no support holds and no constraint eliminates\noptions      NULL: defaults\nfrequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come\n             out as about 0 (rounding of K x), never as NaN\nshapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right\n             angles in M; 0 at supported axes; slaves follow their masters\ninfo, error  may be NULL\nTakes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is\nleft as it is, to the last bit.\nErrors: SB_ERROR_ARGUMENT, SB_ERROR_MEMORY, SB_ERROR_INVERTED (at_present, naming the element), SB_ERROR_INDEFINITE\n(the present shape is not stable: it buckles), SB_ERROR_NOT_CONVERGED naming the mode; frequencies and shapes are\nthen untouched.\nMethod: Rayleigh-Ritz in a space that grows by (K + shift M)^-1 r of the residuals r of the lowest modes not yet\nfound, from random vectors (block Davidson; Parlett 1998, 11 and 13); systems by PCG, loosely.",
+    'sb_body_unload': 'Finds the rest shape.\nrest    [node_count] (m) receives it; held nodes keep their place along the held axes\nbody    receives the body made from it, with its supports and loads, at rest in the imaged shape: destroy it with\n        sb_body_destroy. May be NULL\nreport  may be NULL; written also on failure\nMakes a body for each trial, from def->body.allocator; the same bits for any number of threads. On failure rest and\n*body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged\nmesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found\n(SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;\nreport->gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at\nrest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones, and a\nstraight column beyond its buckling load is in balance, too: sb_body_modes of the body, at_present, tells\n(SB_ERROR_INDEFINITE).',
     'sb_body_state_size': 'Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports\nand other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body.',
     'sb_body_state_save': 'Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.\nSB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched).',
     'sb_body_state_load': "Makes the body what it was when buffer[size] was saved. Everything is checked before anything changes:\nSB_ERROR_FORMAT (no saved state, cut short, too long, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other\nversion or precision), SB_ERROR_STATE (another body's), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT, SB_ERROR_MATERIAL;\nSB_ERROR_MEMORY when more room is needed than the allocator gives. On failure the body is as it was. Where supports,\nmaterials, loads and constraints need no more room and have the rows they had, nothing is allocated.",
@@ -2793,6 +2912,10 @@ DOCUMENTATION = {
     'sb_recording_load': 'Makes a recording from what sb_recording_save wrote; whole and unharmed, or SB_ERROR_FORMAT, SB_ERROR_UNSUPPORTED\n(version, precision), SB_ERROR_MEMORY, SB_ERROR_ARGUMENT, with *recording untouched.',
     'sb_recording_save_file': 'The same with a file; SB_ERROR_FILE when it cannot be opened, read or written (then it is what it was before).',
     'sb_recording_replay': "Plays a recording on a body made from the same mesh with the same kinds of elements, mass and preconditioner (what\nelse the def says comes with the recording): loads the state it began with, then repeats the calls.\nSB_OK when every step had its result and its hash. SB_ERROR_STATE: a step differed (the report says which; the body\nis as that step left it), or the body is not such a one. Another error: a call was refused that had not been (the\nbody is as the calls before left it). SB_ERROR_ARGUMENT: NULL, or the body is the one being recorded. Of an\nincomplete recording what there is is played. report may be NULL. Takes memory from the recording's allocator for\nthe longest list of arguments, and for constraints from the body's.",
+    'sb_body_solve_tangent': 'x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).\n  rhs        [count][node_count] (N); on supported axes it has no effect\n  x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs\n  tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); a factored solve is as exact as rounding lets it be\nA factored solve of many right-hand sides at once costs much less than one after the other.',
+    'sb_body_sensitivities': 'Derivatives of displacements and of reactions, one solve for each parameter.\n  parameters  [count]\n  du          [count][node_count]: du/dp (m per unit of the parameter)\n  dreaction   [count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL\nMore errors: SB_ERROR_ARGUMENT naming the parameter: no such kind, axis or constant in its material, a node that is\nnot supported along the axis; SB_ERROR_INDEX: no such region, load or row.\nMethod: K du/dp = -dr/dp, r = f_int - f_ext; reactions dr_s/dp + K_sf du_f/dp. dr/dp is exact: stresses are linear in\nconstants, loads in theirs.',
+    'sb_body_gradient': "Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).\n  dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0\n  dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0\n  parameters    [count], NULL where count is 0\n  gradient      [count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added\n  dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL\nErrors as sb_body_sensitivities.\nMethod: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports\ndJ/du - K^T m.",
+    'sb_identify': "Finds values[count + free_count], which come in as the start.\n  deviations   [count + free_count] standard deviations in the values' units, or NULL\n  own_shares   [count + free_count] or NULL: of what a value changes in the readings, the share (of its square, in\n               units of sigma) that no other values could change instead: 1 alone, 0 hidden by the others\n  info, error  may be NULL\nDerivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted\nshape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are\nuntouched and the body has its materials and shape again, but loads and supports as `apply` has left them:\nSB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),\nSB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),\nSB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading\nsees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a\nminimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.\nMethod: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at\nmost 1 there; a trial whose solve fails counts as one that does not help. Ends when chi2 falls by less than 1e-6 of\nitself or values move by less than 1e-8.",
     'sb_contact_create': "SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps\nare explicit or def.skin is given, and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's\nmesh, or does not follow its changes; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.\nNothing allocates afterwards but sb_contact_add_tool.",
     'sb_contact_add_tool': 'Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it\noverlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or max_tools are\nthere; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such).',
     'sb_contact_remove_tool': 'In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is\nnone. Nothing changes then.',
@@ -2889,7 +3012,7 @@ DOCUMENTATION = {
     'ndl_needle_create': "A needle at rest, at its body from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip\nthat begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),\n_UNSUPPORTED (NDL_MAX_NEEDLES are there; what the body is made of, see def.body), _MEMORY.\n\nFrom then on it is part of the body's saved state, hash and recording. A state that was saved with needles, in\nmid-insertion too, is loaded (sb_body_state_load) into a body that has needles of the same defs, made in the same\norder, wherever they are: it goes on to the last bit. A recording holds ndl_step and ndl_needle_move_base, and is\nplayed on such a body. Make needles before a recording is started, and destroy them after it has been stopped: what\nfollows otherwise is refused when it is played. A `cutting` of your own is not saved: both must do the same.",
     'ndl_needle_destroy': 'Takes it out of the tissue first. NULL is fine.',
     'ndl_needle_move_base': 'In the next step the sleeve goes to `base` (m), looks along `direction` and turns its m1 into `director` (any length\nbut 0; the short way), beside what the command says: for sleeves that are tracked. director 0: turned only as the\ndirection turns. SB_ERROR_ARGUMENT, _NOT_FINITE change nothing.',
-    'ndl_step': "Advances a body and all its needles by dt (s, > 0): in place of sb_body_step, which moves the body without them.\nneedles: [count], each needle of the body once, in any order; commands: [count] beside them, or NULL: zeros\ninfo may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would\ntake over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, a needle is at a node that constraints\neliminate; with NDL_REMESH, two needles would share an element (which are, is said), or the body is cut\n(sb_cut_triangles);\nSB_ERROR_DIVERGED (node named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY; SB_ERROR_STATE, another change of\nthe body is open. Where the mesh has changed within a step that fails and there is no memory to take that back\neither, SB_ERROR_MEMORY says so: body and needles are then between two states until the next call of ndl_step or\nndl_needle_create, which takes the step back first, or until a saved state is loaded. Steps that do without memory\nthey asked for (info->blocked) are not repeated by a recording that has it.\n\nA step is divided where a tip comes to an edge of a membrane or a command is fast. Supports and tools of an\nsb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever\nwas tried before. In parts cut short by a membrane a tool that just comes to the tissue feels the parts' shorter\ntime: up to 8 % of the force that it has later (measured in 8 scenes).\n\nThe linear systems of the body's own step are solved together with needles and friction (see couple.h), to its\ntolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are\nstepped by implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0,\nwhich is of second order, let the force on the base settle at once when the needle stops; others do not damp the\nmotion that friction leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20\nms): half a second after the stop the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5\nmN, without damping_stiffness by 0.34 N; with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while\nthe needle moves (0.007 N with 0).",
+    'ndl_step': "Advances a body and all its needles by dt (s, > 0): in place of sb_body_step, which moves the body without them.\nneedles: [count], each needle of the body once, in any order; commands: [count] beside them, or NULL: zeros\ninfo may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would\ntake over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, a needle is at a node that constraints\neliminate; with NDL_REMESH, two needles would share an element (which are, is said), or the body is cut\n(sb_cut_triangles);\nSB_ERROR_DIVERGED (node named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY; SB_ERROR_STATE, another change of\nthe body is open. Where the mesh has changed within a step that fails and there is no memory to take that back\neither, SB_ERROR_MEMORY says so: body and needles are then between two states until the next call of ndl_step or\nndl_needle_create, which takes the step back first, or until a saved state is loaded. Steps that do without memory\nthey asked for (info->blocked) are not repeated by a recording that has it.\n\nA step is divided where a tip comes to an edge of a membrane or a command is fast, and where it fails as a whole: the\nrod would fold, tissue would turn inside out, or of hyperelastic tissue max_newton iterations do not bring it to\nwhere the needle has gone (what is read of a needle is never the force of that gap). Supports and tools of an\nsb_contact go evenly over its parts, and what tools feel, as a blade's forces, is of the step that was made, whatever\nwas tried before. In parts cut short by a membrane a tool that just comes to the tissue feels the parts' shorter\ntime: up to 8 % of the force that it has later (measured in 8 scenes).\n\nThe linear systems of the body's own step are solved together with needles and friction (see couple.h), to its\ntolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are\nstepped by implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0,\nwhich is of second order, let the force on the base settle at once when the needle stops; others do not damp the\nmotion that friction leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20\nms): half a second after the stop the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5\nmN, without damping_stiffness by 0.34 N; with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while\nthe needle moves (0.007 N with 0).",
     'ndl_needle_rod': 'The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle\nis destroyed, its arrays until the next step.',
     'ndl_needle_tip': "Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. With NDL_BEVEL_CURVATURE t is where the\npath goes on; the rod's last edge, a chord, lags behind by half of what it bends, and more after a turn.",
     'ndl_needle_base_wrench': 'What the sleeve exerts on the needle at its outlet: force (N) and torque (N m) about it, in the last step. What a\nhand feels is the opposite. Either may be NULL.',

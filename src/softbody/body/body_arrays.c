@@ -179,6 +179,7 @@ SBI_API void sbi_body_release(sb_body *body)
     sbi_free(&allocator, body->extra_start);
     sbi_free(&allocator, body->pattern_memory);
     sbi_free(&allocator, body->cell_material);
+    sbi_free(&allocator, (void *)body->laws);
     sbi_free(&allocator, body->made_young);
     sbi_free(&allocator, body->region_alpha);
     sbi_free(&allocator, body->materials);

@@ -1,4 +1,5 @@
 /* body_material: regions, their materials, fibres, and what follows from them. */
+#include "../fem/material_law.h"
 #include "body.h"
 #include "body_private.h"
 #include "live_private.h"
@@ -45,6 +46,33 @@ static int sbi_body_list_regions(const sb_mesh *mesh, int *regions, int capacity
     return count;
 }
 
+/* Keeps the law of a material for states and recordings. */
+static sb_result sbi_body_know_law(sb_body *body, const sb_material *material, sb_error *error)
+{
+    const sb_material_law *law = material->law, **laws;
+    if (!law)
+        return SB_OK;
+    if (!law->name || !law->name[0])
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a material law needs a name");
+    for (int i = 0; i < body->law_count; i++) {
+        if (body->laws[i] == law)
+            return SB_OK;
+        if (sbi_law_mark(body->laws[i]) == sbi_law_mark(law))
+            return sbi_fail(error, SB_ERROR_ARGUMENT,
+                            "the body has another material law of the name %s: states could not tell them apart",
+                            law->name);
+    }
+    laws = (const sb_material_law **)sbi_alloc(&body->allocator, (size_t)body->law_count + 1, sizeof *laws);
+    if (!laws)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d material laws", body->law_count + 1);
+    for (int i = 0; i < body->law_count; i++)
+        laws[i] = body->laws[i];
+    sbi_free(&body->allocator, (void *)body->laws);
+    body->laws = laws;
+    body->laws[body->law_count++] = law;
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     int capacity = 4, count, found;
@@ -82,6 +110,8 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
             if (def->region_materials[k].region == body->material_regions[i])
                 material = &def->region_materials[k].material;
         sb_result result = sbi_body_check_material(material, body->domain.single_rotation, error);
+        if (result == SB_OK)
+            result = sbi_body_know_law(body, material, error);
         if (result != SB_OK)
             return result;
         body->materials[i] = *material;
@@ -231,7 +261,9 @@ SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
                                                  material->fibre_dispersion,
                                                  material->fibre_tension,
                                                  material->fibre_optimum,
-                                                 material->fibre_width};
+                                                 material->fibre_width,
+                                                 material->law_scale,
+                                                 material->model == SB_CUSTOM_LAW ? sbi_law_mark(material->law) : 0};
     memcpy(reals, moduli, sizeof moduli);
     memcpy(reals + SBI_MATERIAL_OGDEN, material->ogden_mu, sizeof material->ogden_mu);
     memcpy(reals + SBI_MATERIAL_OGDEN + SB_MAX_OGDEN_TERMS, material->ogden_alpha, sizeof material->ogden_alpha);
@@ -239,7 +271,15 @@ SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
     memcpy(reals + SBI_MATERIAL_PRONY + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
 }
 
-SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+static const sb_material_law *sbi_body_find_law(const sb_body *body, sb_real mark)
+{
+    for (int i = 0; i < body->law_count && mark > 0; i++)
+        if (sbi_law_mark(body->laws[i]) == mark)
+            return body->laws[i];
+    return NULL;
+}
+
+SBI_API sb_material sbi_body_unpack_material(const sb_body *body, int model, int prony_count, const sb_real *reals)
 {
     sb_material m;
     memset(&m, 0, sizeof m);
@@ -260,6 +300,8 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
     m.fibre_tension = reals[12];
     m.fibre_optimum = reals[13];
     m.fibre_width = reals[14];
+    m.law_scale = reals[15];
+    m.law = sbi_body_find_law(body, reals[16]);
     memcpy(m.ogden_mu, reals + SBI_MATERIAL_OGDEN, sizeof m.ogden_mu);
     memcpy(m.ogden_alpha, reals + SBI_MATERIAL_OGDEN + SB_MAX_OGDEN_TERMS, sizeof m.ogden_alpha);
     memcpy(m.prony_g, reals + SBI_MATERIAL_PRONY, sizeof m.prony_g);
@@ -298,6 +340,8 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
         result = sbi_body_prepare_material(body, -1, material, error);
     if (result == SB_OK)
         result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result == SB_OK)
+        result = sbi_body_know_law(body, material, error);
     if (result != SB_OK)
         return result;
     for (int i = 0; i < body->material_count; i++)
@@ -322,6 +366,8 @@ SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb
         result = sbi_body_prepare_material(body, at, material, error);
     if (result == SB_OK)
         result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result == SB_OK)
+        result = sbi_body_know_law(body, material, error);
     if (result != SB_OK)
         return result;
     body->materials[at] = *material;

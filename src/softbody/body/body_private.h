@@ -86,7 +86,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
     SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress,
-                                    * instantaneous + 2 quasi_newton + 4 forces_only + 8 newton; reals: tolerance */
+                                    * instantaneous + 2 quasi_newton + 4 forces_only + 8 newton + 32 start (0: the present
+                                    * shape, 1: SB_START_AUTO, 2: rotations); reals: tolerance */
     SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away, b: 2 of the second family; reals: one vector per element */
     SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
     SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
@@ -159,7 +160,9 @@ struct sb_body {
     sb_real *made_young;    /* [material_count] Young's moduli at creation (Pa): multigrid's levels are made from them,
                              * also those of another mesh, so that they do not depend on when that came */
     int *cell_material;     /* [cell_count] */
-    sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
+    const sb_material_law **laws; /* [law_count] of the caller, that materials had: states know them by name */
+    int law_count;
+    sb_vec3 *fibres; /* [cell_count] unit directions or 0; NULL: none were given */
     sb_vec3
         *second_fibres;  /* [cell_count] of the second family; NULL: none. Only where fibres are, and the mesh stays */
     sb_real force_unit;  /* stiffness times volume over size (N): times epsilon, rounding in the forces */
@@ -308,16 +311,17 @@ SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb
 SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
                                 sbi_load *load, sb_error *error);
 
-/* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
+/* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. A law is packed as
+ * the mark of its name and found again among those that the body knows; NULL where none is it. */
 enum { SBI_MATERIAL_TENSION = 2 }; /* a of SBI_COMMAND_MATERIAL */
 enum {
-    SBI_MATERIAL_MODULI = 15,
+    SBI_MATERIAL_MODULI = 17,
     SBI_MATERIAL_OGDEN = SBI_MATERIAL_MODULI, /* where the lists start */
     SBI_MATERIAL_PRONY = SBI_MATERIAL_OGDEN + 2 * SB_MAX_OGDEN_TERMS,
     SBI_MATERIAL_REALS = SBI_MATERIAL_PRONY + 2 * SB_MAX_PRONY_TERMS
 };
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
-SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals);
+SBI_API sb_material sbi_body_unpack_material(const sb_body *body, int model, int prony_count, const sb_real *reals);
 
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);

@@ -803,13 +803,11 @@ static void sbi_body_face_force(const sbi_load_rule *rule, int count, const sb_v
     }
 }
 
-/* df_a/dx_b = [k_ab]x with k_ab = p int N_a (x_s N_b,r - x_r N_b,s), symmetrised: [(k_ab - k_ba) / 2]x. What this drops
- * is the boundary term of the patch's rim; inside the faces' shares of it cancel. */
-static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
-                                  const int *blocks, sb_matrix *matrix)
+/* df_a/dx_b = [k_ab]x with k_ab = p int N_a (x_s N_b,r - x_r N_b,s). */
+static void sbi_body_face_arms(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+                               sb_vec3 (*k)[SB_MAX_FACE_NODES])
 {
-    sb_vec3 k[SB_MAX_FACE_NODES][SB_MAX_FACE_NODES];
-    memset(k, 0, sizeof k);
+    memset(k, 0, SB_MAX_FACE_NODES * sizeof *k);
     for (int p = 0; p < rule->count; p++) {
         sbi_load_tangents t = sbi_load_interpolate(rule, p, count, x);
         for (int b = 0; b < count; b++) {
@@ -819,6 +817,15 @@ static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb
                 k[a][b] = sb_v3_madd(k[a][b], pressure * rule->weights[p] * rule->shape[p][a], arm);
         }
     }
+}
+
+/* Symmetrised: [(k_ab - k_ba) / 2]x. What this drops is the boundary term of the patch's rim; inside the faces' shares
+ * of it cancel. */
+static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+                                  const int *blocks, sb_matrix *matrix)
+{
+    sb_vec3 k[SB_MAX_FACE_NODES][SB_MAX_FACE_NODES];
+    sbi_body_face_arms(rule, count, x, pressure, k);
     for (int a = 0; a < count; a++)
         for (int b = 0; b < count; b++) {
             sb_vec3 v = sb_v3_scale((sb_real)0.5, sb_v3_sub(k[a][b], k[b][a]));
@@ -833,6 +840,67 @@ static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb
 }
 
 /* ---- all loads ---- */
+
+SBI_API const sbi_load *sbi_loads_get(const sb_body *body, int id)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (body->loads[l].id == id)
+            return body->loads + l;
+    return NULL;
+}
+
+SBI_API int sbi_loads_press(const sb_body *body)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (body->loads[l].kind == SBI_LOAD_PRESSURE && body->loads[l].pressure != 0)
+            return 1;
+    return 0;
+}
+
+SBI_API void sbi_load_add_unit_pressure(const sb_body *body, const sbi_load *load, const sb_vec3 *u, sb_vec3 *out)
+{
+    sbi_load_rule rule;
+    rule.type = SB_NO_ELEMENT;
+    for (int j = 0; j < load->row_count; j++) {
+        const int *nodes = load->nodes + load->row_start[j];
+        sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
+        int count = sbi_load_gather(body, load, j, u, x, &rule);
+        sbi_body_face_force(&rule, count, x, 1, force);
+        for (int a = 0; a < count; a++)
+            out[nodes[a]] = sb_v3_add(out[nodes[a]], force[a]);
+    }
+}
+
+SBI_API void sbi_load_spread_row(const sbi_load *load, int row, sb_vec3 f, sb_vec3 *out)
+{
+    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++)
+        out[load->nodes[k]] = sb_v3_madd(out[load->nodes[k]], load->weights[k], f);
+}
+
+/* Stiffness is -df/dx: the antisymmetric part of it is -[(k_ab + k_ba) / 2]x. */
+static void sbi_load_add_skew(const sb_body *body, const sbi_load *load, const sb_vec3 *u, const sb_vec3 *d,
+                              sb_real factor, sb_vec3 *out)
+{
+    sbi_load_rule rule;
+    rule.type = SB_NO_ELEMENT;
+    for (int j = 0; j < load->row_count; j++) {
+        const int *nodes = load->nodes + load->row_start[j];
+        sb_vec3 x[SB_MAX_FACE_NODES], k[SB_MAX_FACE_NODES][SB_MAX_FACE_NODES];
+        int count = sbi_load_gather(body, load, j, u, x, &rule);
+        sbi_body_face_arms(&rule, count, x, load->pressure, k);
+        for (int a = 0; a < count; a++)
+            for (int b = 0; b < count; b++)
+                out[nodes[a]] =
+                    sb_v3_madd(out[nodes[a]], -factor / 2, sb_v3_cross(sb_v3_add(k[a][b], k[b][a]), d[nodes[b]]));
+    }
+}
+
+SBI_API void sbi_loads_add_skew(const sb_body *body, const sb_vec3 *u, const sb_vec3 *x, sb_real factor, sb_vec3 *out)
+{
+    for (int l = 0; l < body->load_count; l++)
+        if (body->loads[l].kind == SBI_LOAD_PRESSURE)
+            sbi_load_add_skew(body, body->loads + l, u, x, factor, out);
+}
 
 SBI_API void sbi_loads_fill(sb_body *body, const sb_vec3 *u)
 {

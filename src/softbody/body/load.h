@@ -92,6 +92,18 @@ SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_k
 /* out -= K x with the stiffness of springs and mappings, which is what sbi_loads_add_tangent added for linearised
  * steps. */
 SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
+/* 1 where a pressure is not 0. */
+SBI_API int sbi_loads_press(const sb_body *body);
+/* out += factor S x with the part S of the present pressures' stiffness that sbi_loads_add_tangent leaves out: it is
+ * antisymmetric, and sums to what is along the open rims of their faces. */
+SBI_API void sbi_loads_add_skew(const sb_body *body, const sb_vec3 *u, const sb_vec3 *x, sb_real factor, sb_vec3 *out);
+/* The load with this id, or NULL. */
+SBI_API const struct sbi_load *sbi_loads_get(const sb_body *body, int id);
+/* out += the force (N) that a pressure load exerts at u when it is 1 Pa. */
+SBI_API void sbi_load_add_unit_pressure(const sb_body *body, const struct sbi_load *load, const sb_vec3 *u,
+                                        sb_vec3 *out);
+/* out += H f of one row. */
+SBI_API void sbi_load_spread_row(const struct sbi_load *load, int row, sb_vec3 f, sb_vec3 *out);
 SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor);
 /* Energy of springs and mappings at u (J), and how much of it at the body's displacement, which is where the last step
  * ended, is new since: their points or stiffness were changed. */

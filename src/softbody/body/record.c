@@ -310,7 +310,7 @@ static sb_result sbi_play_material(sb_body *body, const sbi_command *c, sb_error
     if (c->ints[1] < SB_LINEAR || c->ints[1] > SBI_LAST_MODEL || c->ints[2] < 0 || c->ints[2] > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_FORMAT, "material model %d or Prony term count %d is out of range", c->ints[1],
                         c->ints[2]);
-    material = sbi_body_unpack_material(c->ints[1], c->ints[2], c->reals);
+    material = sbi_body_unpack_material(body, c->ints[1], c->ints[2], c->reals);
     if (c->a == SBI_MATERIAL_TENSION)
         return sb_body_set_tension(body, c->ints[0], material.fibre_tension, error);
     return c->a ? sb_body_set_material(body, &material, error)
@@ -422,6 +422,9 @@ static sb_result sbi_play_static(sb_body *body, const sbi_command *c, sb_error *
     options.quasi_newton = c->ints[4] >> 1 & 1;
     options.forces_only = c->ints[4] >> 2 & 1;
     options.newton = (sb_newton)(c->ints[4] >> 3 & 3);
+    options.start = (c->ints[4] >> 5 & 3) == 0   ? SB_START_PRESENT
+                    : (c->ints[4] >> 5 & 3) == 1 ? SB_START_AUTO
+                                                 : SB_START_ROTATIONS;
     options.tolerance = c->reals[0];
     result = sb_body_solve_static(body, &options, &info);
     *error = info.error;

@@ -414,7 +414,7 @@ static void sbi_state_reserve_damping(sb_body *body, sbi_state_walk *walk, const
     body->damping_blocks = planned.damping_blocks;
 }
 
-static sb_material sbi_state_material(const sb_material *material, sbi_state_walk *walk)
+static sb_material sbi_state_material(const sb_body *body, const sb_material *material, sbi_state_walk *walk)
 {
     sb_real reals[SBI_MATERIAL_REALS];
     int model = sbi_state_int(walk, (int)material->model, SB_LINEAR, SBI_LAST_MODEL, "material model");
@@ -422,7 +422,7 @@ static sb_material sbi_state_material(const sb_material *material, sbi_state_wal
     sbi_body_pack_material(material, reals);
     for (int i = 0; i < SBI_MATERIAL_REALS; i++)
         reals[i] = sbi_state_real(walk, reals[i]);
-    return sbi_body_unpack_material(model, prony_count, reals);
+    return sbi_body_unpack_material(body, model, prony_count, reals);
 }
 
 static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
@@ -430,7 +430,7 @@ static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
     int changed = 0;
     walk->terms = walk->has_fibres = 0;
     for (int i = 0; i < body->material_count && walk->result == SB_OK; i++) {
-        sb_material material = sbi_state_material(body->materials + i, walk);
+        sb_material material = sbi_state_material(body, body->materials + i, walk);
         walk->terms = sbi_max_int(walk->terms, material.prony_count);
         walk->has_fibres |= sbi_material_has_fibres(&material);
         if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)

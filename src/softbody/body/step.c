@@ -38,6 +38,22 @@ static sb_result sbi_step_project(sbi_step *step, sb_result result)
     return result;
 }
 
+/* Forces of guests that were left behind are none. */
+static sb_result sbi_step_leave_guests(sbi_step *step)
+{
+    step->guests_lag = 1;
+    return sbi_fail(
+        &step->info->error, SB_ERROR_DIVERGED,
+        "after %d linear solves the body has not let its guests (needles) go their way: take a shorter step",
+        step->info->newton_iterations);
+}
+
+/* 1: the cap on iterations is hit, but guests are still on their way. */
+static int sbi_step_waits_for_guests(const sbi_step *step)
+{
+    return sbi_step_guests_lag(step) && step->iteration / step->patience < step->max_newton;
+}
+
 SBI_API sb_result sbi_step_linearise(sbi_step *step)
 {
     sb_result result = sbi_step_evaluate(step);
@@ -47,9 +63,11 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
     if (!step->linearised) {
         step->done = (step->dynamic ? sbi_step_is_converged(step) : sbi_static_is_done(step)) &&
                      (step->given.count == 0 || step->guests_begun);
-        if (!step->done && step->iteration == step->max_newton) {
+        if (!step->done && step->iteration >= step->max_newton && !sbi_step_waits_for_guests(step)) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
+            if (sbi_step_guests_lag(step))
+                return sbi_step_leave_guests(step);
             step->done = step->info->capped = 1; /* each iteration lowered the potential */
         }
         if (step->done)
@@ -79,6 +97,8 @@ static sb_result sbi_step_end_linearised(sbi_step *step)
     for (int i = 0; step->line_search && i < b->domain.node_count; i++)
         b->increment[i] = sb_v3_sub(b->displacement[i], b->start[i]); /* a share of it: what the reactions go by */
     step->done = 1;
+    if (sbi_step_guests_lag(step))
+        return sbi_step_leave_guests(step);
     return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
 }
 
@@ -328,12 +348,13 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
 }
 
 static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     sb_real part, sb_step_info *info, sbi_step *step)
+                                     sb_real part, int patience, sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
     step->part = part;
+    step->patience = patience;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
         return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
                         "an explicit step solves no system: it has no parts and no guests");
@@ -345,7 +366,7 @@ static sb_result sbi_step_begin_part(sb_body *body, sb_real dt, const sbi_guest 
 SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
                                  sb_step_info *info, sbi_step *step)
 {
-    return sbi_step_begin_part(body, dt, guests, guest_count, 1, info, step);
+    return sbi_step_begin_part(body, dt, guests, guest_count, 1, 0, info, step);
 }
 
 /* Motion is taken out of the end of the step. */
@@ -364,6 +385,23 @@ static sb_result sbi_step_mend_touch(sbi_step *step, int whole)
         return SB_OK;
     step->moved = step->touch->mended = 1;
     return sbi_step_take_motion(step);
+}
+
+/* Organs that met go on together node by node; where the material does not admit that they do as wholes, from where
+ * they were. */
+static sb_result sbi_step_mend_apart(sbi_step *step)
+{
+    sb_body *b = step->body;
+    size_t size = (size_t)b->domain.node_count * sizeof(sb_vec3);
+    int moved = step->moved, mended = step->touch->mended;
+    memcpy(b->work2, b->displacement, size);
+    if (sbi_step_mend_touch(step, 0) == SB_OK)
+        return SB_OK;
+    step->moved = moved;
+    step->touch->mended = mended;
+    memcpy(b->displacement, b->work2, size);
+    sbi_step_forget_error(step->info);
+    return sbi_step_mend_touch(step, 1);
 }
 
 /* Where the material does not admit the rest all motion stays. */
@@ -399,9 +437,7 @@ static sb_result sbi_step_accept_touch(sbi_step *step)
     if (touch->missed)
         return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "organs that were far apart may have met in this step");
     if (!is_safe && touch->apart && touch->is_last) {
-        sb_result result = sbi_step_mend_touch(step, 0);
-        if (result != SB_OK)
-            result = sbi_step_mend_touch(step, 1);
+        sb_result result = sbi_step_mend_apart(step);
         if (result != SB_OK)
             return result;
         is_safe = touch->accept(touch->user, step->body->displacement) || touch->apart;
@@ -439,11 +475,11 @@ static int sbi_step_can_balance_later(const sbi_step *step, sb_result result)
 }
 
 /* Tools may have made the step fail, or have passed through: they go half as far each time, then they stay, at last
- * they give way. */
+ * they give way. Guests that were left behind want a shorter step, by their caller. */
 static int sbi_step_can_touch_less(const sbi_step *step, sb_result result)
 {
     int most = step->touch_begun && step->touch->is_last ? SBI_STEP_STOP : SBI_STEP_TRIES;
-    return result != SB_OK && step->touch_begun && !step->touch->apart && step->tries < most;
+    return result != SB_OK && step->touch_begun && !step->touch->apart && !step->guests_lag && step->tries < most;
 }
 
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
@@ -464,6 +500,7 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = later ? 0 : step->radius;
     fresh.part = step->part;
+    fresh.patience = step->patience;
     *step = fresh;
     sbi_step_restore(step->body);
     sbi_step_watch_knots(step->body, step->linearised);
@@ -524,13 +561,13 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
 }
 
 SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 sb_real part, sb_step_info *info)
+                                 sb_real part, int patience, sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
     if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin_part(body, dt, guests, guest_count, part, info, &step);
+    result = sbi_step_begin_part(body, dt, guests, guest_count, part, patience, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)

@@ -24,6 +24,19 @@ typedef enum sb_newton {
            * with tools, linear materials, quasi_newton or a single rotation: plain there */
 } sb_newton;
 
+/* Where the first increment of a static solve starts. */
+typedef enum sb_start {
+    SB_START_AUTO = 0,     /* SB_START_ROTATIONS from the undeformed shape, otherwise the present shape */
+    SB_START_PRESENT = 1,  /* the present shape */
+    SB_START_ROTATIONS = 2 /* the linear solution about the present shape, then the equilibrium of a corotated material
+                            * with the same moduli in one system with the rotations of that solution held. Looked for
+                            * only where the linear solution is far from balance, and taken only where its potential is
+                            * below that of the linear solution and, unless supports move, of the present shape. Not
+                            * with tools, linear materials or a single rotation. Takes memory for the time of the call,
+                            * and starts from the present shape without. Same answers in fewer iterations where
+                            * elements turn by much (10 -> 6); one more where it is looked for and not taken */
+} sb_start;
+
 /* How good the answer of a static solve is, of its last increment. What supports at rest hold hardly counts in it: of
  * thin bodies that is many times the load. */
 typedef struct sb_static_report {
@@ -126,6 +139,7 @@ typedef struct sb_static_options {
                          * corotated tets several times cheaper to assemble, but convergence is linear, which
                          * pays where the tolerance is loose; default 0 */
     sb_newton newton;   /* default SB_NEWTON_AUTO */
+    sb_start start;     /* default SB_START_AUTO */
     int forces_only;    /* 1: the out-of-balance force alone decides, compared with all reactions, too: for one of many
                          * solves between which loads change by more; default 0 */
     int keep_progress;  /* 1: on failure the body stays at the last converged increment; 0 (default): it

@@ -21,7 +21,7 @@ static double sbi_static_work_done(const sb_body *b, int part)
 }
 
 /* Rounding (N): of the stresses, and of displacements themselves, half a digit of which moves a stiff row. */
-static sb_real sbi_static_floor(const sbi_step *step)
+SBI_API sb_real sbi_static_floor(const sbi_step *step)
 {
     const sb_body *b = step->body;
     const sb_matrix *matrix = &b->matrix;

@@ -41,6 +41,7 @@ SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *l
     if (result != SB_OK)
         return result;
     step->guests = guests;
+    step->guests_left = 1;
     for (int g = 0; g < count; g++) {
         const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
         for (int k = 0; k < work->guest->unknown_count; k++)
@@ -180,8 +181,12 @@ SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding)
 
 SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
 {
-    if (step->guests.count > 0)
-        sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    if (step->guests.count == 0)
+        return;
+    sbi_guest_move_base(space, &step->body->increment[0].x, (double)share, (double)held);
+    step->guests_left = (space->rows_changed ? 1 : step->guests_left) * (1 - (double)share);
+    space->rows_changed = 0;
 }
 
 /* What the last solve added to a guest's unknowns, and the way of its nodes: in. */

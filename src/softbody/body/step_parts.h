@@ -42,6 +42,9 @@ typedef struct sbi_step {
     sbi_guests given;        /* guests of the step's caller */
     sbi_guests guests;       /* solved together with the body: those, and what contact couples */
     int guests_begun;        /* those of them that have begun */
+    double guests_left;      /* share of the way by their present rows that they have not gone: increments were cut
+                              * short */
+    int guests_lag;          /* 1: the step failed for that */
     int starts;              /* 1: this is no step but the search for the accelerations that it starts from */
     struct sbi_touch *touch; /* what touches the body in this step, or NULL: nothing does */
     int touch_begun;
@@ -50,6 +53,7 @@ typedef struct sbi_step {
                 * have made it fail */
     int wide;  /* 1: it began anew because what touches had looked for too little */
     sb_real part; /* share of what is left of a divided step; else 1 */
+    int patience; /* times the cap on iterations that guests are waited for; 0: they may be left behind */
 
     /* what is solved */
     sb_real dt;     /* s */
@@ -123,12 +127,24 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
 /* Ends a step that failed: body and guests are as they were before, the recorder is told, info says why. Returns
  * result. */
 SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
-/* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. */
+/* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. Guests may be left behind, see
+ * sbi_step_part. */
 SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
                                      sb_step_info *info);
-/* The same of a part of a step that its caller divides, from the share `begin` of it (0 in the first part) to the share
- * `end` (1 in the last): supports and tools go so much of their ways. It is not divided any further. */
+
+/* A part of a step that its caller divides, from the share `begin` of it (0 in the first part) to the share `end` (1 in
+ * the last): supports and tools go so much of their ways.
+ *
+ * Where each increment was cut short, guests have gone a share of their way only, and their loads (a sleeve that moves)
+ * all of it: what they are held by would be the force of that gap, of thousands of newtons in a needle. Such a step
+ * goes on for `patience` times the body's cap on iterations, then it fails with SB_ERROR_DIVERGED; a linearised one
+ * fails at once. 1: the caller rather divides it further. 0: the step is taken as it is. */
+typedef struct sbi_step_part {
+    sb_real begin, end;
+    int patience;
+} sbi_step_part;
+/* The same of such a part, which is not divided any further. */
 SBI_API sb_result sbi_body_step_part(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     sb_real begin, sb_real end, sb_step_info *info);
+                                     const sbi_step_part *part, sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */

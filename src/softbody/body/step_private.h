@@ -49,6 +49,9 @@ SBI_API const sb_vec3 *sbi_step_unbalanced(const sbi_step *step);
 /* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more
  * than `rounding` (N). */
 SBI_API int sbi_step_parts_meet(sbi_step *step, sb_real rounding);
+/* 1 when guests have still a part of their way to go that the tolerance shows: what they are held by tells forces of
+ * that gap, not of a balance. */
+SBI_API int sbi_step_guests_lag(const sbi_step *step);
 /* What rounding may leave of the residual (N), as far as moduli and springs tell. */
 SBI_API sb_real sbi_step_rounding(const sbi_step *step);
 /* Forces, residual, and the tangent of a linearised step. */
@@ -66,10 +69,20 @@ SBI_API int sbi_static_is_done(sbi_step *step);
 /* 1 when a failing iteration has come as near as rounding, or as the reactions, can tell: it ends with success. */
 SBI_API int sbi_static_settles(sbi_step *step);
 
+/* Rounding (N) in the residual of a static solve whose tangent is in the body's matrix, not yet masked or masked. */
+SBI_API sb_real sbi_static_floor(const sbi_step *step);
+
 /* ---- step_direct.c: of static solves ---- */
 /* A complete factor takes the preconditioner's place, where the body leaves the choice to the library and it fits. */
 SBI_API void sbi_static_take_direct(sbi_step *step);
 SBI_API void sbi_static_give_back_direct(sbi_step *step);
+
+/* ---- step_start.c: of static solves ---- */
+/* 1 when the solve may start from rotations. */
+SBI_API int sbi_static_may_start(const sbi_step *step, sb_start start);
+/* In place of the first iteration, whose system is made: to where rotations lead, or where the line search does.
+ * duration: that materials with Prony terms relax for (s). */
+SBI_API sb_result sbi_static_start(sbi_step *step, sb_real duration);
 
 /* ---- step_guest.c ---- */
 /* Takes the memory for these guests; all or nothing. */
@@ -145,6 +158,12 @@ SBI_API void sbi_step_reactions(const sbi_step *step);
 SBI_API sb_result sbi_step_solve_system(sbi_step *step);
 
 /* ---- step_search.c ---- */
+/* work2 = the displacement a share t of the increment on; at its end with supports and slaves where they belong. */
+SBI_API void sbi_step_trial(const sbi_step *step, sb_real t);
+/* Takes the displacement `end` where its potential is lower than at the end of the whole increment and, unless supports
+ * move, as much lower than the present one as a line search asks for: 1. Otherwise 0, and nothing but `end`
+ * (overwritten) has changed. Of static solves without tools. */
+SBI_API int sbi_step_take_lower(sbi_step *step, sb_vec3 *end);
 /* Moves the displacement by the increment, or the share of it that the line search admits. */
 SBI_API sb_result sbi_step_accept(sbi_step *step);
 
@@ -173,9 +192,10 @@ SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
 SBI_API sb_result sbi_step_linearise(sbi_step *step);
 /* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
 SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
-/* A time step from begin to end, undone where it fails. part: share of what is left of a divided step; else 1. */
+/* A time step from begin to end, undone where it fails. part: share of what is left of a divided step; else 1.
+ * patience: see sbi_step_part. */
 SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                 sb_real part, sb_step_info *info);
+                                 sb_real part, int patience, sb_step_info *info);
 SBI_API void sbi_step_forget_error(sb_step_info *info);
 /* Sees to it that a failing call says why, whatever failed. */
 SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);

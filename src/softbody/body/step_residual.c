@@ -378,6 +378,12 @@ static int sbi_step_guests_meet(const sbi_step *step, sb_real rounding)
            sbi_step_lone_guests_meet(step, rounding);
 }
 
+SBI_API int sbi_step_guests_lag(const sbi_step *step)
+{
+    return step->patience > 0 && step->given.count > 0 && step->guests_left > 0 &&
+           (step->linearised || !sbi_step_guests_meet(step, sbi_step_rounding(step)));
+}
+
 SBI_API sb_real sbi_step_rounding(const sbi_step *step)
 {
     return 16 * SB_EPSILON * (step->body->force_unit + step->load_size);

@@ -1,4 +1,5 @@
 /* step_search: how much of a Newton increment is taken. */
+#include <math.h>
 #include <string.h>
 
 #include "live_private.h"
@@ -93,7 +94,7 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
 /* Displacement for a share t of the increment, in work2. A whole increment puts the supports where they belong to
  * the last bit, so that no rounding error keeps them on the way; and slaves where they belong, unless they are still
  * on theirs. */
-static void sbi_step_trial(const sbi_step *step, sb_real t)
+SBI_API void sbi_step_trial(const sbi_step *step, sb_real t)
 {
     const sb_body *b = step->body;
     for (int i = 0; i < b->domain.node_count; i++) {
@@ -194,6 +195,19 @@ static sb_result sbi_step_move_supports(sbi_step *step)
     return SB_OK;
 }
 
+/* What the potential of the line is above that at the present displacement, a share t along it, where the elastic
+ * energy is the one given; and what may be rounding in it. */
+static sb_real sbi_step_line_change(const sbi_step *step, const sbi_step_line *line, sb_real t, sb_real energy)
+{
+    return energy - step->energy + t * line->linear + t * t * line->quadratic + t * t * t * line->cubic;
+}
+
+static sb_real sbi_step_line_noise(const sbi_step *step, const sbi_step_line *line, sb_real t, sb_real energy)
+{
+    return 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line->linear) + t * line->load_size) +
+           4 * SB_EPSILON * step->body->assembly.energy_unit;
+}
+
 /* Takes the first share t = 1, 1/2, 1/4 ... of the increment whose shape is admissible and whose potential fell
  * enough (Armijo). */
 static sb_result sbi_step_search(sbi_step *step)
@@ -209,23 +223,57 @@ static sb_result sbi_step_search(sbi_step *step)
         return SB_ERROR_INDEFINITE;
     line.slope = sb_min(line.slope, 0);
     for (sb_real t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
-        sb_real energy, change, noise;
+        sb_real energy, change;
         sbi_step_trial(step, t);
         if (!sbi_step_try(step, b->work2, &energy, &bad))
             continue;
-        change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        change = sbi_step_line_change(step, &line, t, energy);
         if (step->touch)
             change += sbi_step_touch_change(step, &line, t);
-        noise =
-            32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) + t * line.load_size) +
-            4 * SB_EPSILON * b->assembly.energy_unit;
-        if (change <= (sb_real)1e-4 * t * line.slope + noise) {
+        if (change <= (sb_real)1e-4 * t * line.slope + sbi_step_line_noise(step, &line, t, energy)) {
             sbi_step_take(step, b->work2, energy, t, t);
             step->cautious = t < 1;
             return SB_OK;
         }
     }
     return sbi_step_no_step(step, bad);
+}
+
+/* The end of the whole increment, in work2: 1 where it is admissible and its potential has fallen enough (Armijo),
+ * which it need not while supports move. */
+static int sbi_step_weigh_end(sbi_step *step, sb_real *energy, sb_real *change)
+{
+    sbi_step_line line = sbi_step_make_line(step);
+    int bad = -1;
+    sbi_step_trial(step, 1);
+    *change = (sb_real)INFINITY;
+    if (!sbi_step_try(step, step->body->work2, energy, &bad))
+        return 0;
+    *change = sbi_step_line_change(step, &line, 1, *energy);
+    return step->moves_supports || (line.slope < 0 && *change <= (sb_real)1e-4 * line.slope);
+}
+
+SBI_API int sbi_step_take_lower(sbi_step *step, sb_vec3 *end)
+{
+    sb_body *b = step->body;
+    sb_real energy = 0, change = 0, least = 0;
+    int bad = -1;
+    if (!step->energy_known && !sbi_step_try(step, b->displacement, &step->energy, &bad))
+        return 0;
+    step->energy_known = 1;
+    (void)sbi_step_weigh_end(step, &energy, &least);
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 increment = b->increment[i];
+        b->increment[i] = sb_v3_sub(end[i], b->displacement[i]);
+        end[i] = increment;
+    }
+    if (sbi_step_weigh_end(step, &energy, &change) && change < least) {
+        sbi_step_take(step, b->work2, energy, 1, 1);
+        b->force_current = 0;
+        return 1;
+    }
+    memcpy(b->increment, end, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    return 0;
 }
 
 SBI_API sb_result sbi_step_accept(sbi_step *step)

@@ -29,9 +29,11 @@ static sb_result sbi_static_check(sb_body *body, const sb_static_options *option
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the options were not made by sb_default_static_options");
     if (options->load_steps < 1 || options->max_newton < 1 || options->max_iterations < 1 ||
         !(options->tolerance > 0) || !(options->tolerance < 1) || (int)options->newton < SB_NEWTON_AUTO ||
-        (int)options->newton > SB_NEWTON_MIXED_POINTS)
+        (int)options->newton > SB_NEWTON_MIXED_POINTS || (int)options->start < SB_START_AUTO ||
+        (int)options->start > SB_START_ROTATIONS)
         return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "load_steps, max_newton, max_iterations must be >= 1, tolerance in (0, 1) and newton a kind");
+                        "load_steps, max_newton, max_iterations must be >= 1, tolerance in (0, 1), newton and start of "
+                        "their kinds");
     node = sbi_body_unsupported_node(body);
     if (node >= 0)
         return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
@@ -48,12 +50,21 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
     }
 }
 
+/* What Prony terms relax for (s). */
+static sb_real sbi_static_duration(const sb_static_options *options)
+{
+    return options->instantaneous ? 0 : (sb_real)INFINITY;
+}
+
 /* One increment: to balance, and with contact until its pressures hold the surface where it belongs. */
-static sb_result sbi_static_iterate(sbi_step *step)
+static sb_result sbi_static_iterate(sbi_step *step, const sb_static_options *options)
 {
     sb_result result;
     sbi_static_begin_report(step);
-    result = sbi_step_iterate(step, sbi_step_linearise(step));
+    result = sbi_step_linearise(step);
+    if (result == SB_OK && !step->done && sbi_static_may_start(step, options->start))
+        result = sbi_static_start(step, sbi_static_duration(options));
+    result = sbi_step_iterate(step, result);
     for (int round = 1; result == SB_OK && step->touch; round++) {
         int again = sbi_step_balance_touch(step, round);
         if (again < 0)
@@ -96,7 +107,7 @@ static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options
         step->quasi = options->quasi_newton != 0;
         sbi_static_loads(b, step->load_factor);
         step->iteration = step->done = 0;
-        result = sbi_static_iterate(step);
+        result = sbi_static_iterate(step, options);
         spent = step->info->newton_iterations - before;
         if (result != SB_OK) {
             memcpy(b->displacement, b->converged, bytes);
@@ -160,11 +171,18 @@ static void sbi_static_commit(sbi_step *step)
     b->acceleration_known = 0;
 }
 
+/* Recordings of before there was a choice have 0, and started from the present shape. */
+static int sbi_static_start_code(sb_start start)
+{
+    return start == SB_START_PRESENT ? 0 : start == SB_START_AUTO ? 1 : (int)start;
+}
+
 static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
 {
     const int ints[5] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress,
                          (options->instantaneous != 0) + 2 * (options->quasi_newton != 0) +
-                             4 * (options->forces_only != 0) + 8 * (int)options->newton};
+                             4 * (options->forces_only != 0) + 8 * (int)options->newton +
+                             32 * sbi_static_start_code(options->start)};
     sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 5, &options->tolerance, 1);
 }
 
@@ -183,7 +201,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     if (result != SB_OK)
         return result;
     begin = sbi_body_now(body);
-    duration = options->instantaneous ? 0 : (sb_real)INFINITY;
+    duration = sbi_static_duration(options);
     memset(&step, 0, sizeof step);
     step.body = body;
     step.part = 1;

@@ -87,7 +87,7 @@ static sb_result sbi_substeps_run(sb_body *b, sb_real dt, sb_step_info *sum)
         sb_result result;
         b->touch->share = share;
         b->touch->is_last = length == 1;
-        result = sbi_step_whole(b, dt * share, NULL, 0, part, &info);
+        result = sbi_step_whole(b, dt * share, NULL, 0, part, 0, &info);
         sbi_substeps_count(&info, sum);
         *sum = info;
         sum->substeps = result == SB_OK ? ++parts : parts;
@@ -124,17 +124,17 @@ static sb_result sbi_substeps_divide(sb_body *b, sb_real dt, sb_result result, s
 /* ---- a step ---- */
 
 SBI_API sb_result sbi_body_step_part(sb_body *b, sb_real dt, const sbi_guest *const *guests, int guest_count,
-                                     sb_real begin, sb_real end, sb_step_info *info)
+                                     const sbi_step_part *part, sb_step_info *info)
 {
-    sb_real part = end < 1 ? (end - begin) / (1 - begin) : 1;
+    sb_real begin = part->begin, end = part->end, left = end < 1 ? (end - begin) / (1 - begin) : 1;
     sbi_touch *touch = b ? b->touch : NULL;
     sb_result result;
     if (!touch)
-        return sbi_step_whole(b, dt, guests, guest_count, part, info);
+        return sbi_step_whole(b, dt, guests, guest_count, left, part->patience, info);
     touch->mended = begin > 0 && touch->mended;
     touch->share = end - begin;
     touch->steady = begin > 0 || end < 1;
-    result = sbi_step_whole(b, dt, guests, guest_count, part, info);
+    result = sbi_step_whole(b, dt, guests, guest_count, left, part->patience, info);
     touch->share = 1;
     touch->steady = 0;
     return result;
@@ -146,7 +146,7 @@ static sb_result sbi_substeps_step(sb_body *body, sb_real dt, sb_step_info *info
     sb_result result;
     body->touch->refused = body->touch->is_last = body->touch->mended = 0;
     sbi_body_mute(body);
-    result = sbi_step_whole(body, dt, NULL, 0, 1, info);
+    result = sbi_step_whole(body, dt, NULL, 0, 1, 0, info);
     if (result == SB_ERROR_DIVERGED && body->touch->refused)
         result = sbi_substeps_divide(body, dt, result, info);
     sbi_body_unmute(body);
@@ -160,9 +160,10 @@ static sb_result sbi_substeps_step(sb_body *body, sb_real dt, sb_step_info *info
 SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
                                      sb_step_info *info)
 {
+    static const sbi_step_part whole = {0, 1, 0};
     sb_step_info own;
     if (!body || !body->touch || !sbi_body_is_implicit(body) || guest_count > 0 || !(dt > 0) || !sb_is_finite(dt))
-        return sbi_body_step_part(body, dt, guests, guest_count, 0, 1, info);
+        return sbi_body_step_part(body, dt, guests, guest_count, &whole, info);
     return sbi_substeps_step(body, dt, info ? info : &own);
 }
 

@@ -78,8 +78,9 @@
  *   (SB_ERROR_UNSUPPORTED), nor take one afterwards. Strokes through elements that are bent by a blade's way between
  *   two moves may leave crumbs of a lattice point or two.
  * - Slices much thinner than a link fall into crumbs.
- * - Needles in hyperelastic tissue that is cut ring under Newmark, by thousands of newtons where it came to the worst:
- *   cut under SB_EULER or SB_GENERALISED_ALPHA.
+ * - Needles in hyperelastic tissue that is cut ring under Newmark: cut under SB_EULER or SB_GENERALISED_ALPHA. Where
+ *   light pieces of it are crushed steps are divided, and cost as much more; where that does not help they are refused
+ *   (SB_ERROR_DIVERGED, SB_ERROR_INVERTED).
  * - Blades that go exactly through nodes while the tissue moves may leave such a node between both sides; strokes along
  *   the edge of a body may leave crumbs there of a lattice point or two.
  * - Lengths are resolved to 8e-9 of the box around the body; where its parts have gone so far apart that this is more

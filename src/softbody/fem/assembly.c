@@ -750,6 +750,31 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
     return bad;
 }
 
+SBI_API int sbi_assembly_add_share(sbi_assembly *assembly, const sb_vec3 *u, int index, const sb_material *material,
+                                   sb_vec3 *force)
+{
+    sbi_assembly own = *assembly;
+    sbi_assembly_job job = sbi_assembly_make_job(&own, SBI_WORK_FORCE, u);
+    sb_material *shares = assembly->shares + 2 * (size_t)index, kept[2];
+    sb_quat rotation[SBI_CELL_POINTS];
+    size_t q = (size_t)assembly->domain->points_per_cell;
+    int split = assembly->domain->mean_points, bad = -1;
+    own.batched = 0;
+    job.force = force;
+    memcpy(kept, shares, sizeof kept);
+    shares[0] = sbi_material_share_of(material, split ? SBI_SHARE_SHEAR : SBI_SHARE_WHOLE);
+    shares[1] = sbi_material_share_of(material, split ? SBI_SHARE_VOLUME : SBI_SHARE_WHOLE);
+    for (int e = 0; e < assembly->domain->cell_count && bad < 0; e++) {
+        if (assembly->cell_material[e] != index)
+            continue;
+        memcpy(rotation, assembly->rotations + (size_t)e * q, q * sizeof *rotation);
+        bad = sbi_chunk_force_any(&job, e, e + 1);
+        memcpy(assembly->rotations + (size_t)e * q, rotation, q * sizeof *rotation);
+    }
+    memcpy(shares, kept, sizeof kept);
+    return bad;
+}
+
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix)
 {

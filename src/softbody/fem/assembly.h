@@ -161,6 +161,12 @@ SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assemb
 /* Gives up what is not of the layout. */
 SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator);
 
+/* force [node_count] += the force at u of the cells of material number `index`, were they made of another one of its
+ * model: of any numbers that stress is linear in, also negative ones, without Prony terms. Rotations stay. Not for a
+ * single rotation. Returns -1 or the first inadmissible cell. */
+SBI_API int sbi_assembly_add_share(sbi_assembly *assembly, const sb_vec3 *u, int index, const sb_material *material,
+                                   sb_vec3 *force);
+
 /* ---- assembly_rows ---- */
 
 SBI_API void sbi_rows_add_force(const sbi_inner_rows *rows, const sb_vec3 *u, sb_vec3 *force);

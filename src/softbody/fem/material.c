@@ -128,6 +128,23 @@ SB_API sb_material sb_material_fung(sb_real c10, sb_real exponent, sb_real d1, s
     return m;
 }
 
+SB_API sb_material sb_material_custom(const sb_material_law *law, sb_real bulk, sb_real density)
+{
+    sb_real law_bulk = 0, mu = 0;
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    sbi_law_moduli(law, &law_bulk, &mu);
+    m.model = SB_CUSTOM_LAW;
+    m.density = density;
+    m.law = law;
+    m.law_scale = 1;
+    m.mu = mu;
+    m.c10 = mu / 2;
+    m.lambda = law_bulk + bulk - 2 * mu / 3;
+    m.d1 = bulk == 0 ? SB_REAL_MAX : 2 / bulk;
+    return m;
+}
+
 SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_real k2)
 {
     material.fibre_stiffness = k1;
@@ -192,7 +209,7 @@ SB_API sb_material sb_material_preset(sb_preset preset, sb_real density)
 
 static int sbi_material_is_isochoric(sb_material_model model)
 {
-    return model == SB_NEO_HOOKEAN_ISOCHORIC || (int)model >= (int)SB_MOONEY_RIVLIN;
+    return model == SB_NEO_HOOKEAN_ISOCHORIC || ((int)model >= (int)SB_MOONEY_RIVLIN && model != SB_CUSTOM_LAW);
 }
 
 static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error)
@@ -201,7 +218,7 @@ static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error
                                   "d1 (1/Pa)",        "c01 (Pa)",    "c20 (Pa)", "c30 (Pa)"};
     const sb_real values[8] = {m->density, m->lambda, m->mu, m->c10, m->d1, m->c01, m->c20, m->c30};
     for (int i = 0; i < 8; i++) {
-        int read = i < 3 || (i < 5 && sbi_material_is_isochoric(m->model)) ||
+        int read = i < 3 || (i < 5 && sbi_material_is_isochoric(m->model)) || (i == 4 && m->model == SB_CUSTOM_LAW) ||
                    (i == 5 && m->model == SB_MOONEY_RIVLIN) || (i > 5 && m->model == SB_REDUCED_POLYNOMIAL);
         if (read && !sb_is_finite(values[i]))
             return sbi_fail(error, SB_ERROR_NOT_FINITE,
@@ -350,12 +367,16 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
         result = sbi_material_check_isochoric(material, error);
     if (result == SB_OK)
         result = sbi_material_check_exponents(material, error);
+    if (result == SB_OK && material->model == SB_CUSTOM_LAW)
+        result = sbi_law_check_calls(material, error);
     if (result == SB_OK)
         result = sbi_material_check_moduli(material, error);
     if (result == SB_OK)
         result = sbi_material_check_fibres(material, error);
     if (result == SB_OK)
         result = sbi_material_check_prony(material, error);
+    if (result == SB_OK && material->model == SB_CUSTOM_LAW)
+        result = sbi_law_check(material, error);
     return result;
 }
 
@@ -372,7 +393,8 @@ SB_API int sb_material_allows_inversion(sb_material_model model)
     case SB_MOONEY_RIVLIN:
     case SB_REDUCED_POLYNOMIAL:
     case SB_OGDEN:
-    case SB_FUNG: return 0;
+    case SB_FUNG:
+    case SB_CUSTOM_LAW: return 0;
     }
     return 0;
 }
@@ -519,6 +541,7 @@ static void sbi_material_scale_shear(sb_material *m, sb_real factor)
     m->c30 *= factor;
     for (int i = 0; i < SB_MAX_OGDEN_TERMS; i++)
         m->ogden_mu[i] *= factor;
+    m->law_scale *= factor;
     m->fibre_stiffness *= factor;
 }
 

@@ -34,15 +34,43 @@ typedef enum sb_material_model {
     SB_OGDEN = 10,
     /* C10/b (exp(b (I1b - 3)) - 1) + (J - 1)^2/D1: Fung's exponential for tissue without directions (Demiray 1972);
      * needs J > 0. */
-    SB_FUNG = 11
+    SB_FUNG = 11,
+    /* law_scale times a law of the caller's own, see sb_material_law, + (J - 1)^2/D1. */
+    SB_CUSTOM_LAW = 12
 } sb_material_model;
+
+/* A material law of the caller's own: W(F) [J/m^3], P = dW/dF [Pa] and A = dP/dF [Pa], A[9*(3*i+j) + (3*k+l)] =
+ * dP_ij/dF_kl, of F at any J. Each call writes its last argument and returns 1, or 0 where F is not admissible: a step
+ * backs off then as from an inverted element. They are made from the threads of sb_jobs at the same time, must not
+ * keep anything from one call to the next, and must give the same bits for the same F. tangent may be NULL: central
+ * differences of the stress then (18 calls of it, right to some 1e-9, in float 1e-4). The struct and what user points
+ * to are lent: they stay where they are and as they are for as long as any body lives that was given them.
+ *
+ * sb_material_check, and so every call that takes a material, tries a law at some ten F with stretches between 0.5 and
+ * 1.5 (some 800 calls) and refuses one by its name whose stress is not the difference quotient of its energy, whose
+ * tangent is not that of its stress, that depends on the observer (P(QF) is not Q P(F)), or whose energy or stress at
+ * F = I is not 0.
+ *
+ * States and recordings do not hold functions. They hold the law's name: where they are loaded or replayed, a material
+ * that the body was given before must have had a law of that name in its field law, whatever its model
+ * (SB_ERROR_MATERIAL otherwise). A recording that brings a law in later on is thus replayed on a body made with
+ * sb_material.law set beforehand. The name has to tell laws apart, parameters included: a body refuses two of one name.
+ */
+typedef struct sb_material_law {
+    const char *name; /* at least one character */
+    void *user;       /* handed to the calls: the law's parameters */
+    int (*energy)(void *user, const sb_mat3 *F, sb_real *W);
+    int (*stress)(void *user, const sb_mat3 *F, sb_mat3 *P);
+    int (*tangent)(void *user, const sb_mat3 *F, sb_real *A); /* 81 values, or NULL */
+} sb_material_law;
 
 enum { SB_MAX_PRONY_TERMS = 8, SB_MAX_OGDEN_TERMS = 4 };
 
 /* A material: plain data, filled by a constructor below or by hand (then see sb_material_check). The
  * constructors set every field for every model: all models have Hooke's tangent with lambda, mu at F = I,
  * and c10 + c01 = mu/2, d1 = 2/bulk. Only the isochoric models (SB_NEO_HOOKEAN_ISOCHORIC and those from
- * SB_MOONEY_RIVLIN on) evaluate the c's, SB_OGDEN its terms in their place, and d1; the others evaluate lambda and mu.
+ * SB_MOONEY_RIVLIN on) evaluate the c's, SB_OGDEN its terms and SB_CUSTOM_LAW its law in their place, and d1; the
+ * others evaluate lambda and mu.
  */
 typedef struct sb_material {
     sb_material_model model;
@@ -65,6 +93,8 @@ typedef struct sb_material {
     int prony_count;                         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];     /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS];   /* [s], > 0 */
+    const sb_material_law *law;              /* custom law, not copied; other models only keep it for later */
+    sb_real law_scale;                       /* > 0, the law's energy is multiplied by it; custom law, else 0 */
 } sb_material;
 
 /* Which derivative of P a solver gets. */
@@ -99,6 +129,13 @@ SB_API sb_material sb_material_ogden(const sb_real *mu, const sb_real *alpha, in
 /* Fung's exponential: c10 [Pa] > 0 as above, exponent b >= 0 (0: neo-Hookean): stiffness grows with exp(b (I1b - 3)).
  * Directions: sb_material_with_fibres. */
 SB_API sb_material sb_material_fung(sb_real c10, sb_real exponent, sb_real d1, sb_real density);
+/* A law of the caller's own, lent, see sb_material_law, and bulk [Pa] >= 0 that the library adds as (J - 1)^2/d1,
+ * d1 = 2/bulk. A law of F J^(-1/3) alone with its bulk modulus here is what elements that do not lock (B-bar) need:
+ * they evaluate the law at each point and the bulk term in the mean. A law that has its own volume term goes with bulk
+ * 0, and locks as any fully integrated element. Prony terms relax the law and leave the bulk term. lambda and mu are
+ * those of the law's tangent at F = I, averaged over directions; they scale tolerances and steps. NULL, a call that is
+ * missing or a law without a tangent at F = I give a material that sb_material_check refuses. */
+SB_API sb_material sb_material_custom(const sb_material_law *law, sb_real bulk, sb_real density);
 /* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
  *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
  * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
@@ -154,9 +191,9 @@ SB_API sb_real sb_material_bulk(const sb_material *material);
  * be NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit. */
 SB_API sb_result sb_material_check(const sb_material *material, sb_error *error);
 
-/* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,
- * but does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come
- * to rest. */
+/* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown, or a law that decides itself).
+ * SB_SVK has one, but does not oppose inversion: it has the same value for F and its mirror image, so an inverted
+ * element may come to rest. */
 SB_API int sb_material_allows_inversion(sb_material_model model);
 /* 1 when the tangent does not depend on F. */
 SB_API int sb_material_is_linear(sb_material_model model);
@@ -229,9 +266,10 @@ SB_API sb_real sb_von_mises(sb_mat3 sigma);
 /* Whether a material does anything along fibres. */
 SB_INLINE int sbi_material_has_fibres(const sb_material *m) { return m->fibre_stiffness > 0 || m->fibre_tension > 0; }
 /* The last of the models. */
-enum { SBI_LAST_MODEL = SB_FUNG };
+enum { SBI_LAST_MODEL = SB_CUSTOM_LAW };
 /* ==== internal: shares of a material =====================================================================
- * Every hyperelastic energy here is linear in its moduli, so that a share of a material is a material. */
+ * Every hyperelastic energy here is linear in its moduli (a law: in its scale), so that a share of a material is a
+ * material. */
 
 /* The share of a material that a B-bar element evaluates at each of its points, and the one at its mean point:
  * W = W_shear + W_volume, with mu (and fibres) in the first, lambda in the second; isochoric models: psi and U. */

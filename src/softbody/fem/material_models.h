@@ -8,6 +8,7 @@
 #define SBI_MATERIAL_MODELS_H
 
 #include "material.h"
+#include "material_law.h"
 
 /* Row i of a. */
 SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i) { return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]); }
@@ -981,6 +982,7 @@ SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_
     case SB_FUNG: return sbi_barrier_energy(model, m, F, W);
     case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
     case SB_OGDEN: return sbi_ogden_energy(m, F, W);
+    case SB_CUSTOM_LAW: return sbi_law_energy(m, F, W);
     default: return 0;
     }
 }
@@ -1003,6 +1005,7 @@ SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_
     case SB_FUNG: return sbi_barrier_stress(model, m, F, P);
     case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
     case SB_OGDEN: return sbi_ogden_stress(m, F, P);
+    case SB_CUSTOM_LAW: return sbi_law_stress(m, F, P);
     default: return 0;
     }
 }
@@ -1025,6 +1028,7 @@ SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb
         break;
     case SB_STABLE_NEO_HOOKEAN: sbi_stable_tangent(m, F, A); break;
     case SB_OGDEN: return sbi_ogden_tangent(m, F, kind, A);
+    case SB_CUSTOM_LAW: return sbi_law_tangent(m, F, kind, A);
     default: return 0;
     }
     if (kind != SB_TANGENT_EXACT)

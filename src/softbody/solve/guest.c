@@ -361,6 +361,7 @@ SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x)
         sbi_guest_gather_place(space, work, work->guest->unknown, x, x);
         changed |= work->guest->settle(work->guest->user, work->in) != 0;
     }
+    space->rows_changed |= changed;
     return changed;
 }
 

@@ -120,6 +120,7 @@ typedef struct sbi_guest_work {
 typedef struct sbi_guest_space {
     int count;
     sbi_guest_work *work; /* [count] */
+    int rows_changed;     /* 1: a guest has changed its rows since its caller set it to 0 */
     double scale;         /* mean diagonal of the matrix (N/m) */
     int *part_of;         /* [row_count] part of each row, as the last solve had them; may be made anew after it */
     const sb_matrix *matrix;

@@ -1,0 +1,54 @@
+/* equilibrium: a body's present shape as the solution of r(u, p) = 0, its exact tangent K, and solves with it. Floor 4,
+ * internal.
+ *
+ * With constraints u = T u' + b: what is solved is T^T K T on free axes; vectors go in and come out whole. */
+#ifndef SB_EQUILIBRIUM_H
+#define SB_EQUILIBRIUM_H
+
+#include "../body/step_private.h"
+#include "../solve/direct.h"
+#include "sensitivity.h"
+
+typedef struct sbi_equilibrium {
+    sb_body *body;
+    sbi_step step;
+    sb_error *error;
+    sb_matrix full;    /* K, with rows of supports; its blocks are our own */
+    sb_matrix *matrix; /* what is solved: masked, condensed where there are constraints */
+    sb_direct *direct; /* or NULL: conjugate gradients with */
+    sb_preconditioner *precond;
+    int skew; /* 1: pressures may have a part that K leaves out */
+    double tolerance;
+    int node_count;
+    sb_vec3 *right, *solution, *product, *sum; /* [node_count] scratch of a solve */
+} sbi_equilibrium;
+
+/* Checks that the present shape is one and makes K. On failure nothing is left to end. */
+SBI_API sb_result sbi_equilibrium_begin(sb_body *body, sb_real tolerance, sbi_equilibrium *eq, sb_error *error);
+/* Gives all back; the body is as it was. */
+SBI_API void sbi_equilibrium_end(sbi_equilibrium *eq);
+/* out = K x; with transposed 1 K^T x. They differ by what pressures have at rims. */
+SBI_API void sbi_equilibrium_multiply(const sbi_equilibrium *eq, const sb_vec3 *x, int transposed, sb_vec3 *out);
+/* v [count][node_count] = T (T^T K T)^-1 T^T v on free axes. A failure leaves v undefined. */
+SBI_API sb_result sbi_equilibrium_solve(sbi_equilibrium *eq, int count, int transposed, sb_vec3 *v);
+/* v = T^T v, and v = T v. */
+SBI_API void sbi_equilibrium_reduce(const sbi_equilibrium *eq, sb_vec3 *v);
+SBI_API void sbi_equilibrium_expand(const sbi_equilibrium *eq, sb_vec3 *v);
+/* 0 on free axes; 0 on held ones. */
+SBI_API void sbi_equilibrium_keep_supports(const sbi_equilibrium *eq, sb_vec3 *v);
+SBI_API void sbi_equilibrium_keep_free(const sbi_equilibrium *eq, sb_vec3 *v);
+
+/* ---- parameter.c ---- */
+
+/* SB_ERROR_ARGUMENT, SB_ERROR_INDEX, SB_ERROR_UNSUPPORTED, naming parameter number k. */
+SBI_API sb_result sbi_parameter_check(const sb_body *body, const sb_parameter *p, int k, sb_error *error);
+/* Moduli as the derivatives by them go: all shear constants in proportion. */
+SBI_API void sbi_material_set_moduli(sb_material *m, sb_real young, sb_real poisson);
+/* A constant that the material has, and what follows from it in lambda, mu, c10 and d1. */
+SBI_API void sbi_material_set_constant(sb_material *m, int constant, sb_real value);
+/* residual [node_count] = dr/dp at constant u; 0 of supports. Cannot fail once begun and checked. */
+SBI_API void sbi_parameter_residual(const sbi_equilibrium *eq, const sb_parameter *p, sb_vec3 *residual);
+/* 1 along the axis at the nodes of a support, 0 elsewhere. */
+SBI_API void sbi_parameter_motion(const sb_parameter *p, int node_count, sb_vec3 *motion);
+
+#endif /* SB_EQUILIBRIUM_H */
