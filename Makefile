@@ -61,7 +61,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: shared bindings page test-page test-ports test-bindings tested all examples demo headers dev test check test-float test-cpp \
+.PHONY: shared docs bindings page test-page test-ports test-bindings tested all examples demo headers dev test check test-float test-cpp \
 	test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race benches lint fuzz \
 	test-corpus soak soak-cuts coverage format install clean FORCE
 
@@ -142,6 +142,11 @@ build/page.wasm: examples/web/page.c $(HEADERS) build/flags
 	    -Wl,-z,stack-size=1048576 -Wl,--strip-all $< -lm -o $@
 build/page.html: build/page.wasm $(wildcard examples/web/*)
 	examples/web/join.sh $< >$@
+# The reference of the headers as static files: docs/reference/index.html.
+DOCS = $(wildcard src/*/*_doc.h) $(foreach product,$(PRODUCTS),$(shell awk '/^section/ { on = $$2 == "declarations" } \
+	on && /[.]h/ && !/names[.]h/ { print "src/$(product)/" $$1 }' src/$(product)/manifest.txt)) README.md $(wildcard docs/*.md)
+docs:
+	DOCS_INPUT='$(DOCS)' doxygen docs/Doxyfile
 bindings: $(HEADERS)
 	CC='$(CC)' $(PYTHON) src/bindings.py
 

@@ -67,6 +67,11 @@ if [ "$(clang-format --version 2>/dev/null | sed 's/.*version \([0-9]*\).*/\1/')
 else
     skipped "no clang-format 14: the sources are formatted"
 fi
+if command -v doxygen >/dev/null; then
+    single "the reference of the headers is made without warnings" "$make docs"
+else
+    skipped "no doxygen: the reference of the headers"
+fi
 steps=("${lane[@]}")
 
 lane=()

@@ -203,16 +203,17 @@ static sb_real sbi_step_touch_news(const sbi_step *step)
 }
 
 /* What this system is solved to: a share of what its forces will yet change by, the last as well as the step asks. Of
- * forces that are new the first system leaves some tenth. */
+ * forces that are new the first system leaves some tenth. Where bounds were foreseen each leaves some seventh of what
+ * the one before left: one that may be the last is solved as such. */
 static sb_real sbi_step_touch_aim(const sbi_step *step)
 {
     const sbi_touch *touch = step->touch;
-    const sb_real share = (sb_real)0.3;
+    const sb_real share = (sb_real)0.3, last = touch->foresees ? (sb_real)3 : 1;
     sb_real tolerance = step->linear_tolerance, expected;
     if (touch->touching == 0 || touch->iterations == touch->max_iterations)
         return tolerance;
     expected = touch->iterations > 1 ? touch->residual : (sb_real)0.1 * sbi_step_touch_news(step);
-    return sb_max(tolerance, share * expected);
+    return share * expected > last * tolerance ? share * expected : tolerance;
 }
 
 static sb_result sbi_step_solve_touch(sbi_step *step)

@@ -108,6 +108,7 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     told.factor = step->dynamic ? 1 : step->load_factor;
     told.stage = step->dynamic ? 0 : step->info->load_steps;
     told.tries = step->tries;
+    told.linearised = step->linearised;
     told.wide = step->wide;
     told.part = step->dynamic ? step->part : 1;
     sbi_touch_tell_whole(step, &told);
@@ -115,7 +116,7 @@ SBI_API sb_result sbi_step_begin_touch(sbi_step *step)
     step->touch->iterations = step->touch->capped = 0;
     step->touch->residual = 0;
     step->touch->coupling.node_count = 0;
-    step->touch->apart = step->touch->parts = step->touch->missed = 0;
+    step->touch->apart = step->touch->parts = step->touch->missed = step->touch->foresees = 0;
     result = step->touch->begin(step->touch->user, &told, &step->info->error);
     step->touch->refused |= step->touch->apart;
     if (result == SB_OK)

@@ -29,6 +29,7 @@ typedef struct sbi_touch_step {
     sb_real factor; /* share of the way of a static solve; 1 in a time step */
     int stage;      /* increments of a static solve that have converged before; 0 in a time step */
     int tries;      /* how often this step was refused or failed already: each time it asks for less motion */
+    int linearised; /* 1: bounds of friction may be guessed at first, since they are renewed and solved for again */
     int wide;       /* 1: begin looks as far as it ever does, since with less a step like this one missed something */
     sb_real whole_stiff, whole_mass; /* A of the caller's whole step, of which this is a part, is so much of A and of
                                       * the mass (1/s^2); else 1 and 0 */
@@ -50,6 +51,7 @@ typedef struct sbi_touch {
     int refused;   /* 1: accept or begin refused a step, which may succeed in parts; written by the step */
     int apart;     /* 1: it did so for motion that is not its tools': less of theirs would not help; the owner's */
     int parts;     /* what begin would have a step divided into that it refuses; the owner's */
+    int foresees;  /* 1: bounds of friction are near what they will be from the first guess on; the owner's */
     int missed;    /* 1: accept refuses a step in which something may have come near that begin did not look at, as it
                     * would in a wide one; the owner's */
     sb_real share; /* of the caller's step that the one under way is; the step's */

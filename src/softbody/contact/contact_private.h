@@ -55,6 +55,7 @@ typedef struct sbi_contact_tool {
     sb_pose seen;                /* at the last evaluation */
     sb_real shift;               /* m, its motion since the evaluation before that */
     sb_vec3 force, torque;       /* N, N m about its position: on the body, at the end of the last step */
+    sb_real pushed, pushes;      /* N: sum of its pressures' forces, there and at the first guess of this step */
     sb_real way;                 /* m, of its skeleton in the step */
     sb_real lag;                 /* m */
     sbi_contact_nearest nearest; /* at the end of the last step, unless something touches; not saved */
@@ -130,6 +131,7 @@ struct sb_contact {
     /* of the step */
     int is_static, is_explicit;
     int stopped;      /* 1: nodes have been stopped at its end, see sbi_contact_stop */
+    int foresees;     /* 1: nothing has been evaluated yet, and bounds of friction are to be foreseen */
     sb_real level;    /* share of the step after which forces balance */
     const sb_vec3 *x; /* [rows] places at its start (m): the body's own, or: */
     sb_vec3 *places;  /* [node_room] in a static solve, whose increments do not move the body before its end */

@@ -8,6 +8,8 @@ enum { SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
 
 /* Overlap that a static solve leaves, over how far the surface was pushed. */
 #define SBI_CONTACT_OVERLAP ((sb_real)1e-3)
+/* More than forces of a tool change by in a step that may be foreseen, and what they are off by where they are not. */
+#define SBI_CONTACT_CHANGES ((sb_real)2)
 
 /* ---- nodes and patches ---- */
 
@@ -397,6 +399,7 @@ static sb_result sbi_contact_begin(void *user, const sbi_touch_step *given, sb_e
         return result;
     own.velocity = sbi_contact_at_points(contact, given->velocity, contact->skin.velocity);
     contact->is_solved = contact->stopped = 0;
+    contact->touch.foresees = contact->foresees = step->linearised && !contact->pairs.kinds;
     contact->is_explicit = step->masses != NULL;
     if (!(step->dt > 0) && !contact->kept) {   /* it replaces entries increment by increment */
         (void)sbi_contact_keep(contact, NULL); /* its faces are up to date */
@@ -462,6 +465,37 @@ static void sbi_contact_sum_forces(sb_contact *contact)
         sbi_contact_skin_give(contact, NULL, force, contact->touch.force);
 }
 
+/* How much tools pushed in the last step, and do at the first guess. */
+static void sbi_contact_sum_pushes(sb_contact *contact)
+{
+    for (int t = 0; t < contact->max_tools; t++)
+        contact->tools[t].pushed = contact->tools[t].pushes = 0;
+    for (int e = 0; e < contact->entry_count; e++) {
+        const sbi_contact_entry *entry = contact->entries + e;
+        contact->tools[entry->tool].pushed += sb_v3_dot(entry->force, entry->normal);
+    }
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_sample *s = contact->samples + i;
+        contact->tools[contact->patches[s->patch].tool].pushes += s->area * s->answer.pressure;
+    }
+}
+
+/* Bounds of friction at the first guess of a step. Pressures are stiff, and as tissue coasts they come out too large
+ * together by a tenth or so, which the first system mends but for friction: so bounds are those of as much force as in
+ * the last step. Tools on springs are where friction lets them be, and are left alone. */
+static void sbi_contact_foresee(sb_contact *contact, sbi_contact_work *work)
+{
+    sbi_contact_sum_pushes(contact);
+    for (int i = 0; i < contact->sample_count; i++) {
+        const sbi_contact_tool *tool = contact->tools + contact->patches[contact->samples[i].patch].tool;
+        if (tool->pushed > 0 && tool->pushes > 0 && !sbi_contact_is_hung(tool))
+            contact->samples[i].bound *=
+                sb_max(1 / SBI_CONTACT_CHANGES, sb_min(SBI_CONTACT_CHANGES, tool->pushed / tool->pushes));
+    }
+    work->renew = 0;
+    sbi_contact_evaluate_patches(work);
+}
+
 static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
 {
     sb_contact *contact = (sb_contact *)user;
@@ -477,6 +511,9 @@ static void sbi_contact_evaluate(void *user, const sb_vec3 *du, int renew)
     work.last = contact->patch_count;
     sbi_contact_evaluate_patches(&work);
     sbi_contact_settle_hung(contact, &work);
+    if (contact->foresees && renew)
+        sbi_contact_foresee(contact, &work);
+    contact->foresees = 0;
     sbi_pairs_evaluate(contact, du, renew);
     sbi_contact_sum_forces(contact);
     contact->blocks_current = 0;
