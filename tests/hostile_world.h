@@ -68,6 +68,8 @@ typedef struct world {
     sb_quat turns[WORLD_CLOUD];
     sb_constraint_term terms[2];
     sb_parameter parameter;
+    sb_measurement measurement;
+    sb_identify_def identify_def;
     sb_body *still; /* at an equilibrium */
     sb_shape solid;
     sb_mapping rows_of_two;
@@ -416,6 +418,26 @@ static sb_parameter *world_parameters(world *w)
 {
     w->parameter.kind = SB_PARAMETER_DENSITY;
     return &w->parameter;
+}
+
+static sb_real world_values[1];
+
+static sb_identify_def *world_identify_def(world *w)
+{
+    static sb_vec3 point;
+    sb_mapping_apply(world_mapping(w), sb_body_positions(world_still(w)), &point);
+    world_values[0] = 1100;
+    memset(&w->measurement, 0, sizeof w->measurement);
+    w->measurement.rows = world_mapping(w);
+    w->measurement.points = &point;
+    w->measurement.sigma_point = REAL(0.01);
+    w->identify_def = sb_default_identify_def();
+    w->identify_def.body = world_still(w);
+    w->identify_def.parameters = world_parameters(w);
+    w->identify_def.count = 1;
+    w->identify_def.measurements = &w->measurement;
+    w->identify_def.max_iterations = 20;
+    return &w->identify_def;
 }
 
 static sb_contact_def *world_contact_def(world *w)

@@ -327,6 +327,8 @@
 #define sb_body_solve_tangent sb_body_solve_tangent_f32
 #define sb_body_sensitivities sb_body_sensitivities_f32
 #define sb_body_gradient sb_body_gradient_f32
+#define sb_default_identify_def sb_default_identify_def_f32
+#define sb_identify sb_identify_f32
 #define sb_default_tool_def sb_default_tool_def_f32
 #define sb_default_contact_def sb_default_contact_def_f32
 #define sb_contact_create sb_contact_create_f32
