@@ -68,6 +68,8 @@ typedef struct world {
     sb_quat turns[WORLD_CLOUD];
     sb_constraint_term terms[2];
     sb_parameter parameter;
+    sb_measurement measurement;
+    sb_identify_def identify_def;
     sb_body *still; /* at an equilibrium */
     sb_shape solid;
     sb_mapping rows_of_two;
@@ -85,6 +87,7 @@ typedef struct world {
     sb_label_def label_def;
     sb_fit_options fit_options;
     sb_modes_options modes_options;
+    sb_unload_def unload_def;
     sb_static_options static_options;
     sb_tear_options tear_options;
     sb_pcg_options pcg_options;
@@ -253,6 +256,22 @@ static sb_body_def *world_body_def(world *w)
     return &w->body_def;
 }
 
+static sb_result world_dress(void *user, sb_body *body, sb_real share, sb_error *error)
+{
+    const int nodes[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    (void)user;
+    (void)share;
+    return sb_body_hold(body, nodes, 8, SB_XYZ, error);
+}
+
+static sb_unload_def *world_unload_def(world *w)
+{
+    w->unload_def = sb_default_unload_def();
+    w->unload_def.body = *world_body_def(w);
+    w->unload_def.dress = world_dress;
+    return &w->unload_def;
+}
+
 /* Nodes of a corner face of the mesh's boundary, in the numbers of the volume. */
 static const int *world_face(world *w)
 {
@@ -399,6 +418,26 @@ static sb_parameter *world_parameters(world *w)
 {
     w->parameter.kind = SB_PARAMETER_DENSITY;
     return &w->parameter;
+}
+
+static sb_real world_values[1];
+
+static sb_identify_def *world_identify_def(world *w)
+{
+    static sb_vec3 point;
+    sb_mapping_apply(world_mapping(w), sb_body_positions(world_still(w)), &point);
+    world_values[0] = 1100;
+    memset(&w->measurement, 0, sizeof w->measurement);
+    w->measurement.rows = world_mapping(w);
+    w->measurement.points = &point;
+    w->measurement.sigma_point = REAL(0.01);
+    w->identify_def = sb_default_identify_def();
+    w->identify_def.body = world_still(w);
+    w->identify_def.parameters = world_parameters(w);
+    w->identify_def.count = 1;
+    w->identify_def.measurements = &w->measurement;
+    w->identify_def.max_iterations = 20;
+    return &w->identify_def;
 }
 
 static sb_contact_def *world_contact_def(world *w)

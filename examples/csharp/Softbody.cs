@@ -1280,6 +1280,29 @@ public unsafe struct sb_modes_info
     public double residual;
     public double seconds;
 }
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_unload_def
+{
+    public sb_body_def body;
+    public IntPtr dress;
+    public void* user;
+    public sb_static_options statics;
+    public double tolerance;
+    public int max_iterations;
+    public int load_steps;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_unload_report
+{
+    public int solves;
+    public int load_steps;
+    public double share;
+    public double gap;
+    public double size;
+    public double moved;
+    public sb_error error;
+}
 public struct sb_recording { }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_recording_info
@@ -1316,6 +1339,47 @@ public unsafe struct sb_parameter
     public int axis;
     public int* nodes;
     public int node_count;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_measurement
+{
+    public sb_mapping* rows;
+    public sb_vec3* points;
+    public double sigma_point;
+    public int* force_nodes;
+    public int force_count;
+    public sb_vec3 force;
+    public double sigma_force;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_identify_def
+{
+    public sb_body* body;
+    public sb_parameter* parameters;
+    public int count;
+    public int free_count;
+    public double* low;
+    public double* high;
+    public int state_count;
+    public sb_measurement* measurements;
+    public IntPtr apply;
+    public void* user;
+    public int max_iterations;
+    public sb_static_options statics;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_identify_info
+{
+    public int iterations;
+    public int solves;
+    public int readings;
+    public double chi2;
+    public double start_chi2;
+    public int warnings;
+    public double weakest;
+    public int weakest_parameter;
+    public fixed byte hidden[160];
 }
 [StructLayout(LayoutKind.Sequential)]
 public unsafe struct sb_pose
@@ -2356,6 +2420,10 @@ public static unsafe class Native
     public const int SB_NODE_KEEP_Z = 8;
     public const int SB_TIE_CLOSE_GAPS = 1;
     public const int SB_TIE_ALL = 2;
+    public const int SB_IDENTIFY_HIDDEN = 1;
+    public const int SB_IDENTIFY_MISFIT = 2;
+    public const int SB_IDENTIFY_BOUND = 4;
+    public const int SB_IDENTIFY_LOCKS = 8;
     public const int SB_TOOL_MAX_POINTS = 64;
     public const int SB_TOOL_MIN_CELLS = 16;
     public const int SB_TOOL_MAX_CELLS = 128;
@@ -4271,6 +4339,25 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_modes(sb_body* body, int count, sb_modes_options* options, double* frequencies, sb_vec3* shapes, sb_modes_info* info, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_unload_def sb_default_unload_def();
+    /// <summary>
+    /// Finds the rest shape.
+    /// rest    [node_count] (m) receives it; held nodes keep their place along the held axes
+    /// body    receives the body made from it, with its supports and loads, at rest in the imaged shape: destroy it with
+    ///         sb_body_destroy. May be NULL
+    /// report  may be NULL; written also on failure
+    /// Makes a body for each trial, from def-&gt;body.allocator; the same bits for any number of threads. On failure rest and
+    /// *body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged
+    /// mesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found
+    /// (SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;
+    /// report-&gt;gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at
+    /// rest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones, and a
+    /// straight column beyond its buckling load is in balance, too: sb_body_modes of the body, at_present, tells
+    /// (SB_ERROR_INDEFINITE).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_body_unload(sb_unload_def* def, sb_vec3* rest, sb_body** body, sb_unload_report* report, sb_error* error);
     /// <summary>
     /// Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports
     /// and other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body.
@@ -4391,6 +4478,28 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_gradient(sb_body* body, sb_vec3* dj_du, sb_vec3* dj_dreaction, sb_parameter* parameters, int count, double* gradient, sb_vec3* dj_dforce, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_identify_def sb_default_identify_def();
+    /// <summary>
+    /// Finds values[count + free_count], which come in as the start.
+    ///   deviations   [count + free_count] standard deviations in the values' units, or NULL
+    ///   own_shares   [count + free_count] or NULL: of what a value changes in the readings, the share (of its square, in
+    ///                units of sigma) that no other values could change instead: 1 alone, 0 hidden by the others
+    ///   info, error  may be NULL
+    /// Derivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted
+    /// shape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are
+    /// untouched and the body has its materials and shape again, but loads and supports as `apply` has left them:
+    /// SB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),
+    /// SB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),
+    /// SB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading
+    /// sees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a
+    /// minimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.
+    /// Method: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at
+    /// most 1 there; a trial whose solve fails counts as one that does not help. Ends when chi2 falls by less than 1e-6 of
+    /// itself or values move by less than 1e-8.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_identify(sb_identify_def* def, double* values, double* deviations, double* own_shares, sb_identify_info* info, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_tool_def sb_default_tool_def();
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_contact_def sb_default_contact_def();
@@ -4447,7 +4556,8 @@ public static unsafe class Native
     /// <summary>
     /// k[i][j]: what component i of the wrench (force, then torque about the tool's position, which goes along) would change
     /// by if the tool had gone farther along axis j (m), or turned (rad) about axis j - 3 through its position, with the
-    /// tissue giving way as in the last step: N/m, N, N m. What slips keeps its bound, and normals their directions. Of a
+    /// tissue giving way as in the last step: N/m, N, N m. Of a step that was divided (info.substeps) as in its last part:
+    /// inertia makes tissue stiffer over a shorter time. What slips keeps its bound, and normals their directions. Of a
     /// tool on a spring that of the surface alone. Six linear solves to 1e-3, which allocate nothing. 0 where nothing
     /// touches. SB_ERROR_STATE: something was done since the last step or static solve (a state loaded, a tool placed), so
     /// that its system is gone.

@@ -307,6 +307,8 @@
 #define sb_body_solve_static sb_body_solve_static_f32
 #define sb_default_modes_options sb_default_modes_options_f32
 #define sb_body_modes sb_body_modes_f32
+#define sb_default_unload_def sb_default_unload_def_f32
+#define sb_body_unload sb_body_unload_f32
 #define sb_body_state_size sb_body_state_size_f32
 #define sb_body_state_save sb_body_state_save_f32
 #define sb_body_state_load sb_body_state_load_f32
@@ -325,6 +327,8 @@
 #define sb_body_solve_tangent sb_body_solve_tangent_f32
 #define sb_body_sensitivities sb_body_sensitivities_f32
 #define sb_body_gradient sb_body_gradient_f32
+#define sb_default_identify_def sb_default_identify_def_f32
+#define sb_identify sb_identify_f32
 #define sb_default_tool_def sb_default_tool_def_f32
 #define sb_default_contact_def sb_default_contact_def_f32
 #define sb_contact_create sb_contact_create_f32

@@ -198,6 +198,10 @@ SB_CONSTANT_D1 = 7
 SB_CONSTANT_FIBRE_STIFFNESS = 8
 SB_CONSTANT_FIBRE_TENSION = 9
 SB_CONSTANT_OGDEN_MU = 10
+SB_IDENTIFY_HIDDEN = 1
+SB_IDENTIFY_MISFIT = 2
+SB_IDENTIFY_BOUND = 4
+SB_IDENTIFY_LOCKS = 8
 SB_TOOL_SPHERE = 1
 SB_TOOL_CAPSULES = 2
 SB_TOOL_BOX = 3
@@ -394,10 +398,15 @@ class sb_step_info(Structure): pass
 class sb_static_options(Structure): pass
 class sb_modes_options(Structure): pass
 class sb_modes_info(Structure): pass
+class sb_unload_def(Structure): pass
+class sb_unload_report(Structure): pass
 class sb_recording(Structure): pass
 class sb_recording_info(Structure): pass
 class sb_recording_report(Structure): pass
 class sb_parameter(Structure): pass
+class sb_measurement(Structure): pass
+class sb_identify_def(Structure): pass
+class sb_identify_info(Structure): pass
 class sb_pose(Structure): pass
 class sb_tool_def(Structure): pass
 class sb_contact(Structure): pass
@@ -1182,6 +1191,25 @@ sb_modes_info._fields_ = [
     ("residual", c_double),
     ("seconds", c_double),
 ]
+sb_unload_def._fields_ = [
+    ("body", sb_body_def),
+    ("dress", CFUNCTYPE(c_int, c_void_p, POINTER(sb_body), c_double, POINTER(sb_error))),
+    ("user", c_void_p),
+    ("statics", sb_static_options),
+    ("tolerance", c_double),
+    ("max_iterations", c_int),
+    ("load_steps", c_int),
+    ("cookie", c_uint),
+]
+sb_unload_report._fields_ = [
+    ("solves", c_int),
+    ("load_steps", c_int),
+    ("share", c_double),
+    ("gap", c_double),
+    ("size", c_double),
+    ("moved", c_double),
+    ("error", sb_error),
+]
 sb_recording_info._fields_ = [
     ("commands", c_int),
     ("steps", c_int),
@@ -1211,6 +1239,41 @@ sb_parameter._fields_ = [
     ("axis", c_int),
     ("nodes", POINTER(c_int)),
     ("node_count", c_int),
+]
+sb_measurement._fields_ = [
+    ("rows", POINTER(sb_mapping)),
+    ("points", POINTER(sb_vec3)),
+    ("sigma_point", c_double),
+    ("force_nodes", POINTER(c_int)),
+    ("force_count", c_int),
+    ("force", sb_vec3),
+    ("sigma_force", c_double),
+]
+sb_identify_def._fields_ = [
+    ("body", POINTER(sb_body)),
+    ("parameters", POINTER(sb_parameter)),
+    ("count", c_int),
+    ("free_count", c_int),
+    ("low", POINTER(c_double)),
+    ("high", POINTER(c_double)),
+    ("state_count", c_int),
+    ("measurements", POINTER(sb_measurement)),
+    ("apply", CFUNCTYPE(c_int, c_void_p, c_int, POINTER(c_double), POINTER(sb_body), POINTER(sb_error))),
+    ("user", c_void_p),
+    ("max_iterations", c_int),
+    ("statics", sb_static_options),
+    ("cookie", c_uint),
+]
+sb_identify_info._fields_ = [
+    ("iterations", c_int),
+    ("solves", c_int),
+    ("readings", c_int),
+    ("chi2", c_double),
+    ("start_chi2", c_double),
+    ("warnings", c_int),
+    ("weakest", c_double),
+    ("weakest_parameter", c_int),
+    ("hidden", c_char * 160),
 ]
 sb_pose._fields_ = [
     ("position", sb_vec3),
@@ -2345,6 +2408,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_solve_static": (c_int, (POINTER(sb_body), POINTER(sb_static_options), POINTER(sb_step_info), )),
     "sb_default_modes_options": (sb_modes_options, ()),
     "sb_body_modes": (c_int, (POINTER(sb_body), c_int, POINTER(sb_modes_options), POINTER(c_double), POINTER(sb_vec3), POINTER(sb_modes_info), POINTER(sb_error), )),
+    "sb_default_unload_def": (sb_unload_def, ()),
+    "sb_body_unload": (c_int, (POINTER(sb_unload_def), POINTER(sb_vec3), POINTER(POINTER(sb_body)), POINTER(sb_unload_report), POINTER(sb_error), )),
     "sb_body_state_size": (c_size_t, (POINTER(sb_body), )),
     "sb_body_state_save": (c_int, (POINTER(sb_body), c_void_p, c_size_t, )),
     "sb_body_state_load": (c_int, (POINTER(sb_body), c_void_p, c_size_t, POINTER(sb_error), )),
@@ -2363,6 +2428,8 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_body_solve_tangent": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), c_int, c_double, POINTER(sb_error), )),
     "sb_body_sensitivities": (c_int, (POINTER(sb_body), POINTER(sb_parameter), c_int, POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_error), )),
     "sb_body_gradient": (c_int, (POINTER(sb_body), POINTER(sb_vec3), POINTER(sb_vec3), POINTER(sb_parameter), c_int, POINTER(c_double), POINTER(sb_vec3), POINTER(sb_error), )),
+    "sb_default_identify_def": (sb_identify_def, ()),
+    "sb_identify": (c_int, (POINTER(sb_identify_def), POINTER(c_double), POINTER(c_double), POINTER(c_double), POINTER(sb_identify_info), POINTER(sb_error), )),
     "sb_default_tool_def": (sb_tool_def, ()),
     "sb_default_contact_def": (sb_contact_def, ()),
     "sb_contact_create": (c_int, (POINTER(sb_contact_def), POINTER(POINTER(sb_contact)), POINTER(sb_error), )),
@@ -2832,6 +2899,7 @@ DOCUMENTATION = {
     'sb_body_stable_step': 'dt (s) = the longest step that is sure to be stable under SB_CENTRAL_DIFFERENCE at the present shape with the\nlumped mass, 2/omega_max from a bound of omega_max that is never below it: typically 0.8 to 0.99 of the true limit.\nSprings, mappings, pressures and constraints count, Prony terms with their instantaneous stiffness. Mass damping does\nnot change it; supports of unconstrained bodies are left out of account. Works for bodies of any integrator and\nleaves their state as it is. Costs an assembly of the tangent and some products with it; allocates nothing. On\nfailure (SB_ERROR_ARGUMENT, SB_ERROR_INVERTED naming the element, SB_ERROR_NOT_FINITE, SB_ERROR_UNSUPPORTED for\nconstraints that cannot be lumped) *dt is untouched; error may be NULL.\nBound: max over rows of (|K| x)_i / (m_i x_i) for a positive x (Collatz 1942, Wielandt 1950), x by iteration.',
     'sb_body_solve_static': 'Bodies made with SB_PRECOND_AUTO whose systems conjugate gradients would take long for, thin ones and those whose\nlast solve took more than 1000 iterations, are factored (SB_PRECOND_CHOLESKY) up to 30,000 nodes; the factor is taken\nfrom the allocator and given back within the call; without memory for it conjugate gradients go on. Not with tools.\n\nWhere rounding does not let a solve meet its tolerance, it ends with success and SB_STOP_FLOOR in info->statics.\n\nFinds the equilibrium under the present loads and supports: Newton with the exact tangent, projected to positive\ndefinite where it is not, a line search that refuses inverted elements, and adaptive load increments from the\nloads of the last static solve (0 at first) and the present shape. Velocities become 0. options NULL: defaults.\n\nMaterials with Prony terms: the equilibrium long after, when all has relaxed that relaxes, with nothing else\nremembered; or (options->instantaneous) the one right after the loads changed in no time, from what is remembered.\n\nErrors: SB_ERROR_UNCONSTRAINED names a node of a part that can move freely; SB_ERROR_INVERTED names the element\nthat would turn inside out; SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED after halving the increment six times.',
     'sb_body_modes': "Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints\n(their values play no part), springs and mappings. Other loads play none, but that pressures act at_present: with the\nsymmetric part of their stiffness. Prony terms respond at once, as to the fastest of motions.\ncount        1 .. degrees of freedom that no support holds and no constraint eliminates\noptions      NULL: defaults\nfrequencies  [count] (Hz), ascending, multiple ones as often as they are; rigid motions that the supports leave come\n             out as about 0 (rounding of K x), never as NaN\nshapes       [count][node_count] or NULL: displacements x (m) of unit modal mass, x^T M x = 1 kg m^2, at right\n             angles in M; 0 at supported axes; slaves follow their masters\ninfo, error  may be NULL\nTakes memory for about 2 count + 40 vectors from the body's allocator for the time of the call. The body's state is\nleft as it is, to the last bit.\nErrors: SB_ERROR_ARGUMENT, SB_ERROR_MEMORY, SB_ERROR_INVERTED (at_present, naming the element), SB_ERROR_INDEFINITE\n(the present shape is not stable: it buckles), SB_ERROR_NOT_CONVERGED naming the mode; frequencies and shapes are\nthen untouched.\nMethod: Rayleigh-Ritz in a space that grows by (K + shift M)^-1 r of the residuals r of the lowest modes not yet\nfound, from random vectors (block Davidson; Parlett 1998, 11 and 13); systems by PCG, loosely.",
+    'sb_body_unload': 'Finds the rest shape.\nrest    [node_count] (m) receives it; held nodes keep their place along the held axes\nbody    receives the body made from it, with its supports and loads, at rest in the imaged shape: destroy it with\n        sb_body_destroy. May be NULL\nreport  may be NULL; written also on failure\nMakes a body for each trial, from def->body.allocator; the same bits for any number of threads. On failure rest and\n*body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged\nmesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found\n(SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;\nreport->gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at\nrest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones, and a\nstraight column beyond its buckling load is in balance, too: sb_body_modes of the body, at_present, tells\n(SB_ERROR_INDEFINITE).',
     'sb_body_state_size': 'Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports\nand other numbers of a material do not. 0: more than size_t holds. Cost: proportional to the body.',
     'sb_body_state_save': 'Writes the state to buffer[size]; size must be at least sb_body_state_size, what is behind that stays. No allocation.\nSB_ERROR_ARGUMENT: NULL, or too small a buffer (then untouched).',
     'sb_body_state_load': "Makes the body what it was when buffer[size] was saved. Everything is checked before anything changes:\nSB_ERROR_FORMAT (no saved state, cut short, too long, damaged, a value out of its range), SB_ERROR_UNSUPPORTED (other\nversion or precision), SB_ERROR_STATE (another body's), SB_ERROR_NOT_FINITE, SB_ERROR_ARGUMENT, SB_ERROR_MATERIAL;\nSB_ERROR_MEMORY when more room is needed than the allocator gives. On failure the body is as it was. Where supports,\nmaterials, loads and constraints need no more room and have the rows they had, nothing is allocated.",
@@ -2847,6 +2915,7 @@ DOCUMENTATION = {
     'sb_body_solve_tangent': 'x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).\n  rhs        [count][node_count] (N); on supported axes it has no effect\n  x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs\n  tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); a factored solve is as exact as rounding lets it be\nA factored solve of many right-hand sides at once costs much less than one after the other.',
     'sb_body_sensitivities': 'Derivatives of displacements and of reactions, one solve for each parameter.\n  parameters  [count]\n  du          [count][node_count]: du/dp (m per unit of the parameter)\n  dreaction   [count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL\nMore errors: SB_ERROR_ARGUMENT naming the parameter: no such kind, axis or constant in its material, a node that is\nnot supported along the axis; SB_ERROR_INDEX: no such region, load or row.\nMethod: K du/dp = -dr/dp, r = f_int - f_ext; reactions dr_s/dp + K_sf du_f/dp. dr/dp is exact: stresses are linear in\nconstants, loads in theirs.',
     'sb_body_gradient': "Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).\n  dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0\n  dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0\n  parameters    [count], NULL where count is 0\n  gradient      [count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added\n  dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL\nErrors as sb_body_sensitivities.\nMethod: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports\ndJ/du - K^T m.",
+    'sb_identify': "Finds values[count + free_count], which come in as the start.\n  deviations   [count + free_count] standard deviations in the values' units, or NULL\n  own_shares   [count + free_count] or NULL: of what a value changes in the readings, the share (of its square, in\n               units of sigma) that no other values could change instead: 1 alone, 0 hidden by the others\n  info, error  may be NULL\nDerivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted\nshape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are\nuntouched and the body has its materials and shape again, but loads and supports as `apply` has left them:\nSB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),\nSB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),\nSB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading\nsees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a\nminimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.\nMethod: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at\nmost 1 there; a trial whose solve fails counts as one that does not help. Ends when chi2 falls by less than 1e-6 of\nitself or values move by less than 1e-8.",
     'sb_contact_create': "SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps\nare explicit or def.skin is given, and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's\nmesh, or does not follow its changes; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.\nNothing allocates afterwards but sb_contact_add_tool.",
     'sb_contact_add_tool': 'Makes a tool; *tool is its number, the lowest that is free. What sbi_tool_create refuses; SB_ERROR_ARGUMENT: it\noverlaps the body by more than half its inner radius (error->element: the cell of the deepest face), or max_tools are\nthere; SB_ERROR_UNSUPPORTED: so thin that the faces would need too many samples (needle.h is for such).',
     'sb_contact_remove_tool': 'In all calls below SB_ERROR_ARGUMENT: no contact; SB_ERROR_INDEX: no such tool; SB_ERROR_NOT_FINITE: a number that is\nnone. Nothing changes then.',
@@ -2855,7 +2924,7 @@ DOCUMENTATION = {
     'sb_contact_bend_tool': "Capsules: the chain at the end of the next step, points[as many as the def had] (m, in the tool's frame).",
     'sb_contact_wrench': "What the body does to the tool: the sum of exactly the forces put on the body's nodes, with the opposite sign.",
     'sb_contact_reached': 'Where the tool is, and how far a point of it may still be from where it was sent (m). Either place may be NULL.',
-    'sb_contact_stiffness': "k[i][j]: what component i of the wrench (force, then torque about the tool's position, which goes along) would change\nby if the tool had gone farther along axis j (m), or turned (rad) about axis j - 3 through its position, with the\ntissue giving way as in the last step: N/m, N, N m. What slips keeps its bound, and normals their directions. Of a\ntool on a spring that of the surface alone. Six linear solves to 1e-3, which allocate nothing. 0 where nothing\ntouches. SB_ERROR_STATE: something was done since the last step or static solve (a state loaded, a tool placed), so\nthat its system is gone.",
+    'sb_contact_stiffness': "k[i][j]: what component i of the wrench (force, then torque about the tool's position, which goes along) would change\nby if the tool had gone farther along axis j (m), or turned (rad) about axis j - 3 through its position, with the\ntissue giving way as in the last step: N/m, N, N m. Of a step that was divided (info.substeps) as in its last part:\ninertia makes tissue stiffer over a shorter time. What slips keeps its bound, and normals their directions. Of a\ntool on a spring that of the surface alone. Six linear solves to 1e-3, which allocate nothing. 0 where nothing\ntouches. SB_ERROR_STATE: something was done since the last step or static solve (a state loaded, a tool placed), so\nthat its system is gone.",
     'sb_contact_coupling': 'What its spring does to a tool with coupling_stiffness; 0 for others. It is the wrench with the opposite sign, to\n1e-9, but in a step in which the tool went as far as it may, and for the torque of a tool that turns as it is sent\nto.',
     'sb_contact_grip': 'Reads two tools as one grip: any two, whatever holds them. SB_ERROR_INDEX: no such tool, or twice the same.',
     'sb_contact_points': 'How many there are, the first `capacity` of them in points (NULL with capacity 0).',

@@ -42,6 +42,10 @@ SBI_API void sbi_equilibrium_keep_free(const sbi_equilibrium *eq, sb_vec3 *v);
 
 /* SB_ERROR_ARGUMENT, SB_ERROR_INDEX, SB_ERROR_UNSUPPORTED, naming parameter number k. */
 SBI_API sb_result sbi_parameter_check(const sb_body *body, const sb_parameter *p, int k, sb_error *error);
+/* Moduli as the derivatives by them go: all shear constants in proportion. */
+SBI_API void sbi_material_set_moduli(sb_material *m, sb_real young, sb_real poisson);
+/* A constant that the material has, and what follows from it in lambda, mu, c10 and d1. */
+SBI_API void sbi_material_set_constant(sb_material *m, int constant, sb_real value);
 /* residual [node_count] = dr/dp at constant u; 0 of supports. Cannot fail once begun and checked. */
 SBI_API void sbi_parameter_residual(const sbi_equilibrium *eq, const sb_parameter *p, sb_vec3 *residual);
 /* 1 along the axis at the nodes of a support, 0 elsewhere. */

@@ -88,6 +88,41 @@ static sb_material sbi_material_by_constant(const sb_material *material, int con
     return m;
 }
 
+SBI_API void sbi_material_set_moduli(sb_material *m, sb_real young, sb_real poisson)
+{
+    sb_real before = sb_material_bulk(m), mu = young / (2 * (1 + poisson)), bulk = young / (3 * (1 - 2 * poisson));
+    sb_real shear = mu / m->mu;
+    m->mu = mu;
+    m->lambda = bulk - 2 * mu / 3;
+    m->c10 *= shear;
+    m->c01 *= shear;
+    m->c20 *= shear;
+    m->c30 *= shear;
+    for (int i = 0; i < SB_MAX_OGDEN_TERMS; i++)
+        m->ogden_mu[i] *= shear;
+    m->law_scale *= shear;
+    m->d1 *= before / bulk;
+}
+
+SBI_API void sbi_material_set_constant(sb_material *m, int constant, sb_real value)
+{
+    sb_real bulk = sb_material_bulk(m) - 2 / m->d1;
+    *sbi_material_constant(m, constant) = value;
+    if (!sbi_model_is_isochoric(m->model)) {
+        m->c10 = m->mu / 2;
+        m->d1 = 2 / sb_material_bulk(m);
+        return;
+    }
+    if (m->model == SB_OGDEN) {
+        m->c10 = 0;
+        for (int i = 0; i < SB_MAX_OGDEN_TERMS; i++)
+            m->c10 += m->ogden_mu[i] * m->ogden_alpha[i] / 4;
+    }
+    if (m->model != SB_CUSTOM_LAW)
+        m->mu = 2 * (m->c10 + m->c01);
+    m->lambda = bulk + 2 / m->d1 - 2 * m->mu / 3;
+}
+
 /* What the relaxed stress of a material changes by, as a material; *factor is to be multiplied by. */
 static sb_material sbi_parameter_material(const sb_parameter *p, const sb_material *material, sb_real *factor)
 {
