@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, drop, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
+# programs, grasp, palpation, identify, drop, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
@@ -490,6 +490,18 @@ expect_data 2 'nan_coordinate.vtk:9: ' grasp bad/nan_coordinate.vtk
 expect_data 2 'is a surface' grasp surfaces/liver_a.obj
 expect_data 2 'add --scale 0.001' grasp volumes/liver_a_tet4_2k.vtk --scale 1000
 expect 2 'no-such-folder/x.csv: cannot be written' grasp --way 0.001 -o no-such-folder/x
+
+# ---- identify ----
+expect 0 '^usage: identify' identify --help
+expect 0 '^core of 21.9 mm' identify -o moduli
+check "moduli.svg is a chart" grep -q '</svg>' moduli.svg
+expect 0 '^shell: [34][0-9]* Pa, deviation' identify moduli.txt -o again
+long expect 0 'believe neither value alone' identify --force -o force
+echo 'depth 0.004 1 2' >short.txt
+expect 2 'holds no readings' identify short.txt
+expect 2 'cannot be read' identify no-such-file.txt
+expect 2 'cannot be written' identify -o no-such-folder/x
+expect 2 '--noise needs a number' identify --noise -1
 
 # ---- palpation ----
 expect 0 '^usage: palpation' palpation --help

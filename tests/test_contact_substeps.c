@@ -90,14 +90,23 @@ static void note_parts(const press *p)
     p->contact->touch.commit = noting_commit;
 }
 
-/* A divided step is what steps of its parts' lengths are, and lets nothing through. */
+/* 1: both tell the same stiffness of their tool, which is not 0. */
+static int same_stiffness(const press *a, const press *b)
+{
+    sb_real k[6][6], other[6][6];
+    CHECK_OK(sb_contact_stiffness(a->contact, 0, k));
+    CHECK_OK(sb_contact_stiffness(b->contact, 0, other));
+    return memcmp(k, other, sizeof k) == 0 && k[2][2] != 0;
+}
+
+/* A divided step is what steps of its parts' lengths are, and lets nothing through; stiffness is told of the last. */
 static void test_flying(void)
 {
     const sb_integrator integrators[] = {SB_EULER, SB_GENERALISED_ALPHA, SB_NEWMARK};
     const sb_real dt = REAL(1.0 / 60);
     for (int k = 0; k < 3; k++) {
         press p = flying(integrators[k]), by_hand = flying(integrators[k]);
-        int divided = 0;
+        int divided = 0, stiff = 0;
         note_parts(&p);
         for (int i = 0; i < 30; i++) {
             sb_step_info info;
@@ -110,8 +119,10 @@ static void test_flying(void)
                 CHECK_OK(sb_body_step(by_hand.body, taken[part], NULL));
             }
             CHECK(same_places(&p, &by_hand));
+            stiff += taken_count > 1 && same_stiffness(&p, &by_hand);
         }
         CHECK(divided > 0);
+        CHECK_INT(stiff, divided);
         CHECK(falls(&p) > -2); /* it was stopped, some of it at least */
         press_free(&p);
         press_free(&by_hand);

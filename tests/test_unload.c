@@ -102,7 +102,7 @@ static void test_random(void)
     static const sb_element_type types[5] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
     unsigned long long seed = 11;
     double most = 0;
-    for (int round = 0; round < check_rounds(10); round++) {
+    for (int round = 0; round < check_rounds(check_quick() ? 5 : 10); round++) {
         sb_element_type type = types[round % 5];
         sb_mesh mesh = random_block(&seed, type);
         double young = random_scale(&seed, 2e5, 1e6), nu = check_random_in(&seed, 0.1, 0.42);
@@ -134,7 +134,7 @@ static void test_random(void)
         free(rest);
         sb_mesh_free(&mesh);
     }
-    CHECK(check_rounds(10) < 10 || most > 0.05); /* some move far */
+    CHECK(check_rounds(10) < 10 || check_quick() || most > 0.05); /* some move far */
 }
 
 /* A column of St. Venant-Kirchhoff, nu 0, drawn to length l by a dead force T per area at rest: E l (l^2 - 1)/2 = T, so
@@ -229,8 +229,8 @@ static void test_buckling(void)
             if (mesh.nodes[i].x < REAL(1e-9))
                 b.held[b.held_count++] = i;
         def = unload_of(&mesh, sb_material_svk(REAL(youngs[k]), 0, 1000), sb_v3(REAL(-9.81), 0, 0), &b);
-        def.max_iterations = 12;
-        def.statics.max_newton = 6;
+        def.max_iterations = k ? 4 : 12;
+        def.statics.max_newton = k ? 3 : 20;
         found = sb_body_unload(&def, rest, &body, &report, &error);
         CHECK(k > 0 || found == SB_OK);
         if (found == SB_OK) /* straight it is in balance, but not for long */

@@ -4556,7 +4556,8 @@ public static unsafe class Native
     /// <summary>
     /// k[i][j]: what component i of the wrench (force, then torque about the tool's position, which goes along) would change
     /// by if the tool had gone farther along axis j (m), or turned (rad) about axis j - 3 through its position, with the
-    /// tissue giving way as in the last step: N/m, N, N m. What slips keeps its bound, and normals their directions. Of a
+    /// tissue giving way as in the last step: N/m, N, N m. Of a step that was divided (info.substeps) as in its last part:
+    /// inertia makes tissue stiffer over a shorter time. What slips keeps its bound, and normals their directions. Of a
     /// tool on a spring that of the surface alone. Six linear solves to 1e-3, which allocate nothing. 0 where nothing
     /// touches. SB_ERROR_STATE: something was done since the last step or static solve (a state loaded, a tool placed), so
     /// that its system is gone.
