@@ -61,7 +61,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: shared docs bindings page test-page test-ports test-bindings tested all examples demo headers dev test check test-float test-cpp \
+.PHONY: shared docs gallery bindings page test-page test-ports test-bindings tested all examples demo headers dev test check test-float test-cpp \
 	test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race benches lint fuzz \
 	test-corpus soak soak-cuts coverage format install clean FORCE
 
@@ -147,6 +147,10 @@ DOCS = $(wildcard src/*/*_doc.h) $(foreach product,$(PRODUCTS),$(shell awk '/^se
 	on && /[.]h/ && !/names[.]h/ { print "src/$(product)/" $$1 }' src/$(product)/manifest.txt)) README.md $(wildcard docs/*.md)
 docs:
 	DOCS_INPUT='$(DOCS)' doxygen docs/Doxyfile
+# The pictures of docs/gallery.md, which name the programs.
+GALLERY = $(shell sed -n 's/^`build\/\([a-z_]*\).*/\1/p' docs/gallery.md)
+gallery: $(GALLERY:%=build/%)
+	$(PYTHON) docs/gallery.py build
 bindings: $(HEADERS)
 	CC='$(CC)' $(PYTHON) src/bindings.py
 

@@ -293,7 +293,7 @@ static int draw_chart(const char *path, const double *sizes, double values[3][SI
 /* The same for other sizes of the core: the size with the least misfit is the one that was pressed. */
 static void scan(phantom *p, const char *path, int *written, sb_error *error)
 {
-    const double cell = edge / CELLS;
+    const double cell = edge / (double)CELLS;
     double sizes[SIZES], values[3][SIZES];
     int count = 0;
     for (int k = 0; k < SIZES; k += 2) { /* one layer of elements more on each side */

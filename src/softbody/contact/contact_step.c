@@ -8,7 +8,7 @@ enum { SBI_CONTACT_THINNEST = 5, SBI_CONTACT_ROUNDS = 20 };
 
 /* Overlap that a static solve leaves, over how far the surface was pushed. */
 #define SBI_CONTACT_OVERLAP ((sb_real)1e-3)
-/* More than forces of a tool change by in a step that may be foreseen, and what they are off by where they are not. */
+/* More than forces of a tool change by in a step whose bounds of friction may be foreseen. */
 #define SBI_CONTACT_CHANGES ((sb_real)2)
 
 /* ---- nodes and patches ---- */
@@ -482,15 +482,15 @@ static void sbi_contact_sum_pushes(sb_contact *contact)
 
 /* Bounds of friction at the first guess of a step. Pressures are stiff, and as tissue coasts they come out too large
  * together by a tenth or so, which the first system mends but for friction: so bounds are those of as much force as in
- * the last step. Tools on springs are where friction lets them be, and are left alone. */
+ * the last step. A blow foretells nothing; tools on springs are where friction lets them be, and are left alone. */
 static void sbi_contact_foresee(sb_contact *contact, sbi_contact_work *work)
 {
     sbi_contact_sum_pushes(contact);
     for (int i = 0; i < contact->sample_count; i++) {
         const sbi_contact_tool *tool = contact->tools + contact->patches[contact->samples[i].patch].tool;
-        if (tool->pushed > 0 && tool->pushes > 0 && !sbi_contact_is_hung(tool))
-            contact->samples[i].bound *=
-                sb_max(1 / SBI_CONTACT_CHANGES, sb_min(SBI_CONTACT_CHANGES, tool->pushed / tool->pushes));
+        if (tool->pushed < SBI_CONTACT_CHANGES * tool->pushes && tool->pushes < SBI_CONTACT_CHANGES * tool->pushed &&
+            !sbi_contact_is_hung(tool))
+            contact->samples[i].bound *= tool->pushed / tool->pushes;
     }
     work->renew = 0;
     sbi_contact_evaluate_patches(work);
