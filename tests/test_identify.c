@@ -326,7 +326,9 @@ static void refuse(sb_identify_def def, double first, sb_result expected)
 {
     sb_real values[3] = {REAL(first), 9000, REAL(0.4)};
     sb_error error;
+    memset(&error, 0, sizeof error);
     CHECK_RESULT(sb_identify(&def, values, NULL, NULL, NULL, &error), expected);
+    CHECK_RESULT(error.result, expected);
     CHECK(error.message[0] != 0 && values[1] == 9000);
 }
 

@@ -165,6 +165,71 @@ static void test_wrong_laws(void)
     CHECK(strstr(error.message, "small strain depends on the observer") != NULL);
 }
 
+/* What is wrong already at rest is said of the law, not of moduli that the caller never gave; a law without a call has
+ * no values. */
+static int spoilt_kind; /* of the laws below */
+
+static int spoilt_stress(void *user, const sb_mat3 *F, sb_mat3 *P)
+{
+    if (spoilt_kind == 3 || !as_stress(user, F, P))
+        return 0;
+    if (spoilt_kind == 0 || spoilt_kind == 2)
+        *P = sb_m3_scale(spoilt_kind ? -1 : REAL(NAN), *P);
+    return 1;
+}
+
+static int spoilt_tangent(void *user, const sb_mat3 *F, sb_real *A)
+{
+    int found = as_tangent(user, F, A);
+    A[40] = REAL(NAN);
+    return found;
+}
+
+static void test_spoilt_at_rest(void)
+{
+    static const char *const words[4] = {"no finite stress", "no finite stress", "its shear modulus at rest",
+                                         "no finite stress"};
+    sb_material own = sb_material_neo_hookean(5000, REAL(0.3), 1000), custom;
+    sb_material_law law = disguise("liver of mine", &own);
+    sb_mat3 F = sb_m3_identity(), P;
+    sb_real W, A[81];
+    sb_error error;
+    law.stress = spoilt_stress;
+    for (spoilt_kind = 0; spoilt_kind < 4; spoilt_kind++) {
+        law.tangent = spoilt_kind == 1 ? spoilt_tangent : NULL;
+        custom = sb_material_custom(&law, 100, 1000);
+        CHECK_RESULT(sb_material_check(&custom, &error), SB_ERROR_MATERIAL);
+        CHECK(strstr(error.message, "liver of mine") != NULL && strstr(error.message, words[spoilt_kind]) != NULL);
+    }
+    for (int k = 0; k < 3; k++) {
+        if (k == 0)
+            law.energy = NULL;
+        else
+            law.stress = NULL;
+        custom = sb_material_custom(k < 2 ? &law : NULL, 100, 1000);
+        CHECK(!sb_material_energy(&custom, &F, NULL, &W) && !sb_material_stress(&custom, &F, NULL, &P));
+        CHECK(!sb_material_tangent(&custom, &F, NULL, SB_TANGENT_SPD, A));
+    }
+}
+
+/* A law that nothing of the volume is in, forgotten to be given a bulk modulus: rounding does not decide. */
+static void test_no_volume(void)
+{
+    static const double shear[5] = {0.7, 1, 777.7, 1e5, 3.3e6};
+    for (int k = 0; k < 10; k++) {
+        sb_material own = sb_material_neo_hookean_isochoric(REAL(shear[k / 2] / 2), SB_REAL_MAX, 1000), custom;
+        sb_material_law law = disguise("deviator", &own);
+        sb_error error;
+        if (k % 2)
+            law.tangent = NULL;
+        custom = sb_material_custom(&law, 0, 1000);
+        CHECK_RESULT(sb_material_check(&custom, &error), SB_ERROR_MATERIAL);
+        CHECK(strstr(error.message, "deviator") != NULL && strstr(error.message, "volume") != NULL);
+        custom = sb_material_custom(&law, REAL(shear[k / 2]), 1000);
+        CHECK_OK(sb_material_check(&custom, &error));
+    }
+}
+
 static void test_refused_arguments(void)
 {
     sb_material own = sb_material_neo_hookean(5000, REAL(0.3), 1000), custom;
@@ -340,6 +405,44 @@ static void test_beyond(void)
     sb_mesh_free(&mesh);
 }
 
+/* A law's stiffness is identified from how far a body sags, from too low as from too high, with a bulk term of the
+ * library and without. */
+static void test_identified(void)
+{
+    static const double starts[3] = {0.2, 0.9, 4};
+    gent g = {REAL(4e4), 2, REAL(1e5)};
+    sb_material_law law = gent_law(&g);
+    sb_mesh mesh = scene_box(SB_TET4, 3, 2, 2, sb_v3(REAL(0.09), REAL(0.03), REAL(0.03)), 0.1);
+    for (int k = 0; k < 6; k++) {
+        sb_body *body = pulled_body(&mesh, sb_material_custom(&law, REAL(k % 2 ? 0 : 2e4), 1000), SB_NEWMARK, 0);
+        sb_material made = sb_material_custom(&law, REAL(k % 2 ? 0 : 2e4), 1000);
+        sb_identify_def def = sb_default_identify_def();
+        sb_static_options options = sb_default_static_options();
+        int start[2] = {0, 1}, node = mesh.node_count - 1;
+        sb_real one = 1, value = REAL(starts[k / 2]) * sb_material_young(&made), deviation;
+        sb_mapping row;
+        sb_parameter young;
+        sb_measurement seen;
+        sb_vec3 tip;
+        sb_error error;
+        memset(&row, 0, sizeof row);
+        memset(&young, 0, sizeof young);
+        memset(&seen, 0, sizeof seen);
+        options.tolerance = REAL(scene_tolerance(1e-10, 1000));
+        if (!CHECK(body) || !CHECK_OK(sb_body_solve_static(body, &options, NULL)))
+            break;
+        tip = sb_body_positions(body)[node];
+        row.row_count = 1, row.row_start = start, row.nodes = &node, row.weights = &one;
+        young.kind = SB_PARAMETER_YOUNG;
+        seen.rows = &row, seen.points = &tip, seen.sigma_point = REAL(1e-4);
+        def.body = body, def.parameters = &young, def.count = 1, def.measurements = &seen;
+        CHECK_OK(sb_identify(&def, &value, &deviation, NULL, NULL, &error));
+        CHECK_NEAR((double)value / (double)sb_material_young(&made), 1, scene_tolerance(1e-5, 5e4));
+        sb_body_destroy(body);
+    }
+    sb_mesh_free(&mesh);
+}
+
 /* ---- states and recordings ---- */
 
 /* A state with a law loads where the body knows one of that name, to the same bits, and nowhere else. */
@@ -481,6 +584,7 @@ static void test_memory(void)
 }
 
 CHECK_SUITE(law, {"points", test_points}, {"steep laws", test_steep}, {"wrong laws", test_wrong_laws},
+            {"spoilt at rest", test_spoilt_at_rest}, {"no volume", test_no_volume},
             {"refused arguments", test_refused_arguments}, {"bodies", test_bodies}, {"Gent in shear", test_gent},
-            {"beyond what it admits", test_beyond}, {"state", test_state}, {"recording", test_recording},
-            {"threads", test_threads}, {"memory", test_memory});
+            {"beyond what it admits", test_beyond}, {"identified", test_identified}, {"state", test_state},
+            {"recording", test_recording}, {"threads", test_threads}, {"memory", test_memory});

@@ -4343,18 +4343,21 @@ public static unsafe class Native
     public static extern sb_unload_def sb_default_unload_def();
     /// <summary>
     /// Finds the rest shape.
-    /// rest    [node_count] (m) receives it; held nodes keep their place along the held axes
+    /// rest    [node_count] (m) receives it; may be the imaged mesh's own nodes. Held nodes keep their place along the
+    ///         held axes
     /// body    receives the body made from it, with its supports and loads, at rest in the imaged shape: destroy it with
-    ///         sb_body_destroy. May be NULL
+    ///         sb_body_destroy. May be NULL. Quadratic elements with lumped masses weigh nodes otherwise in steps than in
+    ///         statics, and move on from there by some thousandths of their size: SB_MASS_CONSISTENT stays
     /// report  may be NULL; written also on failure
     /// Makes a body for each trial, from def-&gt;body.allocator; the same bits for any number of threads. On failure rest and
     /// *body are untouched: SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, whatever sb_body_create and dress say of the imaged
     /// mesh, SB_ERROR_MEMORY, SB_ERROR_UNCONSTRAINED, or that of the last trial where no rest shape is found
     /// (SB_ERROR_NOT_CONVERGED, SB_ERROR_INVERTED, SB_ERROR_INDEFINITE: the image is in balance but buckles away;
     /// report-&gt;gap and share tell how far it came). What asks too much: an image that its loads, put on as if it were at
-    /// rest, would move by more than its size; a limit load. Under compression rest shapes need not be the only ones, and a
-    /// straight column beyond its buckling load is in balance, too: sb_body_modes of the body, at_present, tells
-    /// (SB_ERROR_INDEFINITE).
+    /// rest, would move by more than its size; a limit load.
+    /// Success says that the image is in balance, not that it is stable: a straight column beyond its buckling load returns
+    /// SB_OK (nothing pushes it aside), and under compression rest shapes need not be the only ones. Where that may be, ask
+    /// sb_body_modes of *body with options.at_present: SB_ERROR_INDEFINITE where it would buckle.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_body_unload(sb_unload_def* def, sb_vec3* rest, sb_body** body, sb_unload_report* report, sb_error* error);

@@ -196,6 +196,10 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
  * patience: see sbi_step_part. */
 SBI_API sb_result sbi_step_whole(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
                                  sb_real part, int patience, sb_step_info *info);
+/* SB_ERROR_ARGUMENT where options of a static solve are out of range. */
+SBI_API sb_result sbi_static_check_options(const sb_static_options *options, sb_error *error);
+/* What Prony terms relax for in a static solve (s). */
+SBI_API sb_real sbi_static_duration(const sb_static_options *options);
 SBI_API void sbi_step_forget_error(sb_step_info *info);
 /* Sees to it that a failing call says why, whatever failed. */
 SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);

@@ -20,11 +20,8 @@ SB_API sb_static_options sb_default_static_options(void)
     return options;
 }
 
-static sb_result sbi_static_check(sb_body *body, const sb_static_options *options, sb_error *error)
+SBI_API sb_result sbi_static_check_options(const sb_static_options *options, sb_error *error)
 {
-    int node;
-    if (!body)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a static solve needs a body");
     if (options->cookie != SBI_STATIC_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the options were not made by sb_default_static_options");
     if (options->load_steps < 1 || options->max_newton < 1 || options->max_iterations < 1 ||
@@ -34,6 +31,18 @@ static sb_result sbi_static_check(sb_body *body, const sb_static_options *option
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "load_steps, max_newton, max_iterations must be >= 1, tolerance in (0, 1), newton and start of "
                         "their kinds");
+    return SB_OK;
+}
+
+static sb_result sbi_static_check(sb_body *body, const sb_static_options *options, sb_error *error)
+{
+    sb_result result;
+    int node;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a static solve needs a body");
+    result = sbi_static_check_options(options, error);
+    if (result != SB_OK)
+        return result;
     node = sbi_body_unsupported_node(body);
     if (node >= 0)
         return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
@@ -50,8 +59,7 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
     }
 }
 
-/* What Prony terms relax for (s). */
-static sb_real sbi_static_duration(const sb_static_options *options)
+SBI_API sb_real sbi_static_duration(const sb_static_options *options)
 {
     return options->instantaneous ? 0 : (sb_real)INFINITY;
 }

@@ -40,8 +40,9 @@ typedef struct sbi_unload {
     sb_vec3 *moves[SBI_UNLOAD_MEMORY], *changes[SBI_UNLOAD_MEMORY]; /* differences of rest and gap, the oldest first */
     int known;                                                      /* of them */
     int has_last;
-    sb_real least; /* the gap of best (m) */
-    sb_body *body; /* of the trial, loaded; or NULL */
+    sb_real least;  /* the gap of best (m) */
+    int is_refused; /* def.dress ends the call */
+    sb_body *body;  /* of the trial, loaded; or NULL */
     void *memory;
     sb_unload_report *report;
 } sbi_unload;
@@ -73,8 +74,13 @@ static sb_result sbi_unload_dress(sbi_unload *s, sb_real share, sb_error *error)
     for (int i = 0; i < s->count; i++)
         s->gap[i] = sb_v3_sub(s->image[i], s->rest[i]);
     result = sb_body_set_displacements(s->body, s->gap);
-    if (result == SB_OK && s->def->dress)
+    if (result != SB_OK)
+        return sbi_fail(error, result, "the trial's rest shape is too far from the image for numbers");
+    if (s->def->dress)
         result = s->def->dress(s->def->user, s->body, share, error);
+    s->is_refused = result != SB_OK;
+    if (result != SB_OK && error->result != result)
+        return sbi_fail(error, result, "def.dress returned %d (%s)", (int)result, sb_result_string(result));
     node = result == SB_OK ? sbi_body_unsupported_node(s->body) : -1;
     if (node >= 0)
         return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
@@ -103,7 +109,7 @@ static sb_result sbi_unload_solve(sbi_unload *s, sb_real share, sb_error *error)
     step.linear_tolerance = sb_max((sb_real)1e-8, 64 * SB_EPSILON);
     step.max_iterations = s->def->statics.max_iterations;
     sbi_step_save(b);
-    sbi_step_enter(b, (sb_real)INFINITY);
+    sbi_step_enter(b, sbi_static_duration(&s->def->statics));
     for (int i = 0; i < s->count; i++)
         b->external[i] = sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity);
     sbi_loads_begin_static(b);
@@ -248,7 +254,7 @@ static sb_result sbi_unload_share(sbi_unload *s, sb_real share, sb_real toleranc
             s->report->gap = gap;
         if (result == SB_OK && gap <= tolerance / 4)
             return share < 1 ? SB_OK : sbi_unload_verify(s, tolerance, error);
-        if (result != SB_OK && (sbi_unload_is_final(result) || !has_best))
+        if (result != SB_OK && (s->is_refused || sbi_unload_is_final(result) || !has_best))
             return result;
         if (result != SB_OK || (has_best && gap > 4 * s->least)) {
             if (++failures > SBI_UNLOAD_HALVINGS)
@@ -267,6 +273,21 @@ static sb_result sbi_unload_share(sbi_unload *s, sb_real share, sb_real toleranc
         sbi_unload_advance(s);
     }
     return SB_ERROR_NOT_CONVERGED;
+}
+
+/* What is said of the share that no rest shape was found for, unless it is of what the caller gave. */
+static sb_result sbi_unload_give_up(const sbi_unload *s, sb_real share, sb_result result, sb_error *error)
+{
+    if (s->is_refused || s->report->solves == 0)
+        return result;
+    if (result == SB_ERROR_NOT_CONVERGED)
+        return sbi_fail(error, result, "no rest shape found under %g of the loads: the gap is %g m of %g m",
+                        (double)share, (double)s->report->gap, (double)s->report->size);
+    if (result == SB_ERROR_MESH)
+        return sbi_fail(error, SB_ERROR_INVERTED,
+                        "no rest shape found under %g of the loads: elements of those tried are inside out",
+                        (double)share);
+    return result;
 }
 
 /* Raises the share of the loads to 1; one that fails is halved. */
@@ -289,12 +310,8 @@ static sb_result sbi_unload_run(sbi_unload *s, sb_error *error)
         }
         memcpy(s->rest, s->reached, bytes);
         stride *= (sb_real)0.5;
-        if (sbi_unload_is_final(result) || stride < least)
-            return result != SB_ERROR_NOT_CONVERGED
-                       ? result
-                       : sbi_fail(error, SB_ERROR_NOT_CONVERGED,
-                                  "no rest shape found under %g of the loads: the gap is %g m of %g m", (double)share,
-                                  (double)s->report->gap, (double)s->report->size);
+        if (s->is_refused || s->report->solves == 0 || sbi_unload_is_final(result) || stride < least)
+            return sbi_unload_give_up(s, share, result, error);
     }
     return SB_OK;
 }
@@ -303,6 +320,7 @@ static sb_result sbi_unload_run(sbi_unload *s, sb_error *error)
 
 static sb_result sbi_unload_check(const sb_unload_def *def, const sb_vec3 *rest, sb_error *error)
 {
+    sb_result result;
     if (!def || !rest)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_unload needs a def and room for the rest shape");
     if (def->cookie != SBI_UNLOAD_COOKIE)
@@ -316,8 +334,9 @@ static sb_result sbi_unload_check(const sb_unload_def *def, const sb_vec3 *rest,
         return sbi_fail(error, SB_ERROR_ARGUMENT,
                         "tolerance must be in (0, 1), max_iterations >= 1 and load_steps 1 to %d",
                         (int)SBI_UNLOAD_MOST_STEPS);
-    if (def->statics.max_iterations < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.statics.max_iterations must be >= 1");
+    result = sbi_static_check_options(&def->statics, error);
+    if (result != SB_OK)
+        return result;
     if (!sb_v3_is_finite(def->body.gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.body.gravity is not finite");
     return sb_mesh_validate(def->body.mesh, error);

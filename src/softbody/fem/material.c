@@ -359,7 +359,9 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material is NULL");
     if ((int)material->model < SB_LINEAR || (int)material->model > SBI_LAST_MODEL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)material->model);
-    result = sbi_material_check_finite(material, error);
+    result = material->model == SB_CUSTOM_LAW ? sbi_law_check_calls(material, error) : SB_OK;
+    if (result == SB_OK)
+        result = sbi_material_check_finite(material, error);
     if (result == SB_OK && !(material->density > 0))
         result =
             sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0", (double)material->density);
@@ -368,7 +370,7 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
     if (result == SB_OK)
         result = sbi_material_check_exponents(material, error);
     if (result == SB_OK && material->model == SB_CUSTOM_LAW)
-        result = sbi_law_check_calls(material, error);
+        result = sbi_law_check_constants(material, error);
     if (result == SB_OK)
         result = sbi_material_check_moduli(material, error);
     if (result == SB_OK)
@@ -550,7 +552,7 @@ SBI_API sb_material sbi_material_scaled(const sb_material *material, sb_real fac
     sb_material m = *material;
     sbi_material_scale_shear(&m, factor);
     m.lambda *= factor;
-    m.d1 /= factor;
+    m.d1 = m.d1 / SB_REAL_MAX < factor ? m.d1 / factor : SB_REAL_MAX; /* which a law without a bulk term has */
     return m;
 }
 

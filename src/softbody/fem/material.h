@@ -48,13 +48,62 @@ typedef enum sb_material_model {
  *
  * sb_material_check, and so every call that takes a material, tries a law at some ten F with stretches between 0.5 and
  * 1.5 (some 800 calls) and refuses one by its name whose stress is not the difference quotient of its energy, whose
- * tangent is not that of its stress, that depends on the observer (P(QF) is not Q P(F)), or whose energy or stress at
- * F = I is not 0.
+ * tangent is not that of its stress, that depends on the observer (P(QF) is not Q P(F)), whose energy or stress at
+ * F = I is not 0, or that resists no change of volume. A law that has no value later on is SB_ERROR_INVERTED of the
+ * step, which is undone.
  *
  * States and recordings do not hold functions. They hold the law's name: where they are loaded or replayed, a material
  * that the body was given before must have had a law of that name in its field law, whatever its model
  * (SB_ERROR_MATERIAL otherwise). A recording that brings a law in later on is thus replayed on a body made with
  * sb_material.law set beforehand. The name has to tell laws apart, parameters included: a body refuses two of one name.
+ *
+ * ```c
+ * #include "softbody.h"
+ * #include <stdio.h>
+ *
+ * typedef struct my_gent { sb_real mu, limit; } my_gent; // Pa; of I1b - 3, without unit
+ *
+ * static int share(const my_gent *g, const sb_mat3 *F, sb_real *J, sb_real *x)
+ * {
+ *     *J = sb_m3_det(*F);
+ *     if (!(*J > 0))
+ *         return 0;
+ *     *x = sb_m3_ddot(*F, *F) / (sb_cbrt(*J) * sb_cbrt(*J)) - 3; // I1b - 3
+ *     return *x < g->limit;
+ * }
+ * static int energy(void *user, const sb_mat3 *F, sb_real *W)
+ * {
+ *     const my_gent *g = user;
+ *     sb_real J, x;
+ *     if (!share(g, F, &J, &x))
+ *         return 0; // not admissible
+ *     *W = -g->mu * g->limit / 2 * sb_log(1 - x / g->limit);
+ *     return 1;
+ * }
+ * static int stress(void *user, const sb_mat3 *F, sb_mat3 *P)
+ * {
+ *     const my_gent *g = user;
+ *     sb_real J, x, slope;
+ *     if (!share(g, F, &J, &x))
+ *         return 0;
+ *     slope = g->mu / (1 - x / g->limit) / (sb_cbrt(J) * sb_cbrt(J));
+ *     *P = sb_m3_scale(slope, sb_m3_sub(*F, sb_m3_scale(sb_m3_ddot(*F, *F) / (3 * J), sb_m3_cofactor(*F))));
+ *     return 1;
+ * }
+ *
+ * int main(void)
+ * {
+ *     my_gent tissue = {2000, 1};
+ *     sb_material_law law = {"tissue of mine, 2 kPa, 1", &tissue, energy, stress, NULL};
+ *     sb_material material = sb_material_custom(&law, (sb_real)5e4, 1060); // its bulk modulus is the library's
+ *     sb_error error;
+ *     if (sb_material_check(&material, &error) != SB_OK) {
+ *         printf("%s\n", error.message);
+ *         return 1;
+ *     }
+ *     return 0;
+ * }
+ * ```
  */
 typedef struct sb_material_law {
     const char *name; /* at least one character */

@@ -17,11 +17,14 @@ static sb_material sbi_law_volume(const sb_material *material)
     return volume;
 }
 
+static int sbi_law_has_calls(const sb_material_law *law) { return law && law->energy && law->stress; }
+
 SBI_API int sbi_law_energy(const sb_material *material, const sb_mat3 *F, sb_real *W)
 {
+    const sb_material_law *law = material->law;
     sb_material volume = sbi_law_volume(material);
     sb_real own = 0;
-    if (material->law_scale > 0 && !material->law->energy(material->law->user, F, &own))
+    if (material->law_scale > 0 && (!sbi_law_has_calls(law) || !law->energy(law->user, F, &own)))
         return 0;
     *W = material->law_scale * own + sbi_stable_energy(&volume, F);
     return 1;
@@ -29,9 +32,10 @@ SBI_API int sbi_law_energy(const sb_material *material, const sb_mat3 *F, sb_rea
 
 SBI_API int sbi_law_stress(const sb_material *material, const sb_mat3 *F, sb_mat3 *P)
 {
+    const sb_material_law *law = material->law;
     sb_material volume = sbi_law_volume(material);
     sb_mat3 own = sb_m3_zero();
-    if (material->law_scale > 0 && !material->law->stress(material->law->user, F, &own))
+    if (material->law_scale > 0 && (!sbi_law_has_calls(law) || !law->stress(law->user, F, &own)))
         return 0;
     *P = sb_m3_add(sb_m3_scale(material->law_scale, own), sbi_stable_stress(&volume, F));
     return 1;
@@ -75,6 +79,8 @@ static int sbi_law_difference(const sb_material_law *law, const sb_mat3 *F, int 
 static int sbi_law_own_tangent(const sb_material_law *law, const sb_mat3 *F, sb_real *A)
 {
     sb_real column[9], h = sbi_law_step(F);
+    if (!sbi_law_has_calls(law))
+        return 0;
     if (law->tangent)
         return law->tangent(law->user, F, A);
     for (int k = 0; k < 9; k++) {
@@ -124,7 +130,7 @@ SBI_API void sbi_law_moduli(const sb_material_law *law, sb_real *bulk, sb_real *
 {
     sb_mat3 identity = sb_m3_identity();
     sb_real A[81], trace = 0, own = 0;
-    if (!law || !law->stress || !sbi_law_own_tangent(law, &identity, A))
+    if (!sbi_law_own_tangent(law, &identity, A))
         return;
     for (int i = 0; i < 9; i++)
         own += A[10 * i];
@@ -147,6 +153,24 @@ SBI_API sb_real sbi_law_mark(const sb_material_law *law)
 
 /* ---- check ---- */
 
+/* Half the digits, and some. */
+static sb_real sbi_law_tolerance(void) { return 16 * sb_sqrt(SB_EPSILON); }
+
+/* Moduli of the law alone (Pa). */
+static sb_result sbi_law_check_moduli(const sb_material_law *law, sb_error *error)
+{
+    sb_real bulk = (sb_real)INFINITY, mu = (sb_real)INFINITY;
+    sbi_law_moduli(law, &bulk, &mu);
+    if (!sb_is_finite(mu) || !sb_is_finite(bulk))
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material law %s has no finite stress and tangent at rest (F = I)",
+                        law->name);
+    if (!(mu > 0))
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material law %s: its shear modulus at rest (F = I) is %g Pa, must be > 0", law->name,
+                        (double)mu);
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_law_check_calls(const sb_material *material, sb_error *error)
 {
     const sb_material_law *law = material->law;
@@ -156,13 +180,24 @@ SBI_API sb_result sbi_law_check_calls(const sb_material *material, sb_error *err
                         "is given before must have it (sb_material.law)");
     if (!law->name || !law->name[0])
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a material law needs a name");
-    if (!law->energy || !law->stress)
+    if (!sbi_law_has_calls(law))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material law %s has no %s", law->name,
                         law->energy ? "stress" : "energy");
+    return sbi_law_check_moduli(law, error);
+}
+
+SBI_API sb_result sbi_law_check_constants(const sb_material *material, sb_error *error)
+{
+    sb_real bulk = material->lambda + 2 * material->mu / 3;
     if (!(material->law_scale > 0) || !sb_is_finite(material->law_scale))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material law_scale is %g, must be > 0", (double)material->law_scale);
     if (!(material->d1 > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "material d1 is %g 1/Pa, must be > 0", (double)material->d1);
+    if (sb_abs(bulk) <= sbi_law_tolerance() * sb_abs(material->mu)) /* or rounding would decide */
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material law %s has a bulk modulus of %g Pa beside mu of %g Pa: a law that nothing of the "
+                        "volume is in needs that of sb_material_custom",
+                        material->law->name, (double)bulk, (double)material->mu);
     return SB_OK;
 }
 
@@ -181,9 +216,6 @@ static sb_real sbi_law_random(unsigned *seed)
     *seed = *seed * 1664525u + 1013904223u;
     return (sb_real)(*seed >> 9) / (sb_real)(1u << 22) - 1;
 }
-
-/* Half the digits, and some. */
-static sb_real sbi_law_tolerance(void) { return 16 * sb_sqrt(SB_EPSILON); }
 
 static sb_real sbi_law_largest(const sb_real *values, int count)
 {

@@ -329,6 +329,7 @@ SB_API sb_result sb_identify(const sb_identify_def *def, sb_real *values, sb_rea
     sb_result result;
     memset(&id, 0, sizeof id);
     id.error = error ? error : &own;
+    memset(id.error, 0, sizeof *id.error);
     result = sbi_identify_check(def, values, &id.readings, id.error);
     if (result != SB_OK)
         return result;

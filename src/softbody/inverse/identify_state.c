@@ -130,6 +130,9 @@ static sb_result sbi_identify_solve(sbi_identify *id, int state, const sb_real *
     sb_result result = SB_OK;
     if (def->apply)
         result = def->apply(def->user, state, values + def->count, id->body, id->error);
+    if (result != SB_OK && id->error && id->error->result != result)
+        return sbi_fail(id->error, result, "def.apply returned %d (%s) for state %d", (int)result,
+                        sb_result_string(result), state);
     for (int k = 0; k < def->count && result == SB_OK; k++)
         result = sbi_identify_set_load(id, def->parameters + k, values[k]);
     if (result == SB_OK)

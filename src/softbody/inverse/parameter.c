@@ -12,6 +12,12 @@ static int sbi_model_is_isochoric(sb_material_model model)
     return model == SB_NEO_HOOKEAN_ISOCHORIC || model >= SB_MOONEY_RIVLIN;
 }
 
+/* D1 times a factor > 0; a law without a bulk term has the largest of numbers, and keeps it. */
+static sb_real sbi_material_d1(const sb_material *material, sb_real factor)
+{
+    return material->d1 / SB_REAL_MAX < 1 / factor ? factor * material->d1 : SB_REAL_MAX;
+}
+
 /* A material of the same model and exponents whose stress is 0. */
 static sb_material sbi_material_null(const sb_material *material)
 {
@@ -45,7 +51,7 @@ static sb_material sbi_material_change(const sb_material *material, sb_real shea
 static sb_material sbi_material_by_young(const sb_material *material)
 {
     sb_real young = sb_material_young(material);
-    return sbi_material_change(material, 1 / young, material->lambda / young, material->d1 * young);
+    return sbi_material_change(material, 1 / young, material->lambda / young, sbi_material_d1(material, young));
 }
 
 /* With nu at constant E: mu = E / (2 (1 + nu)), lambda = E nu / ((1 + nu)(1 - 2 nu)), bulk = E / (3 (1 - 2 nu)). */
@@ -101,7 +107,7 @@ SBI_API void sbi_material_set_moduli(sb_material *m, sb_real young, sb_real pois
     for (int i = 0; i < SB_MAX_OGDEN_TERMS; i++)
         m->ogden_mu[i] *= shear;
     m->law_scale *= shear;
-    m->d1 *= before / bulk;
+    m->d1 = sbi_material_d1(m, before / bulk);
 }
 
 SBI_API void sbi_material_set_constant(sb_material *m, int constant, sb_real value)
