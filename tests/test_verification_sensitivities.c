@@ -18,6 +18,15 @@ static sb_parameter by(sb_parameter_kind kind)
     return p;
 }
 
+/* To what derivatives ask for: closer than verify_solve in float. */
+static void solve(sb_body *body)
+{
+    sb_static_options options = sb_default_static_options();
+    options.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-5 : 1e-12);
+    options.forces_only = 1;
+    CHECK_OK(sb_body_solve_static(body, &options, NULL));
+}
+
 /* ---- a cube stretched along x ---- */
 
 typedef struct stretched {
@@ -76,7 +85,7 @@ static void test_stretched(void)
             if (verify_on_plane(&end, mesh.nodes[i]))
                 nodes[count++] = i;
         p[2].nodes = nodes, p[2].node_count = count;
-        verify_solve(body);
+        solve(body);
         CHECK_OK(sb_body_sensitivities(body, p, 3, du, dr, NULL));
         for (int j = 0; j < 3; j++)
             for (int i = 0; i < count; i++)
@@ -119,7 +128,7 @@ static void test_hanging(void)
             if (verify_on_plane(&end, mesh.nodes[i]))
                 tip_node = i;
         loss[tip_node].x = 1;
-        verify_solve(body);
+        solve(body);
         CHECK_OK(sb_body_gradient(body, loss, NULL, p, 3, gradient, NULL, NULL));
         verify("hanging bar, adjoint", names[k], source, "d(tip)/dE (m/Pa)", -tip / young, (double)gradient[0], 1e-8);
         verify("hanging bar, adjoint", names[k], source, "d(tip)/d(rho) (m^4/kg)", tip / 1000, (double)gradient[1],

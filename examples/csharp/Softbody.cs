@@ -4449,7 +4449,8 @@ public static unsafe class Native
     /// x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).
     ///   rhs        [count][node_count] (N); on supported axes it has no effect
     ///   x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs
-    ///   tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); a factored solve is as exact as rounding lets it be
+    ///   tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); where rounding stops them above it, up to 1e4
+    ///              SB_EPSILON will do. A factored solve is as exact as rounding lets it be
     /// A factored solve of many right-hand sides at once costs much less than one after the other.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
