@@ -99,7 +99,7 @@ static sb_result sbi_equilibrium_check(const sb_body *body, sb_real tolerance, s
     int node;
     if (!body || !(tolerance > 0) || !(tolerance < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "derivatives need a body and a tolerance in (0, 1)");
-    if (body->touch)
+    if (body->touch && body->touch->touching > 0)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED,
                         "tools press on the body: forces of contact have no derivative here");
     if (body->domain.single_rotation)

@@ -29,8 +29,9 @@
  * error may be NULL. Common errors: SB_ERROR_ARGUMENT; SB_ERROR_NOT_FINITE and SB_ERROR_INDEX (naming a node);
  * SB_ERROR_NOT_CONVERGED (see above); SB_ERROR_UNCONSTRAINED naming a node of a part that can move freely;
  * SB_ERROR_INVERTED naming an element; SB_ERROR_INDEFINITE: the shape is not stable, it buckles; SB_ERROR_MEMORY;
- * SB_ERROR_UNSUPPORTED: tools press on the body (contact.h), a single rotation per element (def.single_rotation), whose
- * tangent is not exact, or a parameter of the elements in a body whose mesh may change (def.slack). */
+ * SB_ERROR_UNSUPPORTED: something presses on the body (contact.h; tools that touch nothing do not matter), a single
+ * rotation per element (def.single_rotation), whose tangent is not exact, or a parameter of the elements in a body
+ * whose mesh may change (def.slack). */
 #ifndef SB_SENSITIVITY_H
 #define SB_SENSITIVITY_H
 
