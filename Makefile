@@ -235,7 +235,7 @@ SLOWER = -anything/violence -bbar/violence -body/quasi -body/reactions -checkpoi
 	-live_mesh/iterations -live_pieces/slivers -load/1,000 -mesh/hostile -modes/leaves -modes/references \
 	-multigrid/bodies -multigrid/jumps -multigrid/slivers -multigrid/weighted -needle/capacity -needle/no \
 	-needle/steps -needle_control/random -needle_entry/entries -needle_entry/programs -needle_materials -needle_programs/a \
-	-needle_programs/the -parts/of -parts/parts -remesh/allocations -schemes/300 -schemes/one -state/continues \
+	-needle_programs/the -parts/of -parts/parts -remesh/allocations -schemes/300 -schemes/one -sensitivity_random/large -state/continues \
 	-steer/no -step/Newmark -step/linearised -step/momentum -step/same -step/scale -step_guest/elements \
 	-step_guest/materials -stuffing/plates -stuffing/random -stuffing/side -stuffing/surfaces -stuffing/thin \
 	-stuffing/threads -surface/check -viscoelastic/static -viscoelastic/violence

@@ -9,8 +9,9 @@
  * (NAME.svg). What counts is told beside each value: its deviation, and the share of its influence that is its own: try
  * --force.
  *
- * READINGS: a line `depth M FX FY FZ SIGMA` (m, N) for each state, and after it one `marker NODE X Y Z SIGMA` (m) for
- * each marker. Exit status: 0, 2 wrong usage or a file, 3 a solve failed or the readings do not tell. */
+ * READINGS: a line `depth M FX FY FZ SIGMA` (m, N) for each of the three states, and after it one `marker NODE X Y Z
+ * SIGMA` (m) for each of eight markers, the same in all states. Exit status: 0, 2 wrong usage or a file, 3 a solve
+ * failed or the readings do not tell. */
 #include "system.h"
 
 #define SB_IMPLEMENTATION
@@ -193,13 +194,21 @@ static int write_readings(const phantom *p, const char *path)
     return fclose(file) == 0;
 }
 
-/* One state of a file; 0 where it is not that. */
+static int are_finite(const double *values, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (!isfinite(values[i]))
+            return 0;
+    return 1;
+}
+
+/* One state of a file; 0 where it is not that. The markers are the same in all. */
 static int read_state(phantom *p, int k, FILE *file)
 {
     sb_measurement *m = &p->seen[k];
     double v[5];
-    if (fscanf(file, " depth %lf %lf %lf %lf %lf", v, v + 1, v + 2, v + 3, v + 4) != 5 ||
-        !(v[0] > 0 && v[0] < edge / 2))
+    if (fscanf(file, " depth %lf %lf %lf %lf %lf", v, v + 1, v + 2, v + 3, v + 4) != 5 || !are_finite(v, 5) ||
+        !(v[0] > 0 && v[0] < edge / 2 && v[4] > 0))
         return 0;
     p->depth[k] = (sb_real)v[0];
     m->force = sb_v3((sb_real)v[1], (sb_real)v[2], (sb_real)v[3]);
@@ -207,7 +216,7 @@ static int read_state(phantom *p, int k, FILE *file)
     for (int j = 0; j < MARKERS; j++) {
         int node;
         if (fscanf(file, " marker %d %lf %lf %lf %lf", &node, v, v + 1, v + 2, v + 3) != 5 || node < 0 ||
-            node >= p->mesh.node_count)
+            node >= p->mesh.node_count || (k > 0 && node != p->nodes[j]) || !are_finite(v, 4) || !(v[3] > 0))
             return 0;
         p->nodes[j] = node;
         p->points[k][j] = sb_v3((sb_real)v[0], (sb_real)v[1], (sb_real)v[2]);
@@ -220,8 +229,10 @@ static int read_readings(phantom *p, const char *path)
 {
     FILE *file = fopen(path, "r");
     int good = file != NULL;
+    char more;
     for (int k = 0; k < STATES && good; k++)
         good = read_state(p, k, file);
+    good = good && fscanf(file, " %c", &more) != 1;
     if (file)
         fclose(file);
     return good;
@@ -342,8 +353,8 @@ static int run(phantom *p, const settings *s, const char *readings)
         written = write_readings(p, path);
     if (written && seek(p, s->size, &a, &error) != SB_OK)
         return complain("the readings", &error);
-    snprintf(path, sizeof path, "%s.svg", s->out);
     if (written) {
+        snprintf(path, sizeof path, "%s.svg", s->out);
         tell(&a);
         scan(p, path, &written, &error);
     }
@@ -362,7 +373,7 @@ static int program(int argc, char **argv)
     const option options[] = {
         {"--shell", "PA", OPTION_NUMBER, NULL, &s.shell, NULL, 100, 1e6, "Young's modulus of the shell"},
         {"--core", "PA", OPTION_NUMBER, NULL, &s.core, NULL, 100, 1e6, "and of the core"},
-        {"--size", "M", OPTION_NUMBER, NULL, &s.size, NULL, 0.002, 0.045, "edge of the core, also for the search"},
+        {"--size", "M", OPTION_NUMBER, NULL, &s.size, NULL, 0.0063, 0.0437, "edge of the core, also for the search"},
         {"--noise", "X", OPTION_NUMBER, NULL, &s.noise, NULL, 1e-3, 100, "times 2 % of the force and 0.1 mm"},
         {"--seed", "N", OPTION_INTEGER, &s.seed, NULL, NULL, 0, 1e6, "of the noise"},
         {"--force", NULL, OPTION_FLAG, &s.force_only, NULL, NULL, 0, 0, "the force alone, without markers"},

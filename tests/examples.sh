@@ -499,8 +499,18 @@ expect 0 '^shell: [34][0-9]* Pa, deviation' identify moduli.txt -o again
 long expect 0 'believe neither value alone' identify --force -o force
 echo 'depth 0.004 1 2' >short.txt
 expect 2 'holds no readings' identify short.txt
+sed '12,$s/^marker 2/marker 1/' moduli.txt >others.txt
+expect 2 'holds no readings' identify others.txt
+sed '$s/[^ ]*$/0/' moduli.txt >certain.txt
+expect 2 'holds no readings' identify certain.txt
+sed 's/^depth 0.004 [^ ]*/depth 0.004 nan/' moduli.txt >unread.txt
+expect 2 'holds no readings' identify unread.txt
+cat moduli.txt short.txt >more.txt
+expect 2 'holds no readings' identify more.txt
 expect 2 'cannot be read' identify no-such-file.txt
-expect 2 'cannot be written' identify -o no-such-folder/x
+expect 2 'no-such-folder/x.txt cannot be written' identify -o no-such-folder/x
+expect 2 '--size needs a number' identify --size 0.006
+expect 2 '--size needs a number' identify --size 0.045
 expect 2 '--noise needs a number' identify --noise -1
 
 # ---- palpation ----

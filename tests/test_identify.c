@@ -322,6 +322,159 @@ static void test_constants(void)
     sb_mesh_free(&mesh);
 }
 
+/* With one modulus at a bound the other is what is best with it there: the same as when it alone is sought. */
+static void test_bounds(void)
+{
+    static const double ends[4] = {3700, 4300, 10000, 14000}; /* above, below the shell's; above, below the core's */
+    phantom p;
+    phantom_make(&p, 3, NULL);
+    for (int k = 0; k < 4; k += check_quick() ? 3 : 1) {
+        int at = k / 2, below = k % 2;
+        double start = below ? 1.2 * ends[k] : 0.7 * ends[k];
+        sb_real low[2] = {1, 1}, high[2] = {REAL(1e9), REAL(1e9)};
+        sb_real both[2] = {REAL(at ? 1500 : start), REAL(at ? start : 1500)}, alone = 5000;
+        sb_identify_def def = phantom_def(&p, 2);
+        sb_identify_info info, other;
+        sb_error error;
+        (below ? low : high)[at] = REAL(ends[k]);
+        def.low = low, def.high = high;
+        phantom_reset(&p, 12000, 4000);
+        if (!CHECK_OK(sb_identify(&def, both, NULL, NULL, &info, &error)))
+            printf("%s\n", error.message);
+        CHECK(both[at] == REAL(ends[k]) && (info.warnings & SB_IDENTIFY_BOUND));
+        phantom_reset(&p, at ? ends[k] : 12000, at ? 4000 : ends[k]);
+        def.low = def.high = NULL;
+        def.count = 1;
+        def.parameters = p.parameters + 1 - at;
+        CHECK_OK(sb_identify(&def, &alone, NULL, NULL, &other, NULL));
+        CHECK_NEAR((double)both[1 - at], (double)alone, scene_tolerance(1e-3, 1e5) * (double)alone);
+        CHECK_NEAR(info.chi2, other.chi2, scene_tolerance(1e-5, 1e4) * other.chi2);
+    }
+    phantom_free(&p);
+}
+
+/* What a body is before and after: what loads do to it. */
+static unsigned long long phantom_answer(phantom *p)
+{
+    sb_body_reset(p->body);
+    CHECK_OK(phantom_apply(p, 0, NULL, p->body, NULL));
+    CHECK_OK(sb_body_solve_static(p->body, NULL, NULL));
+    return scene_hash(sb_body_positions(p->body), (size_t)p->mesh.node_count * sizeof(sb_vec3));
+}
+
+/* Loads that are sought: none is left of them on failure, and forces are not added twice. */
+static void test_loads(void)
+{
+    const sb_real pressure = 100, stiffness[2] = {3, 5};
+    const sb_vec3 push = sb_v3(REAL(0.02), 0, 0);
+    phantom p;
+    sb_identify_def def;
+    sb_parameter sought[4];
+    sb_real start[4] = {REAL(0.002), REAL(-0.3), 30, 2}, values[4];
+    sb_error error;
+    const int corners[4] = {0, 4, 7, 3}; /* a face at x = 0 */
+    int side[2], face[4], found = 0, load, springs;
+    unsigned long long before;
+    phantom_make(&p, 3, NULL);
+    for (int a = 0; a < 4; a++)
+        face[a] = p.mesh.elements[corners[a]];
+    for (int i = 0; i < p.mesh.node_count && found < 2; i++)
+        if (p.mesh.nodes[i].x <= 0 && p.mesh.nodes[i].z > REAL(0.02))
+            side[found++] = i;
+    CHECK_OK(sb_body_add_pressure(p.body, face, 1, 4, pressure, &load, NULL));
+    CHECK_OK(sb_body_add_springs(p.body, side, 2, stiffness, 0, p.mesh.nodes, &springs, NULL));
+    CHECK_OK(sb_body_add_forces(p.body, side, 1, &push, 1));
+    phantom_measure(&p);
+    sb_body_clear_loads(p.body);
+    before = phantom_answer(&p);
+    memset(sought, 0, sizeof sought);
+    sought[0].kind = SB_PARAMETER_FORCE, sought[0].nodes = side, sought[0].node_count = 1;
+    sought[1].kind = SB_PARAMETER_GRAVITY, sought[1].axis = 2;
+    sought[2].kind = SB_PARAMETER_PRESSURE, sought[2].load_id = load;
+    sought[3].kind = SB_PARAMETER_STIFFNESS, sought[3].load_id = springs, sought[3].row = SB_AUTO;
+    def = phantom_def(&p, 4);
+    def.parameters = sought;
+    def.max_iterations = 1;
+    memcpy(values, start, sizeof values);
+    CHECK_RESULT(sb_identify(&def, values, NULL, NULL, NULL, &error), SB_ERROR_NOT_CONVERGED);
+    CHECK(phantom_answer(&p) == before && memcmp(values, start, sizeof values) == 0);
+    def.max_iterations = 50;
+    def.count = 3;
+    if (!CHECK_OK(sb_identify(&def, values, NULL, NULL, NULL, &error)))
+        printf("%s\n", error.message);
+    CHECK_NEAR((double)values[0], 0.02, scene_tolerance(1e-6, 1e5) * 0.02);
+    CHECK_NEAR((double)values[1], 0, scene_tolerance(1e-4, 1e5));
+    CHECK_NEAR((double)values[2], 100, scene_tolerance(1e-4, 1e5) * 100);
+    phantom_free(&p);
+}
+
+/* Correlations are those of the deviations, and the direction in numbers is the one in words. */
+static void test_numbers(void)
+{
+    phantom p;
+    sb_identify_def def;
+    sb_real values[3] = {3000, 9000, REAL(0.35)}, deviations[3], shares[3], c[9], d[3];
+    sb_identify_info info;
+    char words[160];
+    phantom_make(&p, 3, NULL);
+    def = phantom_def(&p, 2);
+    def.correlations = c;
+    def.direction = d;
+    phantom_reset(&p, 12000, 4000);
+    CHECK_OK(sb_identify(&def, values, deviations, shares, &info, NULL));
+    CHECK(c[0] == 1 && c[3] == 1 && c[1] == c[2]);
+    CHECK_NEAR((double)(c[1] * c[1]), 1 - (double)shares[0], scene_tolerance(1e-9, 1e5)); /* of two values */
+    CHECK_NEAR((double)shares[0], (double)shares[1], scene_tolerance(1e-9, 1e5));
+    snprintf(words, sizeof words, "value 0 x %.3g, value 1 x %.3g", exp((double)d[0] / (double)values[0]),
+             exp((double)d[1] / (double)values[1]));
+    if (!CHECK(strcmp(words, info.hidden) == 0))
+        printf("%s, and %s\n", words, info.hidden);
+    def = phantom_def(&p, 3);
+    def.correlations = c;
+    phantom_reset(&p, 12000, 4000);
+    CHECK_OK(sb_identify(&def, values, deviations, shares, &info, NULL));
+    for (int k = 0; k < 3; k++)
+        for (int j = 0; j < 3; j++)
+            CHECK(c[3 * k + j] == c[3 * j + k] && c[3 * k + j] >= -1 && c[3 * k + j] <= 1);
+    phantom_free(&p);
+}
+
+/* A free value is never tried beyond its bounds, not for differences either. */
+typedef struct watched {
+    phantom *p;
+    sb_real least, most;
+} watched;
+
+static sb_result phantom_apply_watched(void *user, int state, const sb_real *free_values, sb_body *body,
+                                       sb_error *error)
+{
+    watched *w = (watched *)user;
+    w->least = sb_min(w->least, free_values[0]);
+    w->most = sb_max(w->most, free_values[0]);
+    return phantom_apply_deep(w->p, state, free_values, body, error);
+}
+
+static void test_free_bounds(void)
+{
+    const sb_real low = REAL(0.7), high = REAL(0.95);
+    phantom p;
+    watched w;
+    sb_identify_def def;
+    sb_identify_info info;
+    sb_real value = low;
+    phantom_make(&p, 3, NULL);
+    w.p = &p, w.least = 9, w.most = 0;
+    def = phantom_def(&p, 0);
+    def.free_count = 1;
+    def.low = &low, def.high = &high;
+    def.apply = phantom_apply_watched;
+    def.user = &w;
+    CHECK_OK(sb_identify(&def, &value, NULL, NULL, &info, NULL));
+    CHECK(value == high && (info.warnings & SB_IDENTIFY_BOUND));
+    CHECK(w.least == low && w.most == high);
+    phantom_free(&p);
+}
+
 static void refuse(sb_identify_def def, double first, sb_result expected)
 {
     sb_real values[3] = {REAL(first), 9000, REAL(0.4)};
@@ -391,5 +544,6 @@ static void test_without_memory(void)
 }
 
 CHECK_SUITE(identify, {"recovery", test_recovery}, {"hidden", test_hidden}, {"deviations", test_deviations},
-            {"free value", test_free_value}, {"constants", test_constants}, {"refused", test_refused},
-            {"without memory", test_without_memory});
+            {"free value", test_free_value}, {"constants", test_constants}, {"bounds", test_bounds},
+            {"loads", test_loads}, {"numbers", test_numbers}, {"free value's bounds", test_free_bounds},
+            {"refused", test_refused}, {"without memory", test_without_memory});

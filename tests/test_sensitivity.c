@@ -2,6 +2,7 @@
  * on bodies of all elements and models, and what is refused. */
 #include <limits.h>
 
+#include "contact_scene.h"
 #include "random_case.h"
 
 /* ---- bodies ---- */
@@ -554,6 +555,52 @@ static void test_refused(void)
     sense_free(&s);
 }
 
+/* A tool that does not touch changes nothing; one that presses, and single rotations, are refused. */
+static void test_unsupported(void)
+{
+    const sb_vec3 far = sb_v3(REAL(0.3), REAL(0.1), REAL(0.5)), near = sb_v3(REAL(0.3), REAL(0.1), REAL(0.22));
+    sb_body_def def = sb_default_body_def();
+    sb_tool_def tool = press_sphere(0.04, 0, far);
+    sb_parameter p;
+    sb_real gradient[2];
+    sb_vec3 *loss;
+    press s;
+    int number;
+    memset(&p, 0, sizeof p);
+    p.kind = SB_PARAMETER_YOUNG;
+    def.material = sb_material_neo_hookean(5000, REAL(0.3), 1000);
+    def.gravity = sb_v3(0, 0, REAL(-0.2));
+    s = press_make(scene_box(SB_TET4, 6, 2, 2, sb_v3(REAL(0.6), REAL(0.2), REAL(0.2)), 0.1), def, press_exact());
+    loss = (sb_vec3 *)calloc((size_t)s.mesh.node_count, sizeof *loss);
+    loss[s.mesh.node_count - 1].z = 1;
+    scene_fix_plane(s.body, &s.mesh, 2, 0, SB_XYZ);
+    CHECK_OK(sb_body_solve_static(s.body, NULL, NULL));
+    CHECK_OK(sb_body_gradient(s.body, loss, NULL, &p, 1, &gradient[0], NULL, NULL));
+    number = press_add(&s, &tool);
+    CHECK_OK(sb_body_solve_static(s.body, NULL, NULL));
+    CHECK_OK(sb_body_gradient(s.body, loss, NULL, &p, 1, &gradient[1], NULL, NULL));
+    CHECK_NEAR((double)gradient[1], (double)gradient[0], scene_tolerance(1e-4, 1e5) * fabs((double)gradient[0]));
+    for (int k = 1; k <= 8; k++) {
+        press_move(&s, number, sb_v3_madd(far, REAL(k / 8.0), sb_v3_sub(near, far)), sb_quat_identity());
+        CHECK_OK(sb_body_solve_static(s.body, NULL, NULL));
+    }
+    gradient[1] = 7;
+    CHECK_RESULT(sb_body_gradient(s.body, loss, NULL, &p, 1, &gradient[1], NULL, NULL), SB_ERROR_UNSUPPORTED);
+    CHECK(gradient[1] == 7);
+    press_free(&s);
+    def.mesh = &s.mesh;
+    s.mesh = scene_box(SB_TET10, 2, 1, 1, sb_v3(1, 1, 1), 0);
+    def.material = sb_material_corotated(5000, REAL(0.3), 1000);
+    def.single_rotation = 1;
+    s.contact = NULL;
+    s.body = scene_body(&def);
+    scene_fix_plane(s.body, &s.mesh, 2, 0, SB_XYZ);
+    CHECK_OK(sb_body_solve_static(s.body, NULL, NULL));
+    CHECK_RESULT(sb_body_gradient(s.body, loss, NULL, &p, 1, &gradient[1], NULL, NULL), SB_ERROR_UNSUPPORTED);
+    press_free(&s);
+    free(loss);
+}
+
 /* Each allocation fails in turn: an error, or conjugate gradients in place of the factor, and nothing is lost. */
 static void test_without_memory(void)
 {
@@ -563,7 +610,8 @@ static void test_without_memory(void)
     sb_parameter p;
     sb_body *body;
     sb_real with, without;
-    int calls, live, other = 0;
+    sb_boundary boundary;
+    int calls, live, id, other = 0;
     sb_vec3 *loss = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof *loss);
     memset(&p, 0, sizeof p);
     p.kind = SB_PARAMETER_YOUNG;
@@ -573,6 +621,18 @@ static void test_without_memory(void)
     def.allocator = scene_allocator(&memory);
     body = scene_body(&def);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    if (CHECK_OK(sb_mesh_boundary(&mesh, 1, NULL, &boundary, NULL))) { /* one face of the end: its rim is open */
+        const int *faces = boundary.surface.elements, *nodes = boundary.nodes;
+        int f = 0, face[3];
+        while (mesh.nodes[nodes[faces[3 * f]]].x + mesh.nodes[nodes[faces[3 * f + 1]]].x +
+                   mesh.nodes[nodes[faces[3 * f + 2]]].x <
+               REAL(2.999))
+            f++;
+        for (int c = 0; c < 3; c++)
+            face[c] = nodes[faces[3 * f + c]];
+        CHECK_OK(sb_body_add_pressure(body, face, 1, 3, 100, &id, NULL));
+        sb_boundary_free(&boundary);
+    }
     CHECK_OK(sb_body_solve_static(body, NULL, NULL));
     loss[mesh.node_count - 1].z = 1;
     live = memory.live;
@@ -624,4 +684,4 @@ static void test_unstable(void)
 
 CHECK_SUITE(sensitivity, {"solve", test_solve}, {"hanging bar", test_bar}, {"models", test_models},
             {"elements", test_elements}, {"mean points", test_bbar}, {"refused", test_refused},
-            {"without memory", test_without_memory}, {"unstable", test_unstable});
+            {"unsupported", test_unsupported}, {"without memory", test_without_memory}, {"unstable", test_unstable});

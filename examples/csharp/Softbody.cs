@@ -1366,6 +1366,8 @@ public unsafe struct sb_identify_def
     public void* user;
     public int max_iterations;
     public sb_static_options statics;
+    public double* correlations;
+    public double* direction;
     public uint cookie;
 }
 [StructLayout(LayoutKind.Sequential)]
@@ -4450,7 +4452,8 @@ public static unsafe class Native
     /// x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).
     ///   rhs        [count][node_count] (N); on supported axes it has no effect
     ///   x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs
-    ///   tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); a factored solve is as exact as rounding lets it be
+    ///   tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); where rounding stops them above it, up to 1e4
+    ///              SB_EPSILON will do. A factored solve is as exact as rounding lets it be
     /// A factored solve of many right-hand sides at once costs much less than one after the other.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
@@ -4490,15 +4493,17 @@ public static unsafe class Native
     ///   info, error  may be NULL
     /// Derivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted
     /// shape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are
-    /// untouched and the body has its materials and shape again, but loads and supports as `apply` has left them:
+    /// untouched and the body has its materials, shape and what `parameters` name again, but other loads and supports as
+    /// `apply` has left them:
     /// SB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),
     /// SB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),
     /// SB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading
     /// sees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a
     /// minimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.
     /// Method: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at
-    /// most 1 there; a trial whose solve fails counts as one that does not help. Ends when chi2 falls by less than 1e-6 of
-    /// itself or values move by less than 1e-8.
+    /// most 1 there; a trial whose solve fails counts as one that does not help. A value at a bound that would leave stays
+    /// there, and the others take the step that is best with it there. Ends when chi2 falls by less than 1e-6 of itself or
+    /// values move by less than 1e-8.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_identify(sb_identify_def* def, double* values, double* deviations, double* own_shares, sb_identify_info* info, sb_error* error);

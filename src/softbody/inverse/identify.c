@@ -126,17 +126,23 @@ static void sbi_identify_layout(sbi_identify *id, sbi_arena *arena)
     id->slopes = (double *)sbi_arena_take(arena, m, p * sizeof(double));
     id->new_slopes = (double *)sbi_arena_take(arena, m, p * sizeof(double));
     id->scale = (double *)sbi_arena_take(arena, p, sizeof(double));
+    id->hessian = (double *)sbi_arena_take(arena, p, p * sizeof(double));
     id->gram = (double *)sbi_arena_take(arena, p, p * sizeof(double));
     id->vectors = (double *)sbi_arena_take(arena, p, p * sizeof(double));
     id->eigenvalues = (double *)sbi_arena_take(arena, p, sizeof(double));
     id->scratch = (double *)sbi_arena_take(arena, 2 * p, sizeof(double));
     id->step = (double *)sbi_arena_take(arena, p, sizeof(double));
     id->slope = (double *)sbi_arena_take(arena, p, sizeof(double));
+    id->pull = (double *)sbi_arena_take(arena, p, sizeof(double));
+    id->pinned = (unsigned char *)sbi_arena_take(arena, p, 1);
     id->shapes = (sb_vec3 *)sbi_arena_take(arena, states, n * sizeof(sb_vec3));
     id->new_shapes = (sb_vec3 *)sbi_arena_take(arena, states, n * sizeof(sb_vec3));
     id->du = (sb_vec3 *)sbi_arena_take(arena, exact, n * sizeof(sb_vec3));
     id->dreaction = (sb_vec3 *)sbi_arena_take(arena, exact, n * sizeof(sb_vec3));
     id->start = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    id->loads = (sb_real *)sbi_arena_take(arena, p, sizeof(sb_real));
+    id->applied = (sb_real *)sbi_arena_take(arena, p, sizeof(sb_real));
+    id->stiffness = (sb_real *)sbi_arena_take(arena, sbi_identify_rows(id->def), sizeof(sb_real));
     id->materials = (sb_material *)sbi_arena_take(arena, (size_t)id->body->material_count, sizeof(sb_material));
 }
 
@@ -177,27 +183,86 @@ static void sbi_identify_accept(sbi_identify *id, const sb_real *values)
     id->info.chi2 = sbi_identify_cost(id, id->misfit);
 }
 
-/* step = -(H + l diag H)^-1 J^T misfit, at most 1 along what goes by its logarithm. Returns how much chi2 should fall
- * without damping: J^T misfit . H^-1 J^T misfit. */
-static double sbi_identify_step(sbi_identify *id, double damping)
+/* Values at a bound that chi2 falls beyond stay. */
+static void sbi_identify_pin(sbi_identify *id)
+{
+    for (int k = 0; k < id->count; k++) {
+        int side = id->slope[k] < 0 ? 1 : -1;
+        id->pinned[k] = sbi_identify_room(id, k, (double)id->values[k], side) * side <= 0;
+        id->step[k] = 0;
+    }
+}
+
+/* pull = -J^T misfit and what steps of pinned values add to it, by the scale; 0 for pinned values. */
+static void sbi_identify_pull(sbi_identify *id)
+{
+    int n = id->count;
+    for (int a = 0; a < n; a++) {
+        double sum = -id->slope[a] / id->scale[a];
+        for (int b = 0; b < n && !id->pinned[a]; b++)
+            if (id->pinned[b])
+                sum -= id->hessian[(size_t)sbi_max_int(a, b) * (size_t)n + (size_t)sbi_min_int(a, b)] * id->scale[b] *
+                       id->step[b];
+        id->pull[a] = id->pinned[a] ? 0 : sum;
+    }
+}
+
+/* (H + l diag H) step = pull for values that are not pinned. Returns pull . H^-1 pull. */
+static double sbi_identify_solve_step(sbi_identify *id, double damping)
 {
     size_t n = (size_t)id->count;
-    double limit = 1, fall = 0;
-    memset(id->step, 0, n * sizeof *id->step);
+    double fall = 0;
+    sbi_identify_pull(id);
+    for (size_t a = 0; a < n; a++)
+        id->step[a] = id->pinned[a] ? id->step[a] : 0;
     for (size_t i = 0; i < n; i++) {
         const double *z = id->vectors + i * n;
         double along = 0, stiffness = fmax(id->eigenvalues[i], 0);
         for (size_t a = 0; a < n; a++)
-            along += z[a] * id->slope[a] / id->scale[a];
+            along += z[a] * id->pull[a];
         for (size_t a = 0; a < n; a++)
-            id->step[a] -= along * z[a] / (stiffness + damping) / id->scale[a];
+            id->step[a] += id->pinned[a] ? 0 : along * z[a] / (stiffness + damping) / id->scale[a];
         fall += along * along / (stiffness + 1e-12);
     }
-    for (int k = 0; k < id->count; k++)
-        if (sbi_identify_way(id, k) > 0)
-            limit = fmax(limit, fabs(id->step[k]));
-    for (int k = 0; k < id->count; k++)
-        id->step[k] /= limit;
+    return fall;
+}
+
+/* How far a step may lead on that side: to a bound, and not further than 1 along what goes by its logarithm. */
+static double sbi_identify_reach(const sbi_identify *id, int k, int side)
+{
+    double room = sbi_identify_room(id, k, (double)id->values[k], side);
+    return sbi_identify_way(id, k) > 0 ? side * fmin(room * side, 1) : room;
+}
+
+/* Pins values whose step leads too far there. Returns how many. */
+static int sbi_identify_stop(sbi_identify *id)
+{
+    int stopped = 0;
+    for (int k = 0; k < id->count; k++) {
+        int side = id->step[k] > 0 ? 1 : -1;
+        double reach = sbi_identify_reach(id, k, side);
+        if (id->pinned[k] || (id->step[k] - reach) * side <= 0)
+            continue;
+        id->step[k] = reach;
+        id->pinned[k] = 1;
+        stopped++;
+    }
+    return stopped;
+}
+
+/* step = -(H + l diag H)^-1 J^T misfit; where it leads too far for some values, these go as far as they may, and the
+ * others answer that. Returns how much chi2 should fall without damping where none does: J^T misfit . H^-1 J^T misfit.
+ */
+static double sbi_identify_step(sbi_identify *id, double damping)
+{
+    double fall;
+    sbi_identify_pin(id);
+    (void)sbi_identify_decompose(id);
+    fall = sbi_identify_solve_step(id, damping);
+    while (sbi_identify_stop(id) > 0) {
+        (void)sbi_identify_decompose(id);
+        (void)sbi_identify_solve_step(id, damping);
+    }
     return fall;
 }
 
@@ -301,12 +366,10 @@ static sb_result sbi_identify_finish(sbi_identify *id)
 
 static sb_result sbi_identify_run(sbi_identify *id, sb_real *values, sb_real *deviations, sb_real *own_shares)
 {
-    const sb_body *b = id->body;
     size_t bytes = (size_t)id->nodes * sizeof *id->start;
     sb_result result;
     memcpy(id->values, values, (size_t)id->count * sizeof *values);
-    memcpy(id->materials, b->materials, (size_t)b->material_count * sizeof *id->materials);
-    memcpy(id->start, b->displacement, bytes);
+    sbi_identify_keep(id);
     for (int s = 0; s < id->def->state_count; s++)
         memcpy(id->shapes + (size_t)s * (size_t)id->nodes, id->start, bytes);
     result = sbi_identify_iterate(id);

@@ -51,18 +51,24 @@ typedef struct sb_identify_def {
                                      * _PRESSURE, _STIFFNESS (row SB_AUTO). Moduli, constants, densities and
                                      * stiffnesses stay > 0, Poisson's ratios in (0, 1/2) */
     int count;
-    int free_count;            /* values that `apply` alone knows what to do with (a size, friction, a place): their
-                                * derivatives are differences, two solves of each state. > 0, and stay so. Default 0 */
-    const sb_real *low, *high; /* [count + free_count] bounds; NULL (default): none */
-    int state_count;           /* >= 1; default 1 */
+    int free_count; /* values that `apply` alone knows what to do with (a size, friction, a place): their
+                     * derivatives are differences, two solves of each state. > 0, and stay so. Default 0 */
+    const sb_real *low,
+        *high;       /* [count + free_count] bounds, which `apply` sees no value beyond; NULL (default): none */
+    int state_count; /* >= 1; default 1 */
     const sb_measurement *measurements; /* [state_count] */
     sb_result (*apply)(void *user, int state, const sb_real *free_values, sb_body *body, sb_error *error);
     /* Sets loads and supports of a state (dead loads anew: sb_body_clear_loads), not what `parameters` name; these are
-     * set after it, SB_PARAMETER_FORCE in addition to its loads. A result other than SB_OK ends the call. NULL
-     * (default): the one state is there */
+     * set after it, SB_PARAMETER_FORCE in addition to its loads, and taken away again before the next. A result other
+     * than SB_OK ends the call. NULL (default): the one state is there */
     void *user;
     int max_iterations;        /* >= 1; default 50 */
     sb_static_options statics; /* of the solves; default tolerance 1e-9 (float 1e-5), forces_only */
+    sb_real *correlations;     /* [n][n], n = count + free_count: how deviations of two values go together, -1 to 1 (of
+                                * the logarithms, as below); written on success. NULL (default): not wanted */
+    sb_real *direction;        /* [n] what each value changes by, in its units and to first order, in the direction that
+                                * readings tell least of, when chi2 changes by 1: info.hidden in numbers; written on
+                                * success. NULL (default): not wanted */
     unsigned cookie;           /* set by sb_default_identify_def */
 } sb_identify_def;
 
@@ -96,15 +102,17 @@ typedef struct sb_identify_info {
  *   info, error  may be NULL
  * Derivatives are those of sb_body_sensitivities; one static solve for each state and trial, from the last accepted
  * shape. The body ends with the values, at the equilibrium of the last state. On failure values and outputs are
- * untouched and the body has its materials and shape again, but loads and supports as `apply` has left them:
+ * untouched and the body has its materials, shape and what `parameters` name again, but other loads and supports as
+ * `apply` has left them:
  * SB_ERROR_ARGUMENT (the def; a start out of range; YOUNG or POISSON together with CONSTANT of one region),
  * SB_ERROR_UNSUPPORTED (a kind that is not among those above; what sb_body_sensitivities does not derive),
  * SB_ERROR_INDEX, SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE (fewer readings than values, or a direction that no reading
  * sees: the message names it), SB_ERROR_NOT_CONVERGED (max_iterations; or no step lowers chi2 any more, far from a
  * minimum), SB_ERROR_MEMORY; what a static solve at the start, or `apply`, fails with.
  * Method: Levenberg-Marquardt in log (nu: nu = 1/2 logistic(q); gravity, forces, pressures as they are), steps of at
- * most 1 there; a trial whose solve fails counts as one that does not help. Ends when chi2 falls by less than 1e-6 of
- * itself or values move by less than 1e-8. */
+ * most 1 there; a trial whose solve fails counts as one that does not help. A value at a bound that would leave stays
+ * there, and the others take the step that is best with it there. Ends when chi2 falls by less than 1e-6 of itself or
+ * values move by less than 1e-8. */
 SB_API sb_result sb_identify(const sb_identify_def *def, sb_real *values, sb_real *deviations, sb_real *own_shares,
                              sb_identify_info *info, sb_error *error);
 

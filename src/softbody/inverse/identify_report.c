@@ -6,10 +6,19 @@
 #include "../base/eigen.h"
 #include "identify_private.h"
 
+SBI_API int sbi_identify_decompose(sbi_identify *id)
+{
+    size_t n = (size_t)id->count;
+    for (size_t a = 0; a < n; a++)
+        for (size_t b = 0; b <= a; b++)
+            id->gram[a * n + b] = a != b && (id->pinned[a] || id->pinned[b]) ? 0 : id->hessian[a * n + b];
+    return sbi_symmetric_eigen(id->gram, id->count, id->eigenvalues, id->vectors, id->scratch);
+}
+
 SBI_API sb_result sbi_identify_analyse(sbi_identify *id)
 {
     size_t n = (size_t)id->count;
-    double *h = id->gram;
+    double *h = id->hessian;
     memset(h, 0, n * n * sizeof *h);
     memset(id->slope, 0, n * sizeof *id->slope);
     for (int i = 0; i < id->readings; i++) {
@@ -28,7 +37,8 @@ SBI_API sb_result sbi_identify_analyse(sbi_identify *id)
     for (size_t a = 0; a < n; a++)
         for (size_t b = 0; b <= a; b++)
             h[a * n + b] /= id->scale[a] * id->scale[b];
-    if (!sbi_symmetric_eigen(h, id->count, id->eigenvalues, id->vectors, id->scratch))
+    memset(id->pinned, 0, n);
+    if (!sbi_identify_decompose(id))
         return sbi_fail(id->error, SB_ERROR_NOT_FINITE, "derivatives of the readings are not finite");
     return SB_OK;
 }
@@ -70,15 +80,36 @@ SBI_API sb_result sbi_identify_check_rank(sbi_identify *id)
     return sbi_fail(id->error, SB_ERROR_INDEFINITE, "together these change nothing that was read: %s", text);
 }
 
-/* Sum over eigenvectors of z_a^2 / d: of H of unit diagonal the inverse's diagonal. */
-static double sbi_identify_inverse(const sbi_identify *id, int a)
+/* Sum over eigenvectors of z_a z_b / d: an entry of the inverse of H of unit diagonal. */
+static double sbi_identify_inverse(const sbi_identify *id, int a, int b)
 {
     double sum = 0;
     for (int i = 0; i < id->count; i++) {
-        double z = id->vectors[(size_t)i * (size_t)id->count + (size_t)a];
-        sum += z * z / id->eigenvalues[i];
+        const double *z = id->vectors + (size_t)i * (size_t)id->count;
+        sum += z[a] * z[b] / id->eigenvalues[i];
     }
     return sum;
+}
+
+static void sbi_identify_correlate(const sbi_identify *id, sb_real *correlations)
+{
+    for (int a = 0; a < id->count; a++)
+        for (int b = 0; b < id->count; b++) {
+            double sizes = sqrt(sbi_identify_inverse(id, a, a) * sbi_identify_inverse(id, b, b));
+            double both = a == b ? 1 : sbi_identify_inverse(id, a, b) / sizes;
+            correlations[(size_t)a * (size_t)id->count + (size_t)b] = (sb_real)fmax(-1, fmin(1, both));
+        }
+}
+
+/* What sbi_identify_name says, in numbers. */
+static void sbi_identify_direct(const sbi_identify *id, double size, sb_real *direction)
+{
+    if (id->vectors[0] < 0)
+        size = -size;
+    for (int k = 0; k < id->count; k++) {
+        double rate = sbi_identify_rate(id, k, (double)id->values[k]);
+        direction[k] = (sb_real)(size * rate * id->vectors[k] / id->scale[k]);
+    }
 }
 
 static int sbi_identify_locks(const sbi_identify *id)
@@ -112,7 +143,7 @@ SBI_API void sbi_identify_report(sbi_identify *id, sb_real *deviations, sb_real 
 {
     id->info.weakest = 2;
     for (int k = 0; k < id->count; k++) {
-        double inverse = sbi_identify_inverse(id, k);
+        double inverse = sbi_identify_inverse(id, k, k);
         double rate = sbi_identify_rate(id, k, (double)id->values[k]);
         sb_real share = (sb_real)(1 / inverse);
         if (deviations)
@@ -125,5 +156,9 @@ SBI_API void sbi_identify_report(sbi_identify *id, sb_real *deviations, sb_real 
         }
     }
     sbi_identify_name(id, 1 / sqrt(id->eigenvalues[0]), id->info.hidden, sizeof id->info.hidden);
+    if (id->def->direction)
+        sbi_identify_direct(id, 1 / sqrt(id->eigenvalues[0]), id->def->direction);
+    if (id->def->correlations)
+        sbi_identify_correlate(id, id->def->correlations);
     id->info.warnings = sbi_identify_warnings(id);
 }

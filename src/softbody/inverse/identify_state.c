@@ -21,19 +21,32 @@ SBI_API double sbi_identify_rate(const sbi_identify *id, int k, double p)
     return way == SBI_WAY_LOG ? p : way == SBI_WAY_HALF ? p * (1 - 2 * p) : 1;
 }
 
+SBI_API double sbi_identify_room(const sbi_identify *id, int k, double p, int side)
+{
+    const sb_real *bounds = side > 0 ? id->def->high : id->def->low;
+    int way = sbi_identify_way(id, k);
+    double bound = bounds ? (double)bounds[k] : side * (double)INFINITY;
+    if (way == SBI_WAY_PLAIN)
+        return bound - p;
+    if (!(bound > 0) || (way == SBI_WAY_HALF && !(bound < 0.5)) || isinf(bound))
+        return side * (double)INFINITY;
+    return log(bound / p) - (way == SBI_WAY_HALF ? log((1 - 2 * bound) / (1 - 2 * p)) : 0);
+}
+
 SBI_API double sbi_identify_move(const sbi_identify *id, int k, double p, double dq)
 {
-    const sb_identify_def *def = id->def;
-    int way = sbi_identify_way(id, k);
+    int way = sbi_identify_way(id, k), side = dq > 0 ? 1 : -1;
     double moved = p + dq;
+    if (dq != 0 && dq * side >= sbi_identify_room(id, k, p, side) * side)
+        return (double)(side > 0 ? id->def->high : id->def->low)[k];
     if (way == SBI_WAY_LOG)
         moved = p * exp(dq);
     if (way == SBI_WAY_HALF) /* 2 p / (1 - 2 p) = exp(q) */
         moved = p * exp(dq) / (1 - 2 * p + 2 * p * exp(dq));
-    if (def->low)
-        moved = fmax(moved, (double)def->low[k]);
-    if (def->high)
-        moved = fmin(moved, (double)def->high[k]);
+    if (id->def->low)
+        moved = fmax(moved, (double)id->def->low[k]);
+    if (id->def->high)
+        moved = fmin(moved, (double)id->def->high[k]);
     return moved;
 }
 
@@ -91,34 +104,115 @@ static sb_result sbi_identify_set_materials(sbi_identify *id, const sb_real *val
     return result;
 }
 
-SBI_API void sbi_identify_restore(sbi_identify *id)
-{
-    for (int i = 0; i < id->body->material_count; i++)
-        if (sbi_identify_names_region(id, id->body->material_regions[i]))
-            (void)sb_body_set_region_material(id->body, id->body->material_regions[i], id->materials + i, NULL);
-    (void)sb_body_set_displacements(id->body, id->start);
-}
-
 static sb_vec3 sbi_identify_along(int axis, sb_real value, sb_vec3 others)
 {
     return sb_v3(axis == 0 ? value : others.x, axis == 1 ? value : others.y, axis == 2 ? value : others.z);
 }
 
-static sb_result sbi_identify_set_load(sbi_identify *id, const sb_parameter *p, sb_real value)
+static sb_result sbi_identify_set_stiffness(sb_body *b, int load_id, const sb_real *stiffness, int uniform)
 {
-    const sb_vec3 zero = sb_v3(0, 0, 0);
+    if (sb_body_set_spring_stiffness(b, load_id, stiffness, uniform) == SB_OK)
+        return SB_OK;
+    return sb_body_set_mapping_stiffness(b, load_id, stiffness, uniform);
+}
+
+static sb_result sbi_identify_add_force(sbi_identify *id, int k, sb_real value)
+{
+    const sb_parameter *p = id->def->parameters + k;
+    sb_vec3 force = sbi_identify_along(p->axis, value, sb_v3(0, 0, 0));
+    sb_result result = sb_body_apply_forces(id->body, p->nodes, p->node_count, &force, 1, id->error);
+    if (result == SB_OK)
+        id->applied[k] = value;
+    return result;
+}
+
+/* Forces that are sought leave the dead loads, to rounding. */
+static void sbi_identify_take_forces(sbi_identify *id)
+{
+    for (int k = 0; k < id->def->count; k++) {
+        if (id->applied[k] != 0)
+            (void)sbi_identify_add_force(id, k, -id->applied[k]);
+        id->applied[k] = 0;
+    }
+}
+
+static sb_result sbi_identify_set_load(sbi_identify *id, int k, sb_real value)
+{
+    const sb_parameter *p = id->def->parameters + k;
     sb_body *b = id->body;
-    sb_vec3 force = sbi_identify_along(p->axis, value, zero);
+    sb_result result = SB_OK;
     switch (p->kind) {
     case SB_PARAMETER_GRAVITY: return sb_body_set_gravity(b, sbi_identify_along(p->axis, value, b->gravity));
-    case SB_PARAMETER_FORCE: return sb_body_apply_forces(b, p->nodes, p->node_count, &force, 1, id->error);
-    case SB_PARAMETER_PRESSURE: return sb_body_set_pressure(b, p->load_id, value);
-    case SB_PARAMETER_STIFFNESS:
-        if (sb_body_set_spring_stiffness(b, p->load_id, &value, 1) == SB_OK)
-            return SB_OK;
-        return sb_body_set_mapping_stiffness(b, p->load_id, &value, 1);
-    default: return SB_OK;
+    case SB_PARAMETER_FORCE: return sbi_identify_add_force(id, k, value);
+    case SB_PARAMETER_PRESSURE: result = sb_body_set_pressure(b, p->load_id, value); break;
+    case SB_PARAMETER_STIFFNESS: result = sbi_identify_set_stiffness(b, p->load_id, &value, 1); break;
+    default: break;
     }
+    return result == SB_OK
+               ? result
+               : sbi_fail(id->error, result, "parameter %d: load %d cannot be set to %g", k, p->load_id, (double)value);
+}
+
+/* ---- what the body had ---- */
+
+static int sbi_identify_row_count(const sb_body *b, const sb_parameter *p)
+{
+    const sbi_load *load = p->kind == SB_PARAMETER_STIFFNESS ? sbi_loads_get(b, p->load_id) : NULL;
+    return load ? load->row_count : 0;
+}
+
+SBI_API size_t sbi_identify_rows(const sb_identify_def *def)
+{
+    size_t rows = 0;
+    for (int k = 0; k < def->count; k++)
+        rows += (size_t)sbi_identify_row_count(def->body, def->parameters + k);
+    return rows;
+}
+
+SBI_API void sbi_identify_keep(sbi_identify *id)
+{
+    const sb_body *b = id->body;
+    sb_real *rows = id->stiffness;
+    memcpy(id->materials, b->materials, (size_t)b->material_count * sizeof *id->materials);
+    memcpy(id->start, b->displacement, (size_t)id->nodes * sizeof *id->start);
+    for (int k = 0; k < id->def->count; k++) {
+        const sb_parameter *p = id->def->parameters + k;
+        int count = sbi_identify_row_count(b, p);
+        if (p->kind == SB_PARAMETER_GRAVITY)
+            id->loads[k] = p->axis == 0 ? b->gravity.x : p->axis == 1 ? b->gravity.y : b->gravity.z;
+        if (p->kind == SB_PARAMETER_PRESSURE)
+            id->loads[k] = sbi_loads_get(b, p->load_id)->pressure;
+        if (count > 0)
+            memcpy(rows, sbi_loads_get(b, p->load_id)->stiffness, (size_t)count * sizeof *rows);
+        rows += count;
+    }
+}
+
+static void sbi_identify_restore_loads(sbi_identify *id)
+{
+    const sb_real *rows = id->stiffness;
+    sb_error *error = id->error; /* a load that `apply` has removed stays so */
+    id->error = NULL;
+    sbi_identify_take_forces(id);
+    for (int k = 0; k < id->def->count; k++) {
+        const sb_parameter *p = id->def->parameters + k;
+        int count = sbi_identify_row_count(id->body, p);
+        if (p->kind == SB_PARAMETER_GRAVITY || p->kind == SB_PARAMETER_PRESSURE)
+            (void)sbi_identify_set_load(id, k, id->loads[k]);
+        if (count > 0)
+            (void)sbi_identify_set_stiffness(id->body, p->load_id, rows, 0);
+        rows += count;
+    }
+    id->error = error;
+}
+
+SBI_API void sbi_identify_restore(sbi_identify *id)
+{
+    sbi_identify_restore_loads(id);
+    for (int i = 0; i < id->body->material_count; i++)
+        if (sbi_identify_names_region(id, id->body->material_regions[i]))
+            (void)sb_body_set_region_material(id->body, id->body->material_regions[i], id->materials + i, NULL);
+    (void)sb_body_set_displacements(id->body, id->start);
 }
 
 /* ---- one state ---- */
@@ -128,13 +222,14 @@ static sb_result sbi_identify_solve(sbi_identify *id, int state, const sb_real *
     const sb_identify_def *def = id->def;
     sb_step_info info;
     sb_result result = SB_OK;
+    sbi_identify_take_forces(id);
     if (def->apply)
         result = def->apply(def->user, state, values + def->count, id->body, id->error);
     if (result != SB_OK && id->error && id->error->result != result)
         return sbi_fail(id->error, result, "def.apply returned %d (%s) for state %d", (int)result,
                         sb_result_string(result), state);
     for (int k = 0; k < def->count && result == SB_OK; k++)
-        result = sbi_identify_set_load(id, def->parameters + k, values[k]);
+        result = sbi_identify_set_load(id, k, values[k]);
     if (result == SB_OK)
         result = sb_body_set_displacements(id->body, id->shapes + (size_t)state * (size_t)id->nodes);
     if (result != SB_OK)
@@ -224,18 +319,19 @@ static sb_result sbi_identify_derive(sbi_identify *id, int state, const sb_real 
     return result;
 }
 
-/* Central differences by the free values. */
+/* Differences by the free values, central where bounds leave room. */
 static sb_result sbi_identify_difference(sbi_identify *id, int state, const sb_real *values, int first, double *column)
 {
     const double h = SB_EPSILON > (sb_real)1e-10 ? 3e-2 : 1e-3;
     sb_result result = SB_OK;
-    for (int k = id->def->count; k < id->count; k++)
-        for (int side = 0; side < 2; side++) {
-            sb_real kept = values[k];
+    for (int k = id->def->count; k < id->count; k++) {
+        sb_real above = (sb_real)sbi_identify_move(id, k, (double)values[k], h);
+        sb_real below = (sb_real)sbi_identify_move(id, k, (double)values[k], -h);
+        double share = above > below ? 1 / log((double)above / (double)below) : 0;
+        for (int side = 0; side < 2; side++, share = -share) {
             int count = 0;
-            double share = (side ? -0.5 : 0.5) / h;
             memcpy(id->trial, values, (size_t)id->count * sizeof *values);
-            id->trial[k] = (sb_real)((double)kept * exp(side ? -h : h));
+            id->trial[k] = side ? below : above;
             result = sbi_identify_misfit(id, state, id->trial, column, &count);
             if (result != SB_OK)
                 return result;
@@ -244,6 +340,7 @@ static sb_result sbi_identify_difference(sbi_identify *id, int state, const sb_r
                 *slope = (side ? *slope : 0) + share * column[i];
             }
         }
+    }
     return SB_OK;
 }
 

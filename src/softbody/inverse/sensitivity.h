@@ -29,8 +29,9 @@
  * error may be NULL. Common errors: SB_ERROR_ARGUMENT; SB_ERROR_NOT_FINITE and SB_ERROR_INDEX (naming a node);
  * SB_ERROR_NOT_CONVERGED (see above); SB_ERROR_UNCONSTRAINED naming a node of a part that can move freely;
  * SB_ERROR_INVERTED naming an element; SB_ERROR_INDEFINITE: the shape is not stable, it buckles; SB_ERROR_MEMORY;
- * SB_ERROR_UNSUPPORTED: tools press on the body (contact.h), a single rotation per element (def.single_rotation), whose
- * tangent is not exact, or a parameter of the elements in a body whose mesh may change (def.slack). */
+ * SB_ERROR_UNSUPPORTED: something presses on the body (contact.h; tools that touch nothing do not matter), a single
+ * rotation per element (def.single_rotation), whose tangent is not exact, or a parameter of the elements in a body
+ * whose mesh may change (def.slack). */
 #ifndef SB_SENSITIVITY_H
 #define SB_SENSITIVITY_H
 
@@ -40,7 +41,8 @@
 /* x = K^-1 rhs for `count` right-hand sides: what small forces (N) added to the present loads displace (m).
  *   rhs        [count][node_count] (N); on supported axes it has no effect
  *   x          [count][node_count] (m): 0 on supported axes, slaves of constraints follow their masters; may be rhs
- *   tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); a factored solve is as exact as rounding lets it be
+ *   tolerance  of conjugate gradients, |rhs - K x| / |rhs|, (0, 1); where rounding stops them above it, up to 1e4
+ *              SB_EPSILON will do. A factored solve is as exact as rounding lets it be
  * A factored solve of many right-hand sides at once costs much less than one after the other. */
 SB_API sb_result sb_body_solve_tangent(sb_body *body, const sb_vec3 *rhs, sb_vec3 *x, int count, sb_real tolerance,
                                        sb_error *error);
