@@ -334,39 +334,6 @@ static void test_organs(void)
     CHECK(sums[0][1] > 0.8 * organs && sums[1][1] > 0.8 * organs);
 }
 
-/* What is seen has ripples that are not the organ's, shorter than loads reach: they are told from loads as what
- * foretells nothing, where evidence alone holds them for loads of a great scale. */
-static void test_ripples(void)
-{
-    double misfits[2] = {0, 0}, errors[2] = {0, 0};
-    organ o;
-    if (make_organ(&o, 36, 0.05, NULL)) {
-        double motion = 0, wave = 2 * 3.141592654 / (0.09 * o.size);
-        for (int ripples = 0; ripples < 2; ripples++) {
-            reg_infer_def def = def_of(&o, &o.seen);
-            reg_infer *infer = NULL;
-            reg_quality quality;
-            double expected, covered;
-            def.samples = 200;
-            def.rounds = 3;
-            for (int i = 0; i < o.seen.node_count && ripples; i++) {
-                sb_vec3 x = o.seen.nodes[i];
-                double height = 0.006 * o.size * sin(wave * (double)x.x) * cos(wave * (double)x.y);
-                o.seen.nodes[i] = sb_v3_madd(x, REAL(height) / sb_v3_norm(x), x);
-            }
-            motion = start_of(&o, &o.seen, 0, &def.start);
-            if (CHECK_OK(reg_infer_run(&def, &infer, NULL)) && CHECK_OK(reg_infer_get_quality(infer, &quality))) {
-                misfits[ripples] = (double)quality.misfit;
-                errors[ripples] = error_of(&o, infer, &expected, &covered);
-            }
-            reg_infer_destroy(infer);
-        }
-        CHECK(misfits[0] < 0.0015 * o.size && misfits[1] > 0.0015 * o.size);
-        CHECK(errors[0] < 0.7 * motion && errors[1] < motion);
-    }
-    free_organ(&o);
-}
-
 /* A small view moves the answer by half the way to the elastic shape at most, and by nothing, to the bit of a rigid
  * motion, where loads explain no more than a pose. A larger one goes all the way. */
 static void test_small_views(void)
@@ -669,6 +636,6 @@ static void test_memory(void)
     CHECK_OK(result);
 }
 
-CHECK_SUITE(infer, {"organs", test_organs}, {"ripples", test_ripples}, {"small_views", test_small_views},
-            {"landmarks", test_landmarks}, {"frames", test_frames}, {"threads", test_threads}, {"caps", test_caps},
-            {"refusals", test_refusals}, {"failing allocations", test_memory});
+CHECK_SUITE(infer, {"organs", test_organs}, {"small_views", test_small_views}, {"landmarks", test_landmarks},
+            {"frames", test_frames}, {"threads", test_threads}, {"caps", test_caps}, {"refusals", test_refusals},
+            {"failing allocations", test_memory});

@@ -20,12 +20,11 @@ static void regi_gauss_layout(regi_gauss *g, sbi_arena *arena)
     g->system = (double *)sbi_arena_take(arena, m, m * real);
     g->multiplier = (double *)sbi_arena_take(arena, m, real);
     g->low = (double *)sbi_arena_take(arena, m, rank * real);
-    g->small = (double *)sbi_arena_take(arena, rank + REGI_GAUSS_POSES, (rank + REGI_GAUSS_POSES) * real);
-    g->apart = (double *)sbi_arena_take(arena, m, (rank + REGI_GAUSS_POSES) * real);
+    g->small = (double *)sbi_arena_take(arena, rank, rank * real);
     g->diagonal = (double *)sbi_arena_take(arena, rank, real);
     g->beside = (double *)sbi_arena_take(arena, rank, real);
     g->along = (double *)sbi_arena_take(arena, rank, real);
-    g->scratch = (double *)sbi_arena_take(arena, 2 * m + 2 * rank, real);
+    g->scratch = (double *)sbi_arena_take(arena, m + 2 * rank, real);
 }
 
 REGI_API sb_result regi_gauss_create(int most, int most_loads, const sb_allocator *allocator, regi_gauss *gauss,
@@ -276,7 +275,9 @@ REGI_API void regi_gauss_reduce(regi_gauss *g)
     }
 }
 
-REGI_API double regi_gauss_floor(const regi_gauss *g)
+/* The variance that stands for one in the evidence: data that are met exactly count as met to a thousandth of the least
+ * deviation of the others. */
+static double regi_gauss_floor(const regi_gauss *g)
 {
     double least = 0;
     for (int i = 0; i < g->count; i++)

@@ -32,11 +32,10 @@ typedef struct regi_gauss {
     /* of the evidence */
     int rank;               /* directions found */
     double *low;            /* [RANK][most] V V^T = low^T low */
-    double *small;          /* [RANK + POSES][RANK + POSES] */
+    double *small;          /* [RANK][RANK] */
     double *diagonal;       /* [RANK] and neighbours, [RANK - 1], of low Sigma^-1 low^T made tridiagonal, */
     double *beside, *along; /* and low Sigma^-1 gap [RANK] turned along with it */
-    double *scratch;        /* [2 most + 2 RANK] */
-    double *apart;          /* [RANK + POSES][most] S^-1 = diag(1 / variance) - apart^T apart */
+    double *scratch;        /* [most + 2 RANK] */
     double rigid_misfit;    /* gap^T Sigma^-1 gap, Sigma = R R^T + diag(variance) */
     double rigid_volume;    /* log |Sigma| */
     void *memory;
@@ -80,17 +79,6 @@ REGI_API double regi_gauss_evidence(const regi_gauss *gauss, double scale);
 /* The scale of a grid (67 values, a tenth of a decade apart, about what the gaps and gram suggest) with the most
  * evidence, and that. */
 REGI_API double regi_gauss_best_scale(const regi_gauss *gauss, double *evidence);
-
-/* The variance that stands for one in evidence and prediction: data that are met exactly count as met to a thousandth
- * of the least deviation of the others. */
-REGI_API double regi_gauss_floor(const regi_gauss *gauss);
-
-/* ---- prediction; gram has been reduced ---- */
-/* apart and y for the present scale and variances. 0: not positive. */
-REGI_API int regi_gauss_set_apart(regi_gauss *gauss);
-/* Adds to *density the log densities, less a constant of their count, of the gaps of the last `told` of left[count]:
- * each alone, given all gaps but those of left. Overwrites system. 0: not positive. */
-REGI_API int regi_gauss_foretell(regi_gauss *gauss, const int *left, int count, int told, double *density);
 
 /* ---- dense helpers ---- */
 /* Upper a[n][stride] = U^T U in place, rows below the diagonal untouched. Returns 0 at a pivot that is not positive. */

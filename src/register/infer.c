@@ -177,8 +177,6 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->c = (double *)sbi_arena_take(arena, loads, real);
     f->draw = (double *)sbi_arena_take(arena, loads, real);
     f->datum = (double *)sbi_arena_take(arena, most, real);
-    f->part = (int *)sbi_arena_take(arena, most, sizeof(int));
-    f->left = (int *)sbi_arena_take(arena, most, sizeof(int));
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
     f->row = (sb_vec3 *)sbi_arena_take(arena, n, SBI_FRONT_GROUP * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);

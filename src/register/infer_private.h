@@ -10,13 +10,12 @@
 #include "model_private.h"
 
 enum {
-    REGI_INFER_POSE = 6,     /* moves along the axes and turns about them; a seventh column of the pose is an offset of
-                              * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
-                              * less than what they stand for. Without it they would be the work of a pressure */
-    REGI_INFER_MODES = 6,    /* rigid motions */
-    REGI_INFER_WEIGHT = 3,   /* columns of the weight */
-    REGI_INFER_REGIONS = 40, /* of unknown stiffness */
-    REGI_INFER_PARTS = 24    /* of the view, each foretold by what is not near it */
+    REGI_INFER_POSE = 6,    /* moves along the axes and turns about them; a seventh column of the pose is an offset of
+                             * all points across the surface: of a scan, of a segmentation, or of facets, which bulge
+                             * less than what they stand for. Without it they would be the work of a pressure */
+    REGI_INFER_MODES = 6,   /* rigid motions */
+    REGI_INFER_WEIGHT = 3,  /* columns of the weight */
+    REGI_INFER_REGIONS = 40 /* of unknown stiffness */
 };
 
 /* What the prior of the loads is like. */
@@ -68,35 +67,30 @@ struct reg_infer {
     double *raw;              /* [loads][gauss.most] responses of data, then resultants, to unit tractions and weight */
     double *root;             /* [c][c] of the present prior */
     double *extended;         /* [most][most] gram of responses to tractions with their resultants */
-    double *local, *trial_local;             /* [c] */
-    double *energy;                          /* [c + 6] */
-    double *c;                               /* [loads] found, in the gauss' units */
-    double *draw;                            /* [loads] */
-    double *datum;                           /* [most] scratch */
-    int *part;                               /* [most] of a datum of a patch, the nearest of */
-    int part_count, parts[REGI_INFER_PARTS]; /* the data in their middles */
-    int *left;                               /* [most] scratch */
-    sb_vec3 *tractions;                      /* [c] scratch */
-    sb_vec3 *row;                            /* [SBI_FRONT_GROUP][nodes] */
-    sb_vec3 *skin;                           /* [skin nodes] where they are (m) */
-    sb_vec3 *residual;                       /* [nodes] internal forces of the shape before the last round (N) */
-    sb_vec3 *forces;                         /* [nodes] found (N) */
-    sb_vec3 *increment, *trial;              /* [nodes] */
-    sb_vec3 *shape;                          /* [nodes] displacements found (m) */
-    sb_vec3 *errors;                         /* [DRAWS][nodes] of draws (m), calibrated */
-    sb_real *expected;                       /* [nodes] m */
-    sb_vec3 *cell_force;                     /* [cells][nodes per cell] internal forces (N) */
-    sb_vec3 *poisson_force;                  /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
-    sb_real *region;                         /* [cells][REGIONS] shares */
-    sb_vec3 centre;                          /* m: turns of the pose are about it */
-    sb_vec3 *weighted_modes; /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
-    sb_vec3 *drift;          /* [MODES][nodes] and what these as forces do */
+    double *local, *trial_local; /* [c] */
+    double *energy;              /* [c + 6] */
+    double *c;                   /* [loads] found, in the gauss' units */
+    double *draw;                /* [loads] */
+    double *datum;               /* [most] scratch */
+    sb_vec3 *tractions;          /* [c] scratch */
+    sb_vec3 *row;                /* [SBI_FRONT_GROUP][nodes] */
+    sb_vec3 *skin;               /* [skin nodes] where they are (m) */
+    sb_vec3 *residual;           /* [nodes] internal forces of the shape before the last round (N) */
+    sb_vec3 *forces;             /* [nodes] found (N) */
+    sb_vec3 *increment, *trial;  /* [nodes] */
+    sb_vec3 *shape;              /* [nodes] displacements found (m) */
+    sb_vec3 *errors;             /* [DRAWS][nodes] of draws (m), calibrated */
+    sb_real *expected;           /* [nodes] m */
+    sb_vec3 *cell_force;         /* [cells][nodes per cell] internal forces (N) */
+    sb_vec3 *poisson_force;      /* [nodes] what 0.02 of Poisson's ratio do to them (N) */
+    sb_real *region;             /* [cells][REGIONS] shares */
+    sb_vec3 centre;              /* m: turns of the pose are about it */
+    sb_vec3 *weighted_modes;     /* [MODES][nodes] rigid motions times shares of the mass, of nothing-held organs, */
+    sb_vec3 *drift;              /* [MODES][nodes] and what these as forces do */
     double drift_system[REGI_INFER_MODES * REGI_INFER_MODES]; /* their products, factored */
     double pose_sd[REGI_INFER_POSE];                          /* m, rad */
     double pose[REGI_INFER_POSE];                             /* reached: m, rad */
     double next[REGI_GAUSS_POSES];                            /* found in this round; the offset last (m) */
-    sb_real change_before;                                    /* m: largest motion of the round before the last */
-    sb_real least_volume;                                     /* of the elements after the last round, share */
     double temper;                                            /* share of the evidence that counts, (0, 1] */
 };
 
@@ -113,16 +107,6 @@ REGI_API void regi_infer_row(const reg_infer *infer, int datum, sb_vec3 *row, do
                              double pose[REGI_INFER_POSE]);
 /* What displacements u[nodes] do to a datum (m). */
 REGI_API double regi_infer_measure(const reg_infer *infer, int datum, const sb_vec3 *u);
-
-/* Where a datum of a patch is seen (m). */
-REGI_API sb_vec3 regi_infer_seen_at(const reg_infer *infer, int datum);
-
-/* ---- infer_apart ---- */
-/* Cuts the data at hand into parts: part, parts. */
-REGI_API void regi_infer_cut_parts(reg_infer *infer);
-/* Log density of the parts' gaps, each part foretold by what is not near it, for the gauss' scale and variances. 0: it
- * has none. */
-REGI_API int regi_infer_foretell(reg_infer *infer, double *density);
 
 /* ---- infer_prior ---- */
 /* Variances of the data for a misfit (m). */

@@ -6,13 +6,6 @@
 /* Farthest that a round moves a node, as share of the size: the response is linear no farther. */
 #define REGI_INFER_STEP ((sb_real)0.1)
 
-/* A round that moves the organ by more than this share of what the one before did does not come to rest; */
-#define REGI_INFER_RESTLESS ((sb_real)0.5)
-/* that counts where it moves it by more than this share of the size, */
-#define REGI_INFER_RESTING ((sb_real)2e-3)
-/* and an element is pressed to less than this share of its volume. */
-#define REGI_INFER_CRUSHED ((sb_real)0.8)
-
 /* ---- move ---- */
 
 /* Smallest det F of the points at displacements u[nodes]. */
@@ -70,7 +63,6 @@ static sb_result regi_infer_move(reg_infer *f, sb_error *error)
     } while (++tries < 40);
     if (!(volume >= least))
         return sbi_fail(error, SB_ERROR_DIVERGED, "the organ cannot be moved without turning an element inside out");
-    f->least_volume = volume;
     f->quality.change = 0;
     for (int i = 0; i < f->node_count; i++)
         f->quality.change = sb_max(f->quality.change, sb_v3_norm(sb_v3_sub(f->trial[i], u[i])));
@@ -81,23 +73,11 @@ static sb_result regi_infer_move(reg_infer *f, sb_error *error)
 
 /* ---- a round ---- */
 
-/* Rounds that do not come to rest and crush elements follow what the organ cannot do: they get a larger misfit. */
-static void regi_infer_calm(reg_infer *f)
-{
-    sb_real change = f->quality.change;
-    int is_restless = f->quality.rounds > 1 && change > REGI_INFER_RESTLESS * f->change_before;
-    if (is_restless && f->least_volume < REGI_INFER_CRUSHED && change > REGI_INFER_RESTING * f->model->size)
-        f->choice.misfit *= 2;
-    f->change_before = change;
-}
-
 /* The posterior's mean: forces, and where they take the organ from its present shape. */
 static sb_result regi_infer_solve(reg_infer *f, int round, sb_error *error)
 {
     sb_vec3 weight;
-    int good;
-    regi_infer_calm(f);
-    good = round == 0 ? regi_infer_choose(f) : regi_infer_set_prior(f, &f->choice) && regi_gauss_solve(&f->gauss);
+    int good = round == 0 ? regi_infer_choose(f) : regi_infer_set_prior(f, &f->choice) && regi_gauss_solve(&f->gauss);
     if (!good)
         return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "loads and pose cannot be told from what is seen");
     regi_gauss_explain(&f->gauss, f->gauss.multiplier, f->c, f->next);

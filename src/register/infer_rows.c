@@ -219,11 +219,6 @@ REGI_API int regi_infer_look(reg_infer *f, int round)
     return regi_infer_list_data(f);
 }
 
-REGI_API sb_vec3 regi_infer_seen_at(const reg_infer *f, int datum)
-{
-    return f->points[f->patch_start[f->patch_of[datum]]].at;
-}
-
 /* ---- rows ---- */
 
 /* Adds line, shared out by one row of a mapping. */

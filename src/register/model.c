@@ -1,6 +1,7 @@
 /* model: see model.h. */
 #include "model.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "model_private.h"
@@ -118,6 +119,7 @@ REG_API sb_result reg_model_create(const reg_model_def *def, reg_model **model, 
     if (result == SB_OK) {
         sb_mesh_bounds(&made->mesh, &low, &high);
         made->size = sb_v3_norm(sb_v3_sub(high, low));
+        made->spacing = cbrt(fabs((double)sb_mesh_volume(&made->mesh)) / made->mesh.node_count);
         result = regi_prior_create(&made->mesh, &made->boundary, &def->allocator, &made->prior, error);
     }
     if (result == SB_OK)

@@ -26,6 +26,7 @@ struct reg_model {
     sb_real *vertex_area;   /* [skin nodes] m^2 at rest */
     double area;            /* m^2 of the skin */
     sb_real size;           /* m: diagonal of the mesh's box */
+    double spacing;         /* m: cube root of the volume that a node has, about its distance from the next */
     sb_real poisson;
     int held; /* 1: there are fixed nodes */
 };
