@@ -4460,29 +4460,29 @@ public static unsafe class Native
     public static extern sb_result sb_body_solve_tangent(sb_body* body, sb_vec3* rhs, sb_vec3* x, int count, double tolerance, sb_error* error);
     /// <summary>
     /// Derivatives of displacements and of reactions, one solve for each parameter.
-    ///   parameters  [count]
-    ///   du          [count][node_count]: du/dp (m per unit of the parameter)
-    ///   dreaction   [count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL
+    ///   parameters  [parameter_count]
+    ///   du          [parameter_count][node_count]: du/dp (m per unit of the parameter)
+    ///   dreaction   [parameter_count][node_count]: of sb_body_reactions, the force (N) of the supports on the body; or NULL
     /// More errors: SB_ERROR_ARGUMENT naming the parameter: no such kind, axis or constant in its material, a node that is
     /// not supported along the axis; SB_ERROR_INDEX: no such region, load or row.
     /// Method: K du/dp = -dr/dp, r = f_int - f_ext; reactions dr_s/dp + K_sf du_f/dp. dr/dp is exact: stresses are linear in
     /// constants, loads in theirs.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
-    public static extern sb_result sb_body_sensitivities(sb_body* body, sb_parameter* parameters, int count, sb_vec3* du, sb_vec3* dreaction, sb_error* error);
+    public static extern sb_result sb_body_sensitivities(sb_body* body, sb_parameter* parameters, int parameter_count, sb_vec3* du, sb_vec3* dreaction, sb_error* error);
     /// <summary>
     /// Gradient of a loss J(u, reactions) with respect to any number of parameters by one solve (adjoint).
     ///   dj_du         [node_count] dJ/du (J's unit per m); or NULL: 0
     ///   dj_dreaction  [node_count] dJ/d(reaction) (per N), of no effect on axes that are free; or NULL: 0
-    ///   parameters    [count], NULL where count is 0
-    ///   gradient      [count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added
+    ///   parameters    [parameter_count], NULL where parameter_count is 0
+    ///   gradient      [parameter_count] dJ/dp: what goes through the equilibrium. What J has of p by itself is to be added
     ///   dj_dforce     [node_count] dJ/d(dead force on each node) (per N), or NULL
     /// Errors as sb_body_sensitivities.
     /// Method: K^T l = dJ/du + K^T w with w = dJ/dR on supports, m = l - w, dJ/dp = -m . dr/dp; of supports
     /// dJ/du - K^T m.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
-    public static extern sb_result sb_body_gradient(sb_body* body, sb_vec3* dj_du, sb_vec3* dj_dreaction, sb_parameter* parameters, int count, double* gradient, sb_vec3* dj_dforce, sb_error* error);
+    public static extern sb_result sb_body_gradient(sb_body* body, sb_vec3* dj_du, sb_vec3* dj_dreaction, sb_parameter* parameters, int parameter_count, double* gradient, sb_vec3* dj_dforce, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_identify_def sb_default_identify_def();
     /// <summary>

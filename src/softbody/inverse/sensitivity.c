@@ -133,25 +133,25 @@ static sb_result sbi_sensitivity_run(sbi_equilibrium *eq, const sb_parameter *pa
     return result;
 }
 
-SB_API sb_result sb_body_sensitivities(sb_body *body, const sb_parameter *parameters, int count, sb_vec3 *du,
+SB_API sb_result sb_body_sensitivities(sb_body *body, const sb_parameter *parameters, int parameter_count, sb_vec3 *du,
                                        sb_vec3 *dreaction, sb_error *error)
 {
     sbi_equilibrium eq;
     sb_vec3 *work;
     size_t vectors, bytes;
-    sb_result result = sbi_sensitivity_check(body, parameters, count, error);
+    sb_result result = sbi_sensitivity_check(body, parameters, parameter_count, error);
     if (result != SB_OK)
         return result;
-    if (!du || count < 1 || count > 1 << 29)
+    if (!du || parameter_count < 1 || parameter_count > 1 << 29)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "derivatives need parameters and a place for what they are");
-    work = sbi_sensitivity_vectors(body, dreaction ? 2 * count : count, error);
+    work = sbi_sensitivity_vectors(body, dreaction ? 2 * parameter_count : parameter_count, error);
     if (!work)
         return SB_ERROR_MEMORY;
-    vectors = (size_t)count * (size_t)body->domain.node_count;
+    vectors = (size_t)parameter_count * (size_t)body->domain.node_count;
     bytes = vectors * sizeof *work;
     result = sbi_equilibrium_begin(body, sbi_sensitivity_tolerance(), &eq, error);
     if (result == SB_OK) {
-        result = sbi_sensitivity_run(&eq, parameters, count, work, dreaction ? work + vectors : NULL);
+        result = sbi_sensitivity_run(&eq, parameters, parameter_count, work, dreaction ? work + vectors : NULL);
         sbi_equilibrium_end(&eq);
     }
     if (result == SB_OK) {
@@ -260,16 +260,16 @@ static sb_result sbi_gradient_with(sb_body *body, const sb_vec3 *dj_du, const sb
 }
 
 SB_API sb_result sb_body_gradient(sb_body *body, const sb_vec3 *dj_du, const sb_vec3 *dj_dreaction,
-                                  const sb_parameter *parameters, int count, sb_real *gradient, sb_vec3 *dj_dforce,
-                                  sb_error *error)
+                                  const sb_parameter *parameters, int parameter_count, sb_real *gradient,
+                                  sb_vec3 *dj_dforce, sb_error *error)
 {
     sb_vec3 *vectors;
     sb_real *work;
-    sb_result result = sbi_sensitivity_check(body, parameters, count, error);
+    sb_result result = sbi_sensitivity_check(body, parameters, parameter_count, error);
     if (result != SB_OK)
         return result;
-    if (count > 0 && !gradient)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a gradient of %d parameters needs a place", count);
+    if (parameter_count > 0 && !gradient)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a gradient of %d parameters needs a place", parameter_count);
     if (dj_du)
         result = sbi_sensitivity_check_vectors(body, dj_du, 1, "dj_du", error);
     if (result == SB_OK && dj_dreaction)
@@ -277,9 +277,9 @@ SB_API sb_result sb_body_gradient(sb_body *body, const sb_vec3 *dj_du, const sb_
     if (result != SB_OK)
         return result;
     vectors = sbi_sensitivity_vectors(body, 3, error);
-    work = (sb_real *)sbi_alloc(&body->allocator, (size_t)count + 1, sizeof *work);
-    result = vectors && work ? sbi_gradient_with(body, dj_du, dj_dreaction, parameters, count, work, gradient, vectors,
-                                                 dj_dforce, error)
+    work = (sb_real *)sbi_alloc(&body->allocator, (size_t)parameter_count + 1, sizeof *work);
+    result = vectors && work ? sbi_gradient_with(body, dj_du, dj_dreaction, parameters, parameter_count, work, gradient,
+                                                 vectors, dj_dforce, error)
                              : sbi_fail(error, SB_ERROR_MEMORY, "no memory for an adjoint");
     sbi_free(&body->allocator, vectors);
     sbi_free(&body->allocator, work);
