@@ -124,6 +124,8 @@ static sb_result sbi_unload_solve(sbi_unload *s, sb_real share, sb_error *error)
     sbi_step_restore(b);
     if (result != SB_OK)
         *error = info.error;
+    if (result != SB_OK && error->result != result) /* steps name it at their end only */
+        return sbi_fail(error, result, "the trial's linear system failed: %s", sb_result_string(result));
     return result;
 }
 
