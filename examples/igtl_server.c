@@ -5,8 +5,8 @@
  * It listens on 127.0.0.1:18944, steps the organ in real time, sends each peer the deformed skin, and takes a tool,
  * targets to pull at and statements from them: the tables in igtl_organ.h and igtl_service.h. In 3D Slicer add a
  * connector of the module OpenIGTLinkIF as client; the organ appears as the model Organ. Slicer's axes are right,
- * anterior, superior, in mm; for a mesh in left, posterior, superior axes give --lps. Exit status: 0, 2 wrong usage, a
- * file that cannot be read or a port that is taken, 3 memory is short. */
+ * anterior, superior, in mm; for a mesh in left, posterior, superior axes give --lps. Under Windows link with ws2_32.
+ * Exit status: 0, 2 wrong usage, a file that cannot be read or a port that is taken, 3 memory is short. */
 #include "system.h"
 
 #define SB_IMPLEMENTATION
