@@ -2587,11 +2587,11 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind, IntPtr points, double* weights);
     /// <summary>
-    /// Checks whether a table describes an element that can be computed with, or a cloud. SB_ERROR_ARGUMENT (null pointer, a count out
-    /// of range, weights not positive or with another sum than the volume inside the faces, faces that do not close or look
-    /// inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi, gradients
-    /// that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the message
-    /// names what, and error-&gt;node the local node where there is one. error may be NULL.
+    /// Checks whether a table describes an element that can be computed with, or a cloud. SB_ERROR_ARGUMENT (null pointer, a
+    /// count out of range, weights not positive or with another sum than the volume inside the faces, faces that do not
+    /// close or look inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi,
+    /// gradients that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the
+    /// message names what, and error-&gt;node the local node where there is one. error may be NULL.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_element_table_check(sb_element_table* table, sb_error* error);
@@ -3710,8 +3710,8 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_particles_map_points(sb_particles* particles, sb_vec3* points, int count, sb_allocator* allocator, sb_grid_rows* rows, sb_error* error);
     /// <summary>
-    /// Rows of points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh, one for each
-    /// piece when triangles are cut into pieces no longer than a spacing; areas sum to those of the triangles and first
+    /// Rows of points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh, one for
+    /// each piece when triangles are cut into pieces no longer than a spacing; areas sum to those of the triangles and first
     /// moments are exact. sb_grid_add_traction makes forces of tractions. Errors as above, and SB_ERROR_INDEX (a triangle),
     /// SB_ERROR_UNSUPPORTED (more rows than an int counts).
     /// </summary>
