@@ -3,16 +3,16 @@
 
 /* ---- boxes ---- */
 
-static int sbi_near_box_of(const sbi_near *near, double x, int axis)
+static int sbi_near_place(const sbi_near *near, double x, int axis)
 {
     double box = floor((x - near->low[axis]) / near->edge);
     return box > 0 ? (box < near->dims[axis] ? (int)box : near->dims[axis] - 1) : 0;
 }
 
-static int sbi_near_box(const sbi_near *near, sb_vec3 at)
+static int sbi_near_box_at(const sbi_near *near, sb_vec3 at)
 {
-    int x = sbi_near_box_of(near, (double)at.x, 0), y = sbi_near_box_of(near, (double)at.y, 1);
-    return (sbi_near_box_of(near, (double)at.z, 2) * near->dims[1] + y) * near->dims[0] + x;
+    int x = sbi_near_place(near, (double)at.x, 0), y = sbi_near_place(near, (double)at.y, 1);
+    return (sbi_near_place(near, (double)at.z, 2) * near->dims[1] + y) * near->dims[0] + x;
 }
 
 /* Boxes of about one particle each, no more than twice as many as there are particles. */
@@ -58,11 +58,11 @@ SBI_API sb_result sbi_near_create(const sb_vec3 *points, int count, sb_real spac
     near->start = (int *)near->memory;
     near->items = near->start + boxes + 1;
     for (int i = 0; i < count; i++)
-        near->start[sbi_near_box(near, points[i]) + 1]++;
+        near->start[sbi_near_box_at(near, points[i]) + 1]++;
     for (size_t b = 0; b < boxes; b++)
         near->start[b + 1] += near->start[b];
     for (int i = count; i-- > 0;) /* moves each end to its beginning ... */
-        near->items[--near->start[sbi_near_box(near, points[i]) + 1]] = i;
+        near->items[--near->start[sbi_near_box_at(near, points[i]) + 1]] = i;
     memmove(near->start, near->start + 1, boxes * sizeof(int));
     near->start[boxes] = count; /* ... and the list with it */
     return SB_OK;
@@ -163,7 +163,7 @@ static int sbi_near_add_ring(sbi_near_list *list, int ring, double *known)
     int own[3], first[3], last[3];
     double reach = HUGE_VAL;
     for (int k = 0; k < 3; k++) {
-        own[k] = sbi_near_box_of(near, at[k], k);
+        own[k] = sbi_near_place(near, at[k], k);
         first[k] = sbi_max_int(own[k] - ring, 0);
         last[k] = sbi_min_int(own[k] + ring, near->dims[k] - 1);
         if (own[k] - ring > 0)
