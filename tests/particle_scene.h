@@ -80,6 +80,15 @@ static inline sb_particles make_particles(const sb_particles_def *def)
     return p;
 }
 
+static inline sb_body_def cloud_body_def(const sb_particles *p, sb_material material)
+{
+    sb_body_def def = sb_default_body_def();
+    def.mesh = &p->mesh;
+    def.domain = &p->domain;
+    def.material = material;
+    return def;
+}
+
 /* Two triangles in the plane x = `at`, over y and z from low to high. */
 static inline sb_mesh make_sheet(sb_real at, sb_real low, sb_real high)
 {

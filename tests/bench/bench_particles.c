@@ -1,5 +1,5 @@
-/* bench_particles: steps of the thesis' beam of 10 x 40 x 10 particles (Brunet 2020, tables 3.1 and 3.2), bent by gravity:
- * corotated, E 2000 Pa, nu 0.3, rho 6.23, implicit Euler of 5 ms, residual 1e-3, one end held. Spacing 0.25 m.
+/* bench_particles: steps of the thesis' beam of 10 x 40 x 10 particles (Brunet 2020, tables 3.1 and 3.2), bent by
+ * gravity: corotated, E 2000 Pa, nu 0.3, rho 6.23, implicit Euler of 5 ms, residual 1e-3, one end held. Spacing 0.25 m.
  *
  *     particles_mls         point-based, least squares gradients, 10 neighbours
  *     particles_sph         the same with SPH gradients
@@ -7,7 +7,8 @@
  *     particles_grid_8      eight points in each
  *     particles_hex8        the bricks as hex8 elements
  *
- * One line per workload:
+ * bench_particles [NAME [KIND]]: those whose names have NAME in them, with a preconditioner (sb_precond_kind; default
+ * SB_PRECOND_BLOCK_JACOBI: in steps of 5 ms mass outweighs stiffness). One line per workload:
  *     name n_dof points nodes_per_point blocks setup_ms median_ms min_ms p99_ms iterations checksum | force tangent
  *     precond solve (ms)
  * The times are over 200 steps after 20, iterations their mean, the checksum the sum of |u| after them. Asserts
@@ -22,6 +23,8 @@
 
 enum { WARM = 20, STEPS = 200 };
 
+static sb_precond_kind kind = SB_PRECOND_BLOCK_JACOBI;
+
 static void run(const char *name, const sb_mesh *mesh, const sb_domain *domain, double setup)
 {
     sb_body_def def = sb_default_body_def();
@@ -32,6 +35,7 @@ static void run(const char *name, const sb_mesh *mesh, const sb_domain *domain, 
     def.domain = domain;
     def.material = sb_material_corotated(2000, (sb_real)0.3, (sb_real)6.23);
     def.gravity = sb_v3((sb_real)9.81, 0, 0);
+    def.preconditioner = kind;
     def.clock = now;
     def.jobs = jobs_asked_for();
     if (sb_body_create(&def, &body, &error) != SB_OK) {
@@ -60,9 +64,8 @@ static void run(const char *name, const sb_mesh *mesh, const sb_domain *domain, 
         sum += (double)sb_v3_norm(sb_body_displacements(body)[i]);
     qsort(times, STEPS, sizeof times[0], ascending);
     printf("%s %d %d %d %d %.0f %.2f %.2f %.2f %.1f %.9e | %.2f %.2f %.2f %.2f\n", name, 3 * mesh->node_count,
-           mesh->element_count, sb_mesh_element_width(mesh), sb_body_matrix_blocks(body), 1e3 * setup,
-           times[STEPS / 2], times[0], times[STEPS - 1 - STEPS / 100], iterations, sum, phases[0], phases[1], phases[2],
-           phases[3]);
+           mesh->element_count, sb_mesh_element_width(mesh), sb_body_matrix_blocks(body), 1e3 * setup, times[STEPS / 2],
+           times[0], times[STEPS - 1 - STEPS / 100], iterations, sum, phases[0], phases[1], phases[2], phases[3]);
     fflush(stdout);
     sb_body_destroy(body);
 }
@@ -103,10 +106,11 @@ int main(int argc, char **argv)
                 {"particles_sph", SB_PARTICLES_SPH, 1},
                 {"particles_grid_1", SB_PARTICLES_GRID, 1},
                 {"particles_grid_8", SB_PARTICLES_GRID, 8}};
+    if (argc > 2)
+        kind = (sb_precond_kind)atoi(argv[2]);
     if (sb_mesh_beam(SB_HEX8, 9, 39, 9, sb_v3((sb_real)2.25, (sb_real)9.75, (sb_real)2.25), NULL, &bricks, NULL) ||
         sb_mesh_boundary(&bricks, 1, NULL, &boundary, NULL) ||
-        sb_surface_triangulate(&boundary.surface, NULL, &skin, NULL) ||
-        sb_surface_create(&skin, NULL, &surface, NULL))
+        sb_surface_triangulate(&boundary.surface, NULL, &skin, NULL) || sb_surface_create(&skin, NULL, &surface, NULL))
         return 1;
     for (int k = 0; k < 4; k++)
         if (strstr(all[k].name, only))
