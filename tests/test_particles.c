@@ -696,6 +696,7 @@ static void test_arguments(void)
     REFUSE(def.kernel = (sb_kernel)0, SB_ERROR_ARGUMENT, "kernel");
     REFUSE(def.radius_rule = (sb_radius_rule)7, SB_ERROR_ARGUMENT, "radius_rule");
     REFUSE(def.radius_rule = SB_RADIUS_FIXED, SB_ERROR_ARGUMENT, "radius");
+    REFUSE(def.radius = REAL(NAN), SB_ERROR_ARGUMENT, "radius");
     REFUSE(def.dilatation = REAL(0.9), SB_ERROR_ARGUMENT, "dilatation");
     REFUSE(def.dilatation = REAL(NAN), SB_ERROR_ARGUMENT, "dilatation");
     REFUSE(def.neighbours = 3, SB_ERROR_ARGUMENT, "neighbours");

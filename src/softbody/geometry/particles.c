@@ -73,8 +73,10 @@ static sb_result sbi_particles_check_choices(const sb_particles_def *def, sb_err
 static sb_result sbi_particles_check_reach(const sb_particles_def *def, sb_error *error)
 {
     int least = def->method == SB_PARTICLES_GRID ? 2 * def->basis : 4;
-    if (def->radius_rule == SB_RADIUS_FIXED && (!(def->radius > 0) || !sb_is_finite(def->radius)))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.radius %g must be > 0", (double)def->radius);
+    if (!(def->radius >= 0) || !sb_is_finite(def->radius) ||
+        (def->radius_rule == SB_RADIUS_FIXED && !(def->radius > 0)))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.radius %g must be >= 0, with SB_RADIUS_FIXED > 0",
+                        (double)def->radius);
     if (!(def->dilatation >= 1) || !(def->dilatation <= 10))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.dilatation %g must be in [1, 10]", (double)def->dilatation);
     if (def->neighbours < 4 || def->neighbours > SB_MAX_NEIGHBOURS)
