@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
+# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, particles_study, the needle
 # programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
@@ -308,6 +308,20 @@ expect 0 '^cylinder_study \[OPTIONS\]' cylinder_study --help
 expect 2 '--steps needs a whole number' cylinder_study --steps 0
 expect 2 'no-such-case' cylinder_study --quick no-such-case
 expect 2 'no-such-folder' cylinder_study --quick -o no-such-folder/study
+
+# ---- particles_study ----
+long expect 0 'particles.svg written' particles_study --quick --steps 3 -o particles
+long check "two tables of 5 rows, 9 beams and a head of CSV" eval '[ "$(wc -l <particles.csv | tr -d " ")" = 20 ]'
+long check "a chart of two panels" eval '[ "$(grep -c "particles or nodes" particles.svg)" = 1 ]'
+# beams of grids of eight points bend within 8 % of the elements', of ten monomials within 3 %
+long check "beams of particles bend as they should" awk -F, '
+    $2 == "grid 8 points linear" { d = $4 / 44.946 - 1; if (d > 0.08 || d < -0.08) bad = 1; n++ }
+    $2 == "grid 8 points quadratic" { d = $4 / 44.946 - 1; if (d > 0.03 || d < -0.03) bad = 1; n++ }
+    END { exit !(n == 3 && !bad) }' particles.csv
+expect 0 '^particles_study \[OPTIONS\]' particles_study --help
+expect 2 '--steps needs a whole number' particles_study --steps 0
+expect 2 'is one word too many' particles_study beam.vtk
+expect 2 'no-such-folder' particles_study --quick -o no-such-folder/particles
 
 # ---- needle_prostate ----
 header='t,tip_x,tip_y,tip_z,base_fx,base_fy,base_fz,base_torque,static,dynamic,trials,iterations,quality,min_dihedral'
@@ -892,7 +906,7 @@ expect 0 '^needle_study \[OPTIONS\]' needle_study --help
 expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
 
 # ---- a full disk ----
-all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
+all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study particles_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
     palpation drop cut_scalpel cut_resect cut_force cut_study
     needle_study igtl_server igtl_client"

@@ -47,6 +47,8 @@ typedef struct world {
     sb_surface *shape;
     sb_grid grid;
     sb_grid_rows rows;
+    sb_particles particles;
+    sb_body *cloud_body;         /* of the particles */
     sb_body *pierced, *remeshed; /* of the needle, and of the remesher */
     ndl_needle *needle;
     ndl_remesh *remesh;
@@ -79,6 +81,7 @@ typedef struct world {
     ndl_surface_hit entry;
     sb_embedding_def embedding_def;
     sb_grid_def grid_def;
+    sb_particles_def particles_def;
     sb_stuff_def stuff_def;
     sb_field fields[1];
     sb_test_point tests[6];
@@ -727,6 +730,34 @@ static sb_grid *world_grid(world *w)
     return &w->grid;
 }
 
+static sb_particles_def *world_particles_def(world *w)
+{
+    w->particles_def = sb_default_particles_def();
+    w->particles_def.outer = *world_solid(w);
+    w->particles_def.cells = 3;
+    w->particles_def.allocator = w->allocator;
+    return &w->particles_def;
+}
+
+static sb_particles *world_particles(world *w)
+{
+    if (!w->particles.mesh.nodes)
+        CHECK_OK(sb_particles_create(world_particles_def(w), &w->particles, NULL));
+    return &w->particles;
+}
+
+static sb_body *world_cloud_body(world *w)
+{
+    sb_body_def def = sb_default_body_def();
+    def.mesh = &world_particles(w)->mesh;
+    def.domain = &w->particles.domain;
+    def.material = w->material;
+    def.allocator = w->allocator;
+    if (!w->cloud_body)
+        CHECK_OK(sb_body_create(&def, &w->cloud_body, NULL));
+    return w->cloud_body;
+}
+
 static sb_grid_rows *world_rows(world *w)
 {
     if (!w->rows.memory)
@@ -1345,6 +1376,8 @@ static void world_free(world *w)
     sb_body_destroy(w->remeshed);
     sb_grid_rows_free(&w->rows);
     sb_grid_free(&w->grid);
+    sb_body_destroy(w->cloud_body);
+    sb_particles_free(&w->particles);
     sb_surface_destroy(w->shape);
     sb_embedding_destroy(w->embedding);
     sb_pcg_workspace_free(&w->workspace);

@@ -174,6 +174,26 @@ public enum sb_grid_method
     SB_GRID_FINITE_CELL = 2,
     SB_GRID_WEIGHTED_CELL = 3,
 }
+public enum sb_particle_method
+{
+    SB_PARTICLES_SPH = 1,
+    SB_PARTICLES_MLS = 2,
+    SB_PARTICLES_GRID = 3,
+}
+public enum sb_kernel
+{
+    SB_KERNEL_SPIKY = 1,
+    SB_KERNEL_POLY6 = 2,
+    SB_KERNEL_COSINE = 3,
+    SB_KERNEL_CUBIC = 4,
+    SB_KERNEL_QUARTIC = 5,
+}
+public enum sb_radius_rule
+{
+    SB_RADIUS_FIXED = 1,
+    SB_RADIUS_FARTHEST = 2,
+    SB_RADIUS_MEAN = 3,
+}
 public enum sb_integrator
 {
     SB_EULER = 1,
@@ -1050,6 +1070,55 @@ public unsafe struct sb_grid_rows
     public double farthest;
     public void* memory;
     public sb_allocator allocator;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_particles_def
+{
+    public sb_particle_method method;
+    public sb_kernel kernel;
+    public sb_radius_rule radius_rule;
+    public double radius;
+    public double dilatation;
+    public int neighbours;
+    public int basis;
+    public int points_per_cell;
+    public int level;
+    public int consistent;
+    public sb_shape outer;
+    public sb_shape* inner;
+    public int inner_count;
+    public sb_vec3 low;
+    public sb_vec3 high;
+    public int cells;
+    public double spacing;
+    public fixed int counts[3];
+    public sb_vec3* points;
+    public int point_count;
+    public double* volumes;
+    public double volume;
+    public sb_allocator allocator;
+    public sb_jobs jobs;
+    public uint cookie;
+}
+[StructLayout(LayoutKind.Sequential)]
+public unsafe struct sb_particles
+{
+    public sb_mesh mesh;
+    public sb_domain domain;
+    public sb_element_table* table;
+    public sb_vec3* points;
+    public double* radii;
+    public double* shapes;
+    public byte* inner;
+    public double volume;
+    public double spacing;
+    public int grown;
+    public int lost;
+    public double worst_condition;
+    public double imbalance;
+    public sb_particles_def def;
+    public sb_surface** cuts;
+    public int cut_count;
 }
 public struct sb_body { }
 [StructLayout(LayoutKind.Sequential)]
@@ -2395,7 +2464,7 @@ public static unsafe class Native
 {
     public const string Library = "softbody";
     public const int SB_OUTPUT_PATH = 4096;
-    public const int SB_MAX_ELEMENT_NODES = 27;
+    public const int SB_MAX_ELEMENT_NODES = 32;
     public const int SB_MAX_FACE_NODES = 9;
     public const int SB_MAX_ELEMENT_FACES = 12;
     public const int SB_MAX_ELEMENT_EDGES = 24;
@@ -2418,6 +2487,7 @@ public static unsafe class Native
     public const int SB_GRID_EMPTY = -1;
     public const int SB_GRID_MAX_SHAPES = 30;
     public const int SB_GRID_MAX_LEVEL = 8;
+    public const int SB_MAX_NEIGHBOURS = 31;
     public const int SB_AUTO = -1;
     public const int SB_CHECK_SIZE = 1;
     public const int SB_CHECK_DENSITY = 2;
@@ -2529,11 +2599,11 @@ public static unsafe class Native
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind, IntPtr points, double* weights);
     /// <summary>
-    /// Checks whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
-    /// of range, weights not positive or with another sum than the volume inside the faces, faces that do not close or look
-    /// inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi, gradients
-    /// that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the message
-    /// names what, and error-&gt;node the local node where there is one. error may be NULL.
+    /// Checks whether a table describes an element that can be computed with, or a cloud. SB_ERROR_ARGUMENT (null pointer, a
+    /// count out of range, weights not positive or with another sum than the volume inside the faces, faces that do not
+    /// close or look inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi,
+    /// gradients that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the
+    /// message names what, and error-&gt;node the local node where there is one. error may be NULL.
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_result sb_element_table_check(sb_element_table* table, sb_error* error);
@@ -3620,6 +3690,54 @@ public static unsafe class Native
     /// </summary>
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern void sb_grid_add_traction(sb_grid_rows* rows, sb_vec3* tractions, int uniform, sb_vec3* forces);
+    /// <summary>
+    /// W (1/m^3) and dW/dr (1/m^4) at distance r (m, &gt;= 0) for the radius h (m, &gt; 0); 0 for an unknown kernel and where an
+    /// argument is out of range.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern double sb_kernel_value(sb_kernel kernel, double r, double h);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern double sb_kernel_slope(sb_kernel kernel, double r, double h);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_particles_def sb_default_particles_def();
+    /// <summary>
+    /// Makes particles. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (a
+    /// point or number), SB_ERROR_MESH (error-&gt;node names a particle at the place of another, error-&gt;element a point whose
+    /// neighbours stay in a plane after growing; nothing is inside), SB_ERROR_UNSUPPORTED (a point with more particles than
+    /// SB_MAX_ELEMENT_NODES), and what sb_grid_create returns; *particles is untouched.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_particles_create(sb_particles_def* def, sb_particles* particles, sb_error* error);
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern void sb_particles_free(sb_particles* particles);
+    /// <summary>
+    /// Rows of points[count] (m), in their order, for sb_body_add_mapping, sb_body_add_constraints and sb_mapping_apply: a
+    /// point is a sum of the positions of its neighbours by moving least squares functions, of four monomials for SPH and
+    /// MLS. In rows, `cells` is the nearest particle and `farthest` the largest distance to it. Points outside are
+    /// extrapolated, SB_ERROR_ARGUMENT names (error-&gt;node) the first farther than two spacings from any particle,
+    /// SB_ERROR_NOT_FINITE one that is not finite, SB_ERROR_MESH one whose neighbours do not span space;
+    /// SB_ERROR_MEMORY. *rows is untouched then. Release with sb_grid_rows_free. Source: eqs. 3.36, 3.37, where point-based
+    /// bodies need moving least squares functions of their own.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_particles_map_points(sb_particles* particles, sb_vec3* points, int count, sb_allocator* allocator, sb_grid_rows* rows, sb_error* error);
+    /// <summary>
+    /// Rows of points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh, one for
+    /// each piece when triangles are cut into pieces no longer than a spacing; areas sum to those of the triangles and first
+    /// moments are exact. sb_grid_add_traction makes forces of tractions. Errors as above, and SB_ERROR_INDEX (a triangle),
+    /// SB_ERROR_UNSUPPORTED (more rows than an int counts).
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_particles_map_surface(sb_particles* particles, sb_mesh* surface, int* triangles, int count, sb_allocator* allocator, sb_grid_rows* rows, sb_error* error);
+    /// <summary>
+    /// Cuts along a surface of triangles or quads, open or closed: no point has neighbours that a segment through it leads
+    /// to, then or in cuts to come. Points are made anew where that changes something, with growing radii; one whose
+    /// neighbours do not span space even then does without what they do not see (`lost`). Make a new body of the result; the
+    /// old one keeps what it copied, but borrows the table: destroy it before sb_particles_free. Errors as
+    /// sb_surface_create, SB_ERROR_ARGUMENT, SB_ERROR_MEMORY; *particles is as it was.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_particles_cut(sb_particles* particles, sb_mesh* surface, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern sb_body_def sb_default_body_def();
     /// <summary>
@@ -4248,6 +4366,18 @@ public static unsafe class Native
     public static extern sb_result sb_skin_create(sb_embedding* embedding, sb_mesh* surface, sb_allocator* allocator, sb_skin** skin, sb_error* error);
     [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
     public static extern void sb_skin_destroy(sb_skin* skin);
+    /// <summary>
+    /// Adds a load (sb_body_remove_load takes it away) that holds the neighbours of every point to the linear field of its
+    /// gradient: a gradient that is centred on a particle does not see that particle, and one point in a brick does not see
+    /// its hourglasses. With s_j = u_j - sum_a (phi_a + g_a . (X_j - X_p)) u_a its energy is
+    ///     alpha / 2 (lambda + 2 mu) w_p sum_j W_j |s_j|^2 / sum_j W_j |X_j - X_p|^2,
+    /// a constant tangent within that of the body: nothing for linear fields and rigid motions, of any size. alpha: (0, 10];
+    /// 0.02 is enough. [after Ganzenmueller 2015, in linear form.] Moduli are those of now. body must have been made of
+    /// particles-&gt;mesh and -&gt;domain: SB_ERROR_ARGUMENT where counts differ, alpha is out of range, or with gradients that
+    /// miss linear fields (SPH, a basis of 1), which it would hold; SB_ERROR_MEMORY. Nothing is added then.
+    /// </summary>
+    [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
+    public static extern sb_result sb_particles_stabilise(sb_particles* particles, sb_body* body, double alpha, int* load_id, sb_error* error);
     /// <summary>
     /// Adds the equation sum_k coefficient_k u[node_k].axis_k = value (m). The first term is the slave: its displacement
     /// follows from the others, as in Abaqus' *EQUATION, so its coefficient must not be 0 (nor so small beside the others

@@ -190,6 +190,14 @@
 #define sb_grid_map_surface sb_grid_map_surface_f32
 #define sb_grid_rows_free sb_grid_rows_free_f32
 #define sb_grid_add_traction sb_grid_add_traction_f32
+#define sb_kernel_value sb_kernel_value_f32
+#define sb_kernel_slope sb_kernel_slope_f32
+#define sb_default_particles_def sb_default_particles_def_f32
+#define sb_particles_create sb_particles_create_f32
+#define sb_particles_free sb_particles_free_f32
+#define sb_particles_map_points sb_particles_map_points_f32
+#define sb_particles_map_surface sb_particles_map_surface_f32
+#define sb_particles_cut sb_particles_cut_f32
 #define sb_default_body_def sb_default_body_def_f32
 #define sb_body_create sb_body_create_f32
 #define sb_body_destroy sb_body_destroy_f32
@@ -301,6 +309,7 @@
 #define sb_embedding_unfollow sb_embedding_unfollow_f32
 #define sb_skin_create sb_skin_create_f32
 #define sb_skin_destroy sb_skin_destroy_f32
+#define sb_particles_stabilise sb_particles_stabilise_f32
 #define sb_body_add_constraint sb_body_add_constraint_f32
 #define sb_body_add_constraints sb_body_add_constraints_f32
 #define sb_body_set_constraint_value sb_body_set_constraint_value_f32

@@ -33,6 +33,7 @@
  *                        readers.
  *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids, embeddings and what touches surfaces: tools, organs
  *                        and hands (SB_NO_CONTACT). needle.h and register.h need them.
+ *     SB_NO_PARTICLES    leaves out sb_particles.
  *     SB_NO_CONTACT      leaves out sb_contact and sb_haptic.
  *     SB_NO_CUT          leaves out sb_cut.
  *     SB_NO_IDENTIFY     leaves out derivatives (sb_body_gradient and its kin) and what is identified by them.
@@ -121,10 +122,10 @@
  * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
  *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create
- *              lays them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
- * sb_cut       triangles that cut a body while it runs; sb_cut_surface: what is drawn of it;
- *              sb_cut_fine: a fine skin of your own that is cut along.
- * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
+ *              lays them into a grid of bricks that they cut, sb_particles_create fills them with particles. All take
+ * an sb_shape: a surface, or a distance function. sb_cut       triangles that cut a body while it runs; sb_cut_surface:
+ * what is drawn of it; sb_cut_fine: a fine skin of your own that is cut along. sb_embedding points and surfaces carried
+ * along by a volume mesh, and forces on them brought back.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
  * shape, inside out included. sb_material_stable_neo_hookean for large strains that must survive too.
@@ -327,7 +328,8 @@
  * Every object takes an sb_allocator ({0}: malloc). All memory for stepping is taken at creation and when supports
  * are added; a step allocates nothing. When the allocator returns NULL the call fails with SB_ERROR_MEMORY and
  * nothing leaks. Calls of this header, of needle.h and of register.h need at most 128 kB of stack, most of it for the
- * stiffness of a hex27 (58 kB), on each thread that works for def.jobs too; your callbacks come on top of it.
+ * stiffness of a cloud of 32 nodes (74 kB), on each thread that works for def.jobs too; your callbacks come on top of
+ * it.
  *
  * THREADS
  *
@@ -346,6 +348,6 @@
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
  * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse,
- * domain, direct, multigrid, precond, pcg, grid, body, live_mesh (meshes that change: sb_body_change_begin), load,
- * embed, body_embed (points that follow a body whose mesh changes), constraint, step, modes, state, record.
+ * domain, direct, multigrid, precond, pcg, grid, particles, body, live_mesh (meshes that change: sb_body_change_begin),
+ * load, embed, body_embed (points that follow a body whose mesh changes), constraint, step, modes, state, record.
  */

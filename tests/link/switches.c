@@ -1,4 +1,4 @@
-/* A trainer's unit that leaves parts out by SB_NO_FILES, SB_NO_GEOMETRY, SB_NO_CONTACT, SB_NO_CUT and SB_NO_IDENTIFY:
+/* A trainer's unit that leaves parts out by SB_NO_FILES, SB_NO_GEOMETRY, SB_NO_CONTACT and the like:
  * makes a body, steps it, saves and loads its state in memory. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"

@@ -32,7 +32,7 @@ SB_HEX8 = 12
 SB_HEX20 = 13
 SB_HEX27 = 14
 SB_CUSTOM = 15
-SB_MAX_ELEMENT_NODES = 27
+SB_MAX_ELEMENT_NODES = 32
 SB_MAX_FACE_NODES = 9
 SB_MAX_ELEMENT_FACES = 12
 SB_MAX_ELEMENT_EDGES = 24
@@ -141,6 +141,18 @@ SB_GRID_WEIGHTED_CELL = 3
 SB_GRID_EMPTY = -1
 SB_GRID_MAX_SHAPES = 30
 SB_GRID_MAX_LEVEL = 8
+SB_PARTICLES_SPH = 1
+SB_PARTICLES_MLS = 2
+SB_PARTICLES_GRID = 3
+SB_KERNEL_SPIKY = 1
+SB_KERNEL_POLY6 = 2
+SB_KERNEL_COSINE = 3
+SB_KERNEL_CUBIC = 4
+SB_KERNEL_QUARTIC = 5
+SB_RADIUS_FIXED = 1
+SB_RADIUS_FARTHEST = 2
+SB_RADIUS_MEAN = 3
+SB_MAX_NEIGHBOURS = 31
 SB_AUTO = -1
 SB_EULER = 1
 SB_NEWMARK = 2
@@ -375,6 +387,8 @@ class sb_pcg_workspace(Structure): pass
 class sb_grid_def(Structure): pass
 class sb_grid(Structure): pass
 class sb_grid_rows(Structure): pass
+class sb_particles_def(Structure): pass
+class sb_particles(Structure): pass
 class sb_body(Structure): pass
 class sb_region_material(Structure): pass
 class sb_body_def(Structure): pass
@@ -1004,6 +1018,51 @@ sb_grid_rows._fields_ = [
     ("farthest", c_double),
     ("memory", c_void_p),
     ("allocator", sb_allocator),
+]
+sb_particles_def._fields_ = [
+    ("method", c_int),
+    ("kernel", c_int),
+    ("radius_rule", c_int),
+    ("radius", c_double),
+    ("dilatation", c_double),
+    ("neighbours", c_int),
+    ("basis", c_int),
+    ("points_per_cell", c_int),
+    ("level", c_int),
+    ("consistent", c_int),
+    ("outer", sb_shape),
+    ("inner", POINTER(sb_shape)),
+    ("inner_count", c_int),
+    ("low", sb_vec3),
+    ("high", sb_vec3),
+    ("cells", c_int),
+    ("spacing", c_double),
+    ("counts", c_int * 3),
+    ("points", POINTER(sb_vec3)),
+    ("point_count", c_int),
+    ("volumes", POINTER(c_double)),
+    ("volume", c_double),
+    ("allocator", sb_allocator),
+    ("jobs", sb_jobs),
+    ("cookie", c_uint),
+]
+sb_particles._fields_ = [
+    ("mesh", sb_mesh),
+    ("domain", sb_domain),
+    ("table", POINTER(sb_element_table)),
+    ("points", POINTER(sb_vec3)),
+    ("radii", POINTER(c_double)),
+    ("shapes", POINTER(c_double)),
+    ("inner", POINTER(c_ubyte)),
+    ("volume", c_double),
+    ("spacing", c_double),
+    ("grown", c_int),
+    ("lost", c_int),
+    ("worst_condition", c_double),
+    ("imbalance", c_double),
+    ("def", sb_particles_def),
+    ("cuts", POINTER(POINTER(sb_surface))),
+    ("cut_count", c_int),
 ]
 sb_region_material._fields_ = [
     ("region", c_int),
@@ -2304,6 +2363,14 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_grid_map_surface": (c_int, (POINTER(sb_grid), POINTER(sb_mesh), POINTER(c_int), c_int, POINTER(sb_allocator), POINTER(sb_grid_rows), POINTER(sb_error), )),
     "sb_grid_rows_free": (None, (POINTER(sb_grid_rows), )),
     "sb_grid_add_traction": (None, (POINTER(sb_grid_rows), POINTER(sb_vec3), c_int, POINTER(sb_vec3), )),
+    "sb_kernel_value": (c_double, (c_int, c_double, c_double, )),
+    "sb_kernel_slope": (c_double, (c_int, c_double, c_double, )),
+    "sb_default_particles_def": (sb_particles_def, ()),
+    "sb_particles_create": (c_int, (POINTER(sb_particles_def), POINTER(sb_particles), POINTER(sb_error), )),
+    "sb_particles_free": (None, (POINTER(sb_particles), )),
+    "sb_particles_map_points": (c_int, (POINTER(sb_particles), POINTER(sb_vec3), c_int, POINTER(sb_allocator), POINTER(sb_grid_rows), POINTER(sb_error), )),
+    "sb_particles_map_surface": (c_int, (POINTER(sb_particles), POINTER(sb_mesh), POINTER(c_int), c_int, POINTER(sb_allocator), POINTER(sb_grid_rows), POINTER(sb_error), )),
+    "sb_particles_cut": (c_int, (POINTER(sb_particles), POINTER(sb_mesh), POINTER(sb_error), )),
     "sb_default_body_def": (sb_body_def, ()),
     "sb_body_create": (c_int, (POINTER(sb_body_def), POINTER(POINTER(sb_body)), POINTER(sb_error), )),
     "sb_body_destroy": (None, (POINTER(sb_body), )),
@@ -2415,6 +2482,7 @@ FUNCTIONS = {  # name: (what it returns, parameters)
     "sb_embedding_unfollow": (c_int, (POINTER(sb_embedding), )),
     "sb_skin_create": (c_int, (POINTER(sb_embedding), POINTER(sb_mesh), POINTER(sb_allocator), POINTER(POINTER(sb_skin)), POINTER(sb_error), )),
     "sb_skin_destroy": (None, (POINTER(sb_skin), )),
+    "sb_particles_stabilise": (c_int, (POINTER(sb_particles), POINTER(sb_body), c_double, POINTER(c_int), POINTER(sb_error), )),
     "sb_body_add_constraint": (c_int, (POINTER(sb_body), POINTER(sb_constraint_term), c_int, c_double, POINTER(c_int), POINTER(sb_error), )),
     "sb_body_add_constraints": (c_int, (POINTER(sb_body), POINTER(sb_constraint_term), POINTER(c_int), POINTER(c_double), c_int, POINTER(c_int), POINTER(sb_error), )),
     "sb_body_set_constraint_value": (c_int, (POINTER(sb_body), c_int, c_double, )),
@@ -2701,7 +2769,7 @@ DOCUMENTATION = {
     'sb_element_node_point': 'Parameters of local node `node`; returns 1, or 0 (nothing written) for no such node.',
     'sb_element_shape': 'Shape functions N and their gradients dN/dxi at xi. shape: [nodes] or NULL; gradient: [nodes][3] or NULL,\nthe third component 0 for surfaces. Nothing is written for an unknown type.',
     'sb_element_quadrature': "Points (parameters xi) and weights of a rule; the weights sum to the parameter domain's measure (tet 1/6,\ntriangle 1/2, hex 8, quad 4). Returns the number of points, 0 (nothing written) when there is no such rule.\nPoint order: tets by the corner a point is nearest to, hexes with xi fastest, as in Abaqus and CalculiX.",
-    'sb_element_table_check': "Checks whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out\nof range, weights not positive or with another sum than the volume inside the faces, faces that do not close or look\ninward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi, gradients\nthat are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the message\nnames what, and error->node the local node where there is one. error may be NULL.",
+    'sb_element_table_check': "Checks whether a table describes an element that can be computed with, or a cloud. SB_ERROR_ARGUMENT (null pointer, a\ncount out of range, weights not positive or with another sum than the volume inside the faces, faces that do not\nclose or look inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi,\ngradients that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the\nmessage names what, and error->node the local node where there is one. error may be NULL.",
     'sb_mesh_free': 'Releases the arrays through mesh->allocator and zeroes the struct. Safe on {0} and on NULL.',
     'sb_mesh_copy': 'Deep copy with memory from `allocator`.',
     'sb_mesh_append': 'Appends nodes and elements of `other`, which has the same element type (and table), to the mesh: they get the numbers\nafter its own, and no node is merged. Regions are kept (0 where one of the two has none). New arrays come\nfrom mesh->allocator, the old ones go back to it; `other` may be the mesh itself. On failure\n(SB_ERROR_ARGUMENT also for different types, _MESH for more than 2^31-1 nodes or elements, _INDEX,\n_NOT_FINITE, _MEMORY) the mesh is as it was.',
@@ -2836,6 +2904,11 @@ DOCUMENTATION = {
     'sb_grid_map_points': 'Rows of points[count] (m), in their order. A point outside all kept cells belongs to the nearest one, whose shape\nfunctions go on outside: rows give back positions, and carry the force and moment of a load, exactly all the same.\nSB_ERROR_ARGUMENT names (error->node) the first that is farther away than the longest edge of a cell,\nSB_ERROR_NOT_FINITE one that is not finite; SB_ERROR_MEMORY. *rows is untouched then. O(count). Source: eqs. 4.4,\n4.16.',
     'sb_grid_map_surface': "Rows of integration points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh,\ncut finely enough for the cells: one for a triangle with edges up to half a cell, otherwise three in each of its\npieces with edges up to a cell. Their areas sum to that of the triangles, and their moments are exact. Errors as\nabove, and SB_ERROR_INDEX (a triangle), SB_ERROR_MESH (one without area), SB_ERROR_UNSUPPORTED (more rows than an int\ncounts).\n    Penalty displacements (eqs. 4.18-4.21): sb_body_add_mapping(body, &rows.rows, stiffness, 0, targets, ...) with\n    stiffness[j] = kappa areas[j], kappa (Pa/m) some 10 to 100 times Young's modulus over the cell size.",
     'sb_grid_add_traction': 'forces[nodes of the grid] (N) += what tractions[row_count] (Pa on the undeformed area), or one for all when uniform\nis 1, exert on the nodes; hand them to sb_body_add_forces. Rows need areas; others change nothing. Source: eqs.\n4.14-4.17.',
+    'sb_kernel_value': 'W (1/m^3) and dW/dr (1/m^4) at distance r (m, >= 0) for the radius h (m, > 0); 0 for an unknown kernel and where an\nargument is out of range.',
+    'sb_particles_create': 'Makes particles. Same bits for any threads. SB_ERROR_ARGUMENT (a field out of range, named), SB_ERROR_NOT_FINITE (a\npoint or number), SB_ERROR_MESH (error->node names a particle at the place of another, error->element a point whose\nneighbours stay in a plane after growing; nothing is inside), SB_ERROR_UNSUPPORTED (a point with more particles than\nSB_MAX_ELEMENT_NODES), and what sb_grid_create returns; *particles is untouched.',
+    'sb_particles_map_points': 'Rows of points[count] (m), in their order, for sb_body_add_mapping, sb_body_add_constraints and sb_mapping_apply: a\npoint is a sum of the positions of its neighbours by moving least squares functions, of four monomials for SPH and\nMLS. In rows, `cells` is the nearest particle and `farthest` the largest distance to it. Points outside are\nextrapolated, SB_ERROR_ARGUMENT names (error->node) the first farther than two spacings from any particle,\nSB_ERROR_NOT_FINITE one that is not finite, SB_ERROR_MESH one whose neighbours do not span space;\nSB_ERROR_MEMORY. *rows is untouched then. Release with sb_grid_rows_free. Source: eqs. 3.36, 3.37, where point-based\nbodies need moving least squares functions of their own.',
+    'sb_particles_map_surface': 'Rows of points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh, one for\neach piece when triangles are cut into pieces no longer than a spacing; areas sum to those of the triangles and first\nmoments are exact. sb_grid_add_traction makes forces of tractions. Errors as above, and SB_ERROR_INDEX (a triangle),\nSB_ERROR_UNSUPPORTED (more rows than an int counts).',
+    'sb_particles_cut': 'Cuts along a surface of triangles or quads, open or closed: no point has neighbours that a segment through it leads\nto, then or in cuts to come. Points are made anew where that changes something, with growing radii; one whose\nneighbours do not span space even then does without what they do not see (`lost`). Make a new body of the result; the\nold one keeps what it copied, but borrows the table: destroy it before sb_particles_free. Errors as\nsb_surface_create, SB_ERROR_ARGUMENT, SB_ERROR_MEMORY; *particles is as it was.',
     'sb_body_create': "Creates a body at rest in the mesh's shape. All memory that stepping needs is taken here. On failure *body is\nuntouched and the error says what is wrong: SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE (field or node named),\nSB_ERROR_MESH (element named), SB_ERROR_INDEX (node index, or a region that the mesh does not have),\nSB_ERROR_MATERIAL (the material, or the element whose material has fibres but that no direction was given for),\nSB_ERROR_UNSUPPORTED (element left out by SB_ELEMENT), SB_ERROR_MEMORY. Destroy with sb_body_destroy.",
     'sb_body_node_count': '---- sizes ----',
     'sb_body_matrix_blocks': 'points per element that sb_body_stress reads; hex8 8, B-bar too',
@@ -2916,6 +2989,7 @@ DOCUMENTATION = {
     'sb_embedding_follow': "From now on the embedding follows every change of the body's mesh (sb_body_change_commit) and every state loaded with\nanother mesh. Its node positions are those of the body's slots, sb_body_positions(body); def.mesh need not have their\nnumbers, but has the body's rest shape: points are placed anew where they are at rest.\n- A point keeps its place at rest, that is its material, to rounding: in the cell made there when its cell was split\n  or a node slid in the material. Points in cells that did not change have the same bits as before.\n- A point whose cell was removed is held by the nearest of the cells around the change, as points outside are\n  (sb_embedding_kind), or by the nearest of all where these do not reach it; sb_embedded_point.lost and\n  sb_embedding_report.lost say so. It is back inside when cells are made there again.\n- Points outside that are held where the mesh changed are held anew from their places at rest.\n- In an element that is cut (sb_cut) a point goes with the piece that has its material, outside with the piece that\n  has its foot: it is where it was at the instant of the cut. Of a body that has an sb_cut the points are placed by\n  the first update after a state with another mesh; of one without nobody knows then which piece that is\n  (sb_body_find_cell), and points of cut elements may be held by the piece on the other side.\n- After a state with another mesh was loaded the points are placed anew from the mesh at rest: one on a face or\noutside may be held by another cell than before, and be drawn elsewhere by rounding, or outside by what that cell\nmakes of it. Those of a skin that tools touch (sb_contact_def.skin) are held as they were when the state was saved.\n- A change that is refused leaves the embedding as it was, to the bit.\n- A listener (sb_body_listen) finds the embedding changed when its `follow` is called, whichever came first. Between\n  its `reserve` and that, the embedding is not to be read.\nCost: a change searches the points of changed cells and makes anew what updates read of them; points and cells far\nfrom it cost nothing (tests/bench/RESULTS.md). The first call takes about as long as the creation. A change allocates\nwhen arrays have to grow, and to find a point that no cell around it holds. Without memory the change is refused\n(SB_ERROR_MEMORY). After a state was loaded without memory for this, the next sb_embedding_update or\nsb_embedding_forces tries again and says SB_ERROR_MEMORY in turn. It ends with either of the two, or\nsb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's), SB_ERROR_STATE (it follows a body\nalready), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it as it was.",
     'sb_embedding_unfollow': 'It stays as it is, and does not follow any more. SB_ERROR_STATE: it follows no body. SB_ERROR_ARGUMENT: NULL.',
     'sb_skin_create': "A skin of triangles between the points of an embedding.\nembedding  borrowed: destroy the skin first. Follows the body (sb_embedding_follow) where its mesh may change, since\n           before what acts on the skin was made, and until after that is destroyed\nsurface    tri3, whose nodes are the embedding's points; triangles counter-clockwise seen from outside. Copied\nallocator  NULL: malloc\nSB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (other faces than tri3), SB_ERROR_INDEX (error->element: a triangle with a\ncorner that is no point), SB_ERROR_MEMORY; *skin is then untouched.",
+    'sb_particles_stabilise': 'Adds a load (sb_body_remove_load takes it away) that holds the neighbours of every point to the linear field of its\ngradient: a gradient that is centred on a particle does not see that particle, and one point in a brick does not see\nits hourglasses. With s_j = u_j - sum_a (phi_a + g_a . (X_j - X_p)) u_a its energy is\n    alpha / 2 (lambda + 2 mu) w_p sum_j W_j |s_j|^2 / sum_j W_j |X_j - X_p|^2,\na constant tangent within that of the body: nothing for linear fields and rigid motions, of any size. alpha: (0, 10];\n0.02 is enough. [after Ganzenmueller 2015, in linear form.] Moduli are those of now. body must have been made of\nparticles->mesh and ->domain: SB_ERROR_ARGUMENT where counts differ, alpha is out of range, or with gradients that\nmiss linear fields (SPH, a basis of 1), which it would hold; SB_ERROR_MEMORY. Nothing is added then.',
     'sb_body_add_constraint': "Adds the equation sum_k coefficient_k u[node_k].axis_k = value (m). The first term is the slave: its displacement\nfollows from the others, as in Abaqus' *EQUATION, so its coefficient must not be 0 (nor so small beside the others\nthat a quotient overflows).\n  terms[count]  count >= 1; other terms may name supported nodes (the slave follows), nodes of no element (as\n                prescribed reference nodes) and slaves of other constraints (chains are resolved)\n  id            receives the constraint's number, >= 0, never used again by this body; may be NULL\nA gap that a new constraint finds open is closed like the way of a moving support: at once by a time step, by load\nincrements in a static solve. A slave's velocity becomes that of its masters.\nErrors, with nothing changed: SB_ERROR_INDEX (a node), SB_ERROR_ARGUMENT (an axis; a slave that is supported, as\nnodes of no element always are, the slave of another constraint, among its own masters, or in a circle of\nconstraints; node and axis named), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY. A constraint with m master nodes couples\nthem all: m^2 matrix blocks.",
     'sb_body_add_constraints': 'Adds `count` constraints at once, all or none: constraint c has the next term_counts[c] of `terms` and values[c]\n(values NULL: all 0). They get the numbers *first_id, *first_id + 1, ... (first_id may be NULL).',
     'sb_body_set_constraint_value': 'Changes the right-hand side (m) of one constraint; the next step or solve moves its slave there. Allocates nothing.\nSB_ERROR_INDEX: there is no such constraint; SB_ERROR_NOT_FINITE.',

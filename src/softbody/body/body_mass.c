@@ -326,10 +326,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             body->lumped_mass[cell[a]] += density * mass[a * n + a];
             body->load_mass[cell[a]] += density * load[a];
         }
-        if (body->domain.cell_mass)
+        if (body->domain.cell_mass && !sbi_domain_is_cloud(&body->domain))
             sbi_body_add_least_mass(body, e, x, density);
     }
-    if (body->domain.cell_mass && (sbi_body_lift_masses(body) || lifted))
+    if (body->domain.cell_mass && !sbi_domain_is_cloud(&body->domain) && (sbi_body_lift_masses(body) || lifted))
         sbi_body_tilt_masses(body);
     if (body->regional_damping)
         sbi_body_sum_damping(body);

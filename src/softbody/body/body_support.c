@@ -361,14 +361,22 @@ static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int t
     return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
 }
 
-/* What all terms of one part do to the row. */
+/* What all terms of one part do to the row. Weights may cancel, as those of a row do that sees no rigid motion: what is
+ * left of them then holds nothing, being rounding. */
 static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
 {
+    double size = 0;
     memset(r, 0, 6 * sizeof *r);
     for (int k = 0; k < row->count; k++)
-        if (sbi_body_row_part(body, row, k) == part)
+        if (sbi_body_row_part(body, row, k) == part) {
+            double weight = (double)row->weights[k] / row->scale;
+            size += weight < 0 ? -weight : weight;
             sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
-                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
+                                row->nodes ? row->axis : row->dofs[k] % 3, weight, r);
+        }
+    for (int i = 0; i < 6; i++)
+        if (r[i] * r[i] < 1e6 * (double)SB_EPSILON * (double)SB_EPSILON * size * size)
+            r[i] = 0;
 }
 
 /* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */

@@ -11,13 +11,19 @@ SBI_API int sbi_batch_fits(const sb_domain *domain)
 {
     int is_tet4 = domain->element_type == SB_TET4 && domain->points_per_cell == 1;
     int is_tet10 = domain->element_type == SB_TET10 && domain->points_per_cell == 4;
-    return (is_tet4 || is_tet10) && domain->cell_count < INT32_MAX / 256 - SB_POLAR_LANES; /* see sbi_batch_pair */
+    int is_cloud = sbi_domain_is_cloud(domain);
+    return (is_tet4 || is_tet10 || is_cloud) &&
+           domain->cell_count < (INT32_MAX >> 2 * sbi_batch_node_bits(domain->nodes_per_cell)) - SB_POLAR_LANES;
 }
 
-/* Else tet10; known at compile time when SB_ELEMENT is set. */
+/* Else tet10 or a cloud; known at compile time when SB_ELEMENT is set. */
 static int sbi_batch_is_tet4(const sbi_assembly *assembly)
 {
     return sbi_element_type_or_pinned(assembly->domain->element_type) == SB_TET4;
+}
+static int sbi_batch_is_cloud(const sbi_assembly *assembly)
+{
+    return SBI_ELEMENT_ENABLED(SB_CUSTOM) && assembly->domain->element_type == SB_CUSTOM;
 }
 
 static size_t sbi_batch_count(const sb_domain *domain)
@@ -78,10 +84,13 @@ SBI_API void sbi_batch_fill(sbi_assembly *assembly)
                 sbi_batch_fill_lane(assembly, sbi_batch_cell(domain, batch, l), batch, p, l);
 }
 
+/* 1 when the node is there for the width of the cells only: a cloud's last one, again. */
+static int sbi_batch_is_repeated(const int *cell, int node) { return node > 0 && cell[node] == cell[node - 1]; }
+
 SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
 {
     const sb_domain *domain = assembly->domain;
-    int *start = assembly->pair_start, n = domain->nodes_per_cell;
+    int *start = assembly->pair_start, n = domain->nodes_per_cell, bits = sbi_batch_node_bits(n);
     memset(start, 0, ((size_t)matrix->block_count + 1) * sizeof *start);
     for (int pass = 0; pass < 2; pass++) {
         const int *block = assembly->scatter;
@@ -90,12 +99,13 @@ SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matri
             for (int a = 0; a < n; a++)
                 for (int b = a; b < n; b++, block++) {
                     int flip = cell[a] > cell[b], at = flip ? matrix->transpose[*block] : *block;
-                    if (cell[a] == cell[b]) /* the diagonal, and all of a free slot */
+                    if (cell[a] == cell[b] || sbi_batch_is_repeated(cell, b)) /* the diagonal, a free slot's, no more */
                         continue;
                     if (pass == 0)
                         start[at]++;
                     else
-                        assembly->pairs[start[at]++] = flip ? sbi_batch_pair(e, b, a) : sbi_batch_pair(e, a, b);
+                        assembly->pairs[start[at]++] =
+                            flip ? sbi_batch_pair(e, b, a, bits) : sbi_batch_pair(e, a, b, bits);
                 }
         }
         for (int i = 0, sum = 0; pass == 0 && i <= matrix->block_count; i++) {
@@ -214,19 +224,25 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 /* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them
  * would otherwise read and write memory for each product. */
 
-/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. Three nodes at a time: there are three or nine
- * of them, n being 4 or 10, so that none is left over; one at a time, F would be read and written for each node. */
+/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. Three nodes at a time: one at a time, F would
+ * be read and written for each node. There are three or nine of them, n being 4 or 10, so that none is left over but of
+ * a cloud. */
 SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int i,
                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
-    for (int a = 0; a + 3 <= n - 1; a += 3, d += 9, g += 9)
+    int a = 0;
+    for (; a + 3 <= n - 1; a += 3, d += 9, g += 9)
         for (int l = 0; l < SB_POLAR_LANES; l++) {
             sb_real d0 = d[i][l], d1 = d[3 + i][l], d2 = d[6 + i][l];
             f[0][l] = f[0][l] + d0 * g[0][l] + d1 * g[3][l] + d2 * g[6][l];
             f[1][l] = f[1][l] + d0 * g[1][l] + d1 * g[4][l] + d2 * g[7][l];
             f[2][l] = f[2][l] + d0 * g[2][l] + d1 * g[5][l] + d2 * g[8][l];
         }
+    for (; a < n - 1; a++, d += 3, g += 3)
+        for (int k = 0; k < 3; k++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                f[k][l] += d[i][l] * g[k][l];
 }
 
 /* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
@@ -531,17 +547,31 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 10, force);
 }
 
-static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+/* Cells of one point; d: [3 (n - 1)] to work in. */
+SBI_FORCE_INLINE void sbi_batch_force_point(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch,
+                                            const int n, sb_real (*d)[SB_POLAR_LANES])
 {
-    sb_real *g = sbi_batch_gradients_at(assembly, batch, 0, 4, 1);
+    sb_real *g = sbi_batch_gradients_at(assembly, batch, 0, n, 1);
     const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
-    sbi_batch_rows d[9], f[9], r[9];
-    sbi_batch_gather(assembly->domain, batch, u, 4, d);
-    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 1, f);
+    sbi_batch_rows f[9], r[9];
+    sbi_batch_gather(assembly->domain, batch, u, n, d);
+    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 1, f);
     sb_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
     sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
-    sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), 4, 0, d);
-    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 4, force);
+    sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, 0, d);
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), n, force);
+}
+
+static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+{
+    sbi_batch_rows d[9];
+    sbi_batch_force_point(assembly, u, force, batch, 4, d);
+}
+
+static void sbi_batch_force_cloud(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+{
+    sbi_batch_rows d[3 * (SB_MAX_ELEMENT_NODES - 1)];
+    sbi_batch_force_point(assembly, u, force, batch, assembly->domain->nodes_per_cell, d);
 }
 
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end)
@@ -549,6 +579,8 @@ SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
         if (sbi_batch_is_tet4(assembly))
             sbi_batch_force_tet4(assembly, u, force, batch);
+        else if (sbi_batch_is_cloud(assembly))
+            sbi_batch_force_cloud(assembly, u, force, batch);
         else
             sbi_batch_force_tet10(assembly, u, force, batch);
 }
@@ -595,12 +627,14 @@ SBI_FORCE_INLINE void sbi_batch_stress_change(const sb_real (*SB_RESTRICT r)[SB_
     }
 }
 
+/* d, sum: [3 (n - 1)] to work in. */
 SBI_FORCE_INLINE void sbi_batch_multiply_cells(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch,
-                                               const int n, const int q)
+                                               const int n, const int q, sb_real (*d)[SB_POLAR_LANES],
+                                               sb_real (*sum)[SB_POLAR_LANES])
 {
-    sbi_batch_rows d[27], sum[27], f[9], r[9];
+    sbi_batch_rows f[9], r[9];
     sbi_batch_gather(assembly->domain, batch, x, n, d);
-    memset(sum, 0, sizeof sum);
+    memset(sum, 0, 3 * (size_t)(n - 1) * sizeof sum[0]);
     for (int p = 0; p < q; p++) {
         const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, q);
         sb_real *g = sbi_batch_gradients_at(assembly, batch, p, n, q);
@@ -612,13 +646,28 @@ SBI_FORCE_INLINE void sbi_batch_multiply_cells(const sbi_assembly *assembly, con
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(sum), n, y);
 }
 
+static void sbi_batch_multiply_tets(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch)
+{
+    sbi_batch_rows d[27], sum[27];
+    if (sbi_batch_is_tet4(assembly))
+        sbi_batch_multiply_cells(assembly, x, y, batch, 4, 1, d, sum);
+    else
+        sbi_batch_multiply_cells(assembly, x, y, batch, 10, 4, d, sum);
+}
+
+static void sbi_batch_multiply_clouds(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch)
+{
+    sbi_batch_rows d[3 * (SB_MAX_ELEMENT_NODES - 1)], sum[3 * (SB_MAX_ELEMENT_NODES - 1)];
+    sbi_batch_multiply_cells(assembly, x, y, batch, assembly->domain->nodes_per_cell, 1, d, sum);
+}
+
 SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end)
 {
     for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
-        if (sbi_batch_is_tet4(assembly))
-            sbi_batch_multiply_cells(assembly, x, y, batch, 4, 1);
+        if (sbi_batch_is_cloud(assembly))
+            sbi_batch_multiply_clouds(assembly, x, y, batch);
         else
-            sbi_batch_multiply_cells(assembly, x, y, batch, 10, 4);
+            sbi_batch_multiply_tets(assembly, x, y, batch);
 }
 
 /* ---- tangent: rotated gradients ---- */
@@ -692,6 +741,8 @@ static void sbi_batch_rotate_chunk(void *user, int chunk)
     for (; batch < end; batch++)
         if (sbi_batch_is_tet4(assembly))
             sbi_batch_rotate(assembly, factors, batch, 4, 1);
+        else if (sbi_batch_is_cloud(assembly))
+            sbi_batch_rotate(assembly, factors, batch, assembly->domain->nodes_per_cell, 1);
         else
             sbi_batch_rotate(assembly, factors, batch, 10, 4);
 }
@@ -790,6 +841,7 @@ SBI_FORCE_INLINE sbi_batch_sum sbi_batch_outer(const sb_real *a, const sb_real *
 /* What the loops over blocks know when they are compiled. */
 typedef struct sbi_batch_kind {
     int n, q;
+    int bits;  /* of a node in a pair */
     int mixed; /* 1: cells differ in lambda / mu; otherwise it can wait for the sum */
     int live;  /* 1: pairs are in rings */
 } sbi_batch_kind;
@@ -798,10 +850,10 @@ typedef struct sbi_batch_kind {
 SBI_FORCE_INLINE void sbi_batch_add_pair(const sbi_assembly *assembly, int pair, const sbi_batch_kind kind,
                                          sbi_batch_sum *s, sbi_batch_sum *l)
 {
-    size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
-    const int q = kind.q;
+    size_t e = (size_t)(pair >> 2 * kind.bits);
+    const int q = kind.q, mask = (1 << kind.bits) - 1;
     const sb_real *h = assembly->rotated + e * (size_t)(3 * kind.n * q);
-    sbi_batch_sum t = sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q);
+    sbi_batch_sum t = sbi_batch_outer(h + 3 * q * (pair >> kind.bits & mask), h + 3 * q * (pair & mask), q);
     *s = sbi_batch_add_sum(*s, t);
     if (kind.mixed)
         *l = sbi_batch_madd_sum(*l, assembly->ratios[e], t);
@@ -851,11 +903,21 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
     kind.n = n;
     kind.q = q;
+    kind.bits = sbi_batch_node_bits(n);
     kind.mixed = mixed;
     kind.live = live;
     for (int row = begin; row < end; row++)
         for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
             sbi_batch_block(job, k, kind);
+}
+
+static void sbi_batch_upper_clouds(const sbi_batch_job *job, int index)
+{
+    int n = job->assembly->domain->nodes_per_cell;
+    if (job->assembly->mixed)
+        sbi_batch_upper_rows(job, index, n, 1, 1, 0);
+    else
+        sbi_batch_upper_rows(job, index, n, 1, 0, 0);
 }
 
 static void sbi_batch_upper(void *user, int index)
@@ -867,6 +929,8 @@ static void sbi_batch_upper(void *user, int index)
             sbi_batch_upper_rows(job, index, 4, 1, 1, 1);
         else
             sbi_batch_upper_rows(job, index, 4, 1, 0, 1);
+    } else if (sbi_batch_is_cloud(job->assembly)) {
+        sbi_batch_upper_clouds(job, index);
     } else if (is_tet4 && mixed)
         sbi_batch_upper_rows(job, index, 4, 1, 1, 0);
     else if (is_tet4)

@@ -20,9 +20,13 @@ SBI_API int sbi_batch_fits(const sb_domain *domain);
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
 /* Copies the gradients into lanes. */
 SBI_API void sbi_batch_fill(sbi_assembly *assembly);
-/* A cell and two of its nodes in one number. */
+/* A cell and two of its nodes in one number; tets take the bits of 16 nodes, whatever they have. */
 enum { SBI_PAIR_NODE_BITS = 4 };
-SB_INLINE int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
+SBI_FORCE_INLINE int sbi_batch_node_bits(const int nodes)
+{
+    return nodes > 1 << SBI_PAIR_NODE_BITS ? 5 : SBI_PAIR_NODE_BITS;
+}
+SB_INLINE int sbi_batch_pair(int e, int a, int b, int bits) { return ((e << bits | a) << bits) | b; }
 /* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
 SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix);
 /* Takes over the moduli of the cells' materials. */

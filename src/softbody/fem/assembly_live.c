@@ -85,7 +85,7 @@ static int sbi_live_pair_of(const sb_matrix *matrix, int e, const int *nodes, in
 {
     int flip = nodes[a] > nodes[b];
     *block = flip ? sb_matrix_find(matrix, nodes[b], nodes[a]) : sb_matrix_find(matrix, nodes[a], nodes[b]);
-    return flip ? sbi_batch_pair(e, b, a) : sbi_batch_pair(e, a, b);
+    return flip ? sbi_batch_pair(e, b, a, SBI_PAIR_NODE_BITS) : sbi_batch_pair(e, a, b, SBI_PAIR_NODE_BITS);
 }
 
 /* Takes the pairs of a cell out of their rings; kept: corners, as bits, that keep their node. */

@@ -403,6 +403,9 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     result = sbi_domain_check_mesh(mesh, error);
     if (result != SB_OK)
         return result;
+    if (sbi_mesh_is_cloud(mesh))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "elements of the cloud %s have no shape: they need a domain",
+                        mesh->table->name);
     if (single_rotation && mesh->element_type != SB_TET10)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
                         sb_element_name(mesh->element_type));
@@ -469,6 +472,8 @@ static sb_result sbi_domain_check_fit(const sb_domain *domain, const sb_mesh *me
     if (!sbi_domain_has_loops(domain, mesh))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain has %d points per cell, which no rule of %s has",
                         domain->points_per_cell, sb_element_name(mesh->element_type));
+    if (sbi_mesh_is_cloud(mesh) && !domain->cell_mass)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain of the cloud %s needs cell_mass", mesh->table->name);
     if (!domain->cells || !domain->gradients || !domain->weights)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "an array of the domain is NULL");
     for (size_t i = 0; i < entries; i++)
@@ -812,6 +817,10 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
     }
     if (kind != SB_MASS_LUMPED)
         return 0;
+    if (sbi_domain_is_cloud(domain)) {
+        sbi_domain_lump(n, volume, mass);
+        return 0;
+    }
     sbi_domain_full_mass(domain, x, full);
     return sbi_domain_lump_part(n, volume, full, mass);
 }

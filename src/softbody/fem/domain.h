@@ -70,7 +70,7 @@ typedef enum sb_mass_kind {
                          * have masses of their own (cell_mass), no node gets less than half of what it would have
                          * of cells as full as their stiffness, so that explicit steps stay nearly as long as in
                          * full cells however little of one is inside; the mass of each part of the body stays what
-                         * it is, and where any node was given more its centre is made exact */
+                         * it is, and where any node was given more its centre is made exact. Clouds are scaled only */
     SB_MASS_CONSISTENT = 1, /* int N_a N_b dV, integrated exactly */
     SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do. Of low
                              * rank on tets: for comparisons, with supports */
@@ -144,6 +144,7 @@ SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
 {
     return sbi_element_make(domain->element_type, domain->table);
 }
+SB_INLINE int sbi_domain_is_cloud(const sb_domain *domain) { return sbi_element_is_cloud(sbi_domain_element(domain)); }
 /* mass[nodes][nodes] (m^3) of the element with nodes at x[nodes] (m); lumped masses stand on the diagonal.
  * Multiply by the density. volume_load[nodes] (m^3), may be NULL: int N_a dV, exact. */
 SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,

@@ -455,7 +455,7 @@ SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3])
 {
     if (!element.table)
         return sb_element_node_point(element.type, node, xi);
-    if (node < 0 || node >= element.table->node_count)
+    if (node < 0 || node >= element.table->node_count || sbi_element_is_cloud(element))
         return 0;
     memcpy(xi, element.table->node_points[node], 3 * sizeof(sb_real));
     return 1;
@@ -463,10 +463,17 @@ SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3])
 
 SBI_API void sbi_element_shape(sbi_element element, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3])
 {
-    if (element.table)
-        element.table->shape(element.table->user, xi, shape, gradient);
-    else
+    size_t n = (size_t)sbi_element_node_count(element);
+    if (!element.table) {
         sb_element_shape(element.type, xi, shape, gradient);
+    } else if (!sbi_element_is_cloud(element)) {
+        element.table->shape(element.table->user, xi, shape, gradient);
+    } else {
+        if (shape)
+            memset(shape, 0, n * sizeof *shape);
+        if (gradient)
+            memset(gradient, 0, n * sizeof *gradient);
+    }
 }
 
 SBI_API int sbi_element_quadrature(sbi_element element, sb_quadrature_kind kind,
@@ -477,8 +484,13 @@ SBI_API int sbi_element_quadrature(sbi_element element, sb_quadrature_kind kind,
     int of_mass = kind == SB_QUADRATURE_MASS, count;
     if (!table)
         return sb_element_quadrature(element.type, kind, points, weights);
-    if (kind < SB_QUADRATURE_STIFFNESS || kind > SB_QUADRATURE_MASS)
+    if (kind < SB_QUADRATURE_STIFFNESS || kind > SB_QUADRATURE_MASS || (of_mass && sbi_element_is_cloud(element)))
         return 0;
+    if (sbi_element_is_cloud(element)) { /* somewhere, with the weight that its domain says */
+        memset(points[0], 0, sizeof points[0]);
+        weights[0] = 1;
+        return 1;
+    }
     count = of_mass ? table->mass_point_count : table->point_count;
     memcpy(points, of_mass ? table->mass_points : table->points, (size_t)count * sizeof points[0]);
     memcpy(weights, of_mass ? table->mass_weights : table->weights, (size_t)count * sizeof weights[0]);
@@ -727,9 +739,23 @@ static sb_result sbi_element_table_check_mass(const sb_element_table *table, sb_
     return SB_OK;
 }
 
+static sb_result sbi_element_table_check_cloud(const sb_element_table *table, sb_error *error)
+{
+    if (table->node_count < 4 || table->node_count > SB_MAX_ELEMENT_NODES || table->corner_count != table->node_count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cloud %s: its %d nodes are not in [4, %d], or not all its corners",
+                        table->name, table->node_count, SB_MAX_ELEMENT_NODES);
+    if (table->vtk_type != 0 && table->vtk_type != 2)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cloud %s: vtk_type %d is neither 2 (points) nor 0", table->name,
+                        table->vtk_type);
+    return SB_OK;
+}
+
 SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error *error)
 {
-    sb_result result = sbi_element_table_check_counts(table, error);
+    sb_result result;
+    if (sbi_element_table_is_cloud(table) && table->name)
+        return sbi_element_table_check_cloud(table, error);
+    result = sbi_element_table_check_counts(table, error);
     for (int f = 0; result == SB_OK && f < table->face_count; f++)
         result = sbi_element_table_check_face(table, f, error);
     if (result == SB_OK)

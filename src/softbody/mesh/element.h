@@ -26,7 +26,7 @@ typedef enum sb_element_type {
 } sb_element_type;
 
 enum {
-    SB_MAX_ELEMENT_NODES = 27,
+    SB_MAX_ELEMENT_NODES = 32,
     SB_MAX_FACE_NODES = 9,
     SB_MAX_ELEMENT_FACES = 12,
     SB_MAX_ELEMENT_EDGES = 24,
@@ -181,7 +181,13 @@ SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
  * A mesh of SB_CUSTOM refers to a table that says what its elements are. From there on they are like any others:
  * bodies, steps, static solves, tractions, boundary, quality and VTK output take them. A table and what it points at
  * is plain data of yours, only read, and must live as long as the meshes and bodies made with it.
- * examples/custom_element.c fills one in. */
+ * examples/custom_element.c fills one in.
+ *
+ * A table with nothing but name, node_count, corner_count = node_count and perhaps vtk_type 2 describes a cloud: nodes
+ * that share one integration point and have no shape between them, as the neighbours of a particle. A mesh of clouds
+ * may name a node several times in an element. Its bodies need a domain with masses (sb_body_def.domain, see
+ * particles.h), which alone says what a cloud weighs and resists; whatever asks for faces, edges or a shape is refused
+ * with SB_ERROR_UNSUPPORTED. */
 
 /* A face: its nodes counter-clockwise seen from outside, in the order of its type (tri3, tri6, quad4, quad8, quad9). */
 typedef struct sb_element_table_face {
@@ -214,11 +220,11 @@ typedef struct sb_element_table {
                                          * meshes cannot be written */
 } sb_element_table;
 
-/* Checks whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
- * of range, weights not positive or with another sum than the volume inside the faces, faces that do not close or look
- * inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi, gradients
- * that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the message
- * names what, and error->node the local node where there is one. error may be NULL. */
+/* Checks whether a table describes an element that can be computed with, or a cloud. SB_ERROR_ARGUMENT (null pointer, a
+ * count out of range, weights not positive or with another sum than the volume inside the faces, faces that do not
+ * close or look inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi,
+ * gradients that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the
+ * message names what, and error->node the local node where there is one. error may be NULL. */
 SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error *error);
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -237,6 +243,14 @@ SB_INLINE sbi_element sbi_element_make(sb_element_type type, const sb_element_ta
     element.table = type == SB_CUSTOM ? table : NULL;
     return element;
 }
+/* 1 when the table is that of a cloud. */
+SB_INLINE int sbi_element_table_is_cloud(const sb_element_table *table)
+{
+    return table && !table->shape && !table->node_points && !table->points && !table->weights && !table->mass_points &&
+           !table->mass_weights && !table->faces && table->point_count == 0 && table->mass_point_count == 0 &&
+           table->face_count == 0;
+}
+SB_INLINE int sbi_element_is_cloud(sbi_element element) { return sbi_element_table_is_cloud(element.table); }
 SB_INLINE int sbi_element_node_count(sbi_element element)
 {
     return element.table ? element.table->node_count : sb_element_node_count(element.type);

@@ -70,6 +70,14 @@ SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
     return SB_OK;
 }
 
+SBI_API sb_result sbi_mesh_check_has_shape(const sb_mesh *mesh, sb_error *error)
+{
+    if (!sbi_mesh_is_cloud(mesh))
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_UNSUPPORTED, "%s is a cloud of nodes: it has no faces, edges or quality",
+                    mesh->table->name);
+}
+
 SBI_API sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
 {
     for (int i = 0; i < mesh->node_count; i++)

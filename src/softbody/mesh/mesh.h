@@ -227,6 +227,7 @@ SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
 {
     return sbi_element_make(mesh->element_type, mesh->table);
 }
+SB_INLINE int sbi_mesh_is_cloud(const sb_mesh *mesh) { return sbi_element_is_cloud(sbi_mesh_element_kind(mesh)); }
 /* Cosines of the smallest and of the largest dihedral angle of a tet, whichever way it is oriented; NaN when flat. */
 SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest);
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */

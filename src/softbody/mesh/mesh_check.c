@@ -290,6 +290,8 @@ SB_API sb_result sb_mesh_check(const sb_mesh *mesh, const sb_allocator *allocato
         result = sbi_fail(error, SB_ERROR_ARGUMENT, "nothing to check: the mesh is empty");
     if (result == SB_OK && !report)
         result = sbi_fail(error, SB_ERROR_ARGUMENT, "report is NULL");
+    if (result == SB_OK)
+        result = sbi_mesh_check_has_shape(mesh, error);
     if (result != SB_OK)
         return result;
     memset(&made, 0, sizeof made);

@@ -35,6 +35,8 @@ SBI_API void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *al
 /* Counts, type and pointers; what the arrays hold is not looked at. */
 SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error);
 SBI_API sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error);
+/* SB_ERROR_UNSUPPORTED names a cloud. */
+SBI_API sb_result sbi_mesh_check_has_shape(const sb_mesh *mesh, sb_error *error);
 /* An index of the element that names no node, through *index; 0 when there is none. */
 SBI_API int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index);
 /* Keeps the nodes with keep[v] == v in their order and points every index i at node keep[i]; keep is

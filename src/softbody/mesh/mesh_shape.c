@@ -154,6 +154,8 @@ SBI_API sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_me
     for (int a = 0; a < n; a++)
         if (!sb_v3_is_finite(mesh->nodes[nodes[a]]))
             return SB_MESH_NODE_NOT_FINITE;
+    if (sbi_mesh_is_cloud(mesh))
+        return SB_MESH_SOUND;
     if (sbi_mesh_has_repeated_node(nodes, n))
         return SB_MESH_REPEATED_NODE;
     return sbi_mesh_shape_defect(mesh, table, element);
@@ -361,6 +363,8 @@ SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
     sbi_mesh_table table;
     if (!sbi_mesh_has_element(mesh, element))
         return 0;
+    if (sbi_mesh_is_cloud(mesh))
+        return 1;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     return sbi_mesh_quality_of(mesh, &table, element);
 }

@@ -162,6 +162,8 @@ SB_API sb_result sb_mesh_boundary(const sb_mesh *mesh, int compact, const sb_all
     sbi_mesh_keys sides;
     int *mate = NULL, *keep = NULL, ok;
     sb_result result = sbi_mesh_check_output(mesh, boundary, error);
+    if (result == SB_OK)
+        result = sbi_mesh_check_has_shape(mesh, error);
     if (result != SB_OK)
         return result;
     if (sb_element_dimension(mesh->element_type) != 3)
@@ -195,6 +197,8 @@ SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *all
     sbi_mesh_keys sides;
     int per;
     sb_result result = sbi_mesh_check_output(mesh, neighbours, error);
+    if (result == SB_OK)
+        result = sbi_mesh_check_has_shape(mesh, error);
     if (result != SB_OK)
         return result;
     if (!sbi_mesh_keys_make(mesh, SBI_MESH_SIDES, NULL, allocator, &sides))
@@ -221,6 +225,8 @@ SB_API sb_result sb_mesh_edges(const sb_mesh *mesh, const sb_allocator *allocato
     sbi_mesh_keys keys;
     int row = 0;
     sb_result result = sbi_mesh_check_output(mesh, edges, error);
+    if (result == SB_OK)
+        result = sbi_mesh_check_has_shape(mesh, error);
     if (result != SB_OK)
         return result;
     if (!sbi_mesh_keys_make(mesh, SBI_MESH_EDGES, NULL, allocator, &keys))
