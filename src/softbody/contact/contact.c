@@ -72,7 +72,7 @@ static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
     size_t width = (size_t)c->faces->width, blocks = (size_t)c->pairs.slot_room * width * width;
     sbi_pairs *p = &c->pairs;
     corners = (size_t)c->corner_room * samples;
-    p->patches = (sbi_pair_patch *)sbi_arena_take(arena, (size_t)c->patch_room, sizeof *p->patches);
+    p->patches = (sbi_pair_patch *)sbi_arena_take(arena, (size_t)p->patch_room, sizeof *p->patches);
     p->samples = (sbi_pair_sample *)sbi_arena_take(arena, samples, sizeof *p->samples);
     p->links = (sbi_pair_link *)sbi_arena_take(arena, samples, sizeof *p->links);
     p->active = (int *)sbi_arena_take(arena, samples, sizeof(int));
@@ -137,7 +137,7 @@ static int sbi_contact_take_memory(sb_contact *c)
 static int sbi_contact_most_saved(const sb_contact *c)
 {
     int64_t each = sbi_min_int(SBI_CONTACT_SKIN_POINTS * c->skin.width * c->skin.width, SBI_CONTACT_SKIN_BLOCKS);
-    return (int)((int64_t)(c->patch_room + c->pairs.slot_room) * each); /* below 2^20 times 2^6 */
+    return (int)((int64_t)c->patch_room * each * (c->pairs.kinds ? 2 : 1)); /* below 2^19 times 2^7 */
 }
 
 /* Faces of a skin. */
@@ -164,8 +164,9 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
     c->pairs.kinds = def->pairs;
     c->pairs.friction = def->pair_friction;
     c->pairs.distance = def->pair_distance;
-    if (def->pairs) /* a skin may have more faces later */
-        c->pairs.slot_room = def->skin ? c->patch_room : sbi_min_int(c->patch_room, c->faces->face_room);
+    c->pairs.patch_room = def->skin ? c->max_contacts : c->patch_room; /* a skin's faces may have one sample each */
+    if (def->pairs)                                                    /* and may be more later */
+        c->pairs.slot_room = def->skin ? c->max_contacts : sbi_min_int(c->patch_room, c->faces->face_room);
     c->skin.most_saved = sbi_contact_most_saved(c);
     if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c) || !sbi_contact_reserve_kept(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);

@@ -62,8 +62,9 @@
  * that a point lies in is its organ. Parts that a cut has parted are organs (SB_CONTACT_ORGANS). The lips of a cut that
  * ends in one organ touch each other from the start (SB_CONTACT_SELF), but for two rings of triangles about its end;
  * walls of what was burnt out do not while they are nearer at rest than two of their lengths. Triangles no longer than
- * the organ's mean have one sample. Contact follows each cut in the next step: pressures and friction of triangles that
- * are still there stay.
+ * the organ's mean have one sample, and where max_contacts is less than all lips together have triangles some of these
+ * stand for the others (info.thinned). Contact follows each cut in the next step: pressures and friction of triangles
+ * that are still there stay.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations

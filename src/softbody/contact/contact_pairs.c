@@ -80,6 +80,9 @@ static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const 
     return 1;
 }
 
+/* Triangles of a skin for each of those that have samples: there may be too many for one each. */
+static int sbi_pair_stride(const sb_contact *contact, int thin) { return contact->skin.source ? 1 << thin : 1; }
+
 /* The samples of a face that have a partner. 0: no room is left. */
 static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, int face, int thin)
 {
@@ -90,7 +93,9 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     int parts = sbi_pairs_parts(contact, face, thin), count = faces->sizes[face];
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
     sbi_pair_search search;
-    if (pairs->patch_count == contact->patch_room)
+    if (face % sbi_pair_stride(contact, thin) != 0)
+        return 1;
+    if (pairs->patch_count == pairs->patch_room)
         return 0;
     memset(patch, 0, sizeof *patch);
     patch->first = pairs->sample_count;
@@ -115,7 +120,7 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     for (int i = patch->first; i < pairs->sample_count; i++) {
         sbi_pair_sample *s = pairs->samples + i;
         sb_real area = sbi_contact_sample_area(faces, contact->body, face, parts, s->sample);
-        s->area = area / 2;
+        s->area = (sb_real)sbi_pair_stride(contact, thin) * area / 2;
         s->spacing = sb_sqrt(area);
     }
     pairs->patch_count++;

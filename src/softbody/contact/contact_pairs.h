@@ -33,7 +33,7 @@ typedef struct sbi_pair_sample {
     int other_nodes[SB_MAX_FACE_NODES]; /* places */
     const sb_real *weights;             /* w */
     sb_real shares[SB_MAX_FACE_NODES];  /* v */
-    sb_real area, spacing;              /* m^2 at rest: half of the sample's; m */
+    sb_real area, spacing;              /* m^2 at rest: half of what the sample stands for; m, its own */
     sb_real k, memory;                  /* Pa/m; l (Pa) */
     sb_vec3 remembered;                 /* t (Pa) */
     sb_real friction;                   /* mu */
@@ -187,7 +187,7 @@ typedef struct sbi_pairs {
     sb_vec3 *zone_ways, *zone_masses, *zone_held; /* [nodes] sums of a zone */
 
     sbi_pair_patch *patches;
-    int patch_count;
+    int patch_count, patch_room;
     sbi_pair_sample *samples; /* [max_contacts] */
     int sample_count;
     sb_real foreseen; /* overlap at the end of the step without contact, of what is safe: the largest */

@@ -239,7 +239,7 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry);
 
 /* ---- contact_lips.c: of contacts with pairs, as all below up to contact_step.c ---- */
-/* Finds the lips of a skin at rest, which faces' boxes and rest normals are of. Does nothing else. */
+/* Finds the lips of a skin that touches itself; boxes of faces and rest normals are those of its shape at rest. */
 SBI_API void sbi_pairs_find_lips(sb_contact *contact);
 /* 1: the two faces are of the two lips of one cut in one organ, not near its end. */
 SBI_API int sbi_pairs_are_lips(const sb_contact *contact, int face, int other);
