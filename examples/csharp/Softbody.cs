@@ -4712,7 +4712,7 @@ public static unsafe class Native
     public static extern sb_contact_def sb_default_contact_def();
     /// <summary>
     /// SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
-    /// are explicit or def.skin is given, and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's
+    /// are explicit and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's
     /// mesh, or does not follow its changes; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.
     /// Nothing allocates afterwards but sb_contact_add_tool.
     /// </summary>
@@ -4961,7 +4961,8 @@ public static unsafe class Native
     public static extern sb_cut_drawing sb_cut_surface_get(sb_cut_surface* surface);
     /// <summary>
     /// The surface as a skin, for sb_contact_def.skin: tools touch the skin and the lips of the body where they are, not the
-    /// whole elements whose pieces move there. It is the surface's, and nothing of its own is to be destroyed; the contact
+    /// whole elements whose pieces move there; and with sb_contact_def.pairs so do parts that were cut off, and the two lips
+    /// of a cut. It is the surface's, and nothing of its own is to be destroyed; the contact
     /// goes first.
     /// Contact follows each call that cuts and each state that is loaded in the step that comes next, which may take memory
     /// then, and remembers what it did of triangles that are still there; until then it reads as before. It brings the

@@ -53,9 +53,6 @@ static sb_result sbi_contact_check_def(const sb_contact_def *def, sb_error *erro
     if (!(def->pair_distance >= 0) || !sb_is_finite(def->pair_distance))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.pair_distance is %g m, it must be at least 0",
                         (double)def->pair_distance);
-    if (def->skin && def->pairs)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "def.pairs is %d, but a skin (def.skin) is touched by tools only: it must be 0", def->pairs);
     if (def->skin && def->body->domain.element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "bodies of custom elements have no skins (def.skin)");
     if (sbi_body_get_touch(def->body))
@@ -75,7 +72,7 @@ static void sbi_contact_lay_out_lists(sb_contact *c, sbi_arena *arena)
     size_t width = (size_t)c->faces->width, blocks = (size_t)c->pairs.slot_room * width * width;
     sbi_pairs *p = &c->pairs;
     corners = (size_t)c->corner_room * samples;
-    p->patches = (sbi_pair_patch *)sbi_arena_take(arena, (size_t)c->patch_room, sizeof *p->patches);
+    p->patches = (sbi_pair_patch *)sbi_arena_take(arena, (size_t)p->patch_room, sizeof *p->patches);
     p->samples = (sbi_pair_sample *)sbi_arena_take(arena, samples, sizeof *p->samples);
     p->links = (sbi_pair_link *)sbi_arena_take(arena, samples, sizeof *p->links);
     p->active = (int *)sbi_arena_take(arena, samples, sizeof(int));
@@ -98,6 +95,7 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
     sbi_contact_skin *skin = &c->skin;
     size_t corners = (size_t)c->corner_room * samples;
     size_t pairs = patches * (size_t)c->faces->width * (size_t)c->faces->width, regions = (size_t)c->region_room;
+    size_t refs = c->pairs.kinds ? 3 * samples : samples;
     c->tools = (sbi_contact_tool *)sbi_arena_take(arena, tools, sizeof *c->tools);
     c->patches = (sbi_contact_patch *)sbi_arena_take(arena, patches, sizeof *c->patches);
     c->samples = (sbi_contact_sample *)sbi_arena_take(arena, samples, sizeof *c->samples);
@@ -114,9 +112,9 @@ static void sbi_contact_lay_out(sb_contact *c, sbi_arena *arena)
         sbi_contact_lay_out_lists(c, arena);
     if (!skin->source)
         return;
-    skin->found = (int *)sbi_arena_take(arena, samples, sizeof(int));
-    skin->next = (int *)sbi_arena_take(arena, samples, sizeof(int));
-    skin->cross = (sbi_contact_cross *)sbi_arena_take(arena, patches, sizeof *skin->cross);
+    skin->found = (int *)sbi_arena_take(arena, refs, sizeof(int));
+    skin->next = (int *)sbi_arena_take(arena, refs, sizeof(int));
+    skin->cross = (sbi_contact_cross *)sbi_arena_take(arena, patches + (size_t)c->pairs.slot_room, sizeof *skin->cross);
 }
 
 static int sbi_contact_take_memory(sb_contact *c)
@@ -139,7 +137,7 @@ static int sbi_contact_take_memory(sb_contact *c)
 static int sbi_contact_most_saved(const sb_contact *c)
 {
     int64_t each = sbi_min_int(SBI_CONTACT_SKIN_POINTS * c->skin.width * c->skin.width, SBI_CONTACT_SKIN_BLOCKS);
-    return (int)((int64_t)c->patch_room * each); /* below 2^19 times 2^6 */
+    return (int)((int64_t)c->patch_room * each * (c->pairs.kinds ? 2 : 1)); /* below 2^19 times 2^7 */
 }
 
 /* Faces of a skin. */
@@ -160,14 +158,16 @@ static sb_result sbi_contact_fill_in(sb_contact *c, const sb_contact_def *def, s
         return result;
     c->patch_room = c->max_contacts / SBI_CONTACT_LEAST_SAMPLES;
     c->corner_room = c->skin.source ? SBI_CONTACT_SKIN_POINTS * c->skin.corners : SBI_CONTACT_MOST_CORNERS;
-    c->skin.most_saved = sbi_contact_most_saved(c);
     c->region_room = c->faces->region_count;
     c->touch.max_iterations = def->max_iterations;
     c->touch.stiffening = def->stiffness / SBI_CONTACT_SHARE;
     c->pairs.kinds = def->pairs;
     c->pairs.friction = def->pair_friction;
     c->pairs.distance = def->pair_distance;
-    c->pairs.slot_room = sbi_min_int(c->patch_room, c->faces->face_room);
+    c->pairs.patch_room = def->skin ? c->max_contacts : c->patch_room; /* a skin's faces may have one sample each */
+    if (def->pairs)                                                    /* and may be more later */
+        c->pairs.slot_room = def->skin ? c->max_contacts : sbi_min_int(c->patch_room, c->faces->face_room);
+    c->skin.most_saved = sbi_contact_most_saved(c);
     if (!sbi_contact_take_memory(c) || !sbi_contact_take_room(c) || !sbi_contact_reserve_kept(c))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a contact of %d samples", c->max_contacts);
     if (c->skin.source)

@@ -41,22 +41,30 @@
  * With `pairs` organs touch each other, and themselves where they are folded: an organ is a part of the mesh that
  * shares no node with others, so that what is to touch goes into one mesh (sb_mesh_append) and one body; two bodies do
  * not see each other. Forces between them balance to rounding. Faces touch where they look at each other; those of one
- * organ only where their middles are farther apart at rest than two of their lengths, so that fresh lips of a cut, or
- * a surface that is folded from the start, do not. What would come deeper into an organ than 0.24 of its thickness or
- * of a face's length in a step is held, momentum kept, kinetic energy lost. A step in which a point would yet end
- * deeper in an organ than 0.4 of its thickness or of a face's length, or pass through it, is divided like one with
- * tools, at once into parts as short as the organs' speed asks for. In parts of a sixteenth, what would still pass
- * moves together, as far as it would have on the mean: momentum stays, kinetic energy is lost
+ * organ only where their middles are farther apart at rest than two of their lengths, so that a surface that is folded
+ * from the start does not, or where they are the two lips of a cut (with `skin`). What would come deeper into an organ
+ * than 0.24 of its thickness or of a face's length in a step is held, momentum kept, kinetic energy lost. A step in
+ * which a point would yet end deeper in an organ than 0.4 of its thickness or of a face's length, or pass through it,
+ * is divided like one with tools, at once into parts as short as the organs' speed asks for. In parts of a sixteenth,
+ * what would still pass moves together, as far as it would have on the mean: momentum stays, kinetic energy is lost
  * (sb_contact_info.mended). Overlap that was there without having been pressed in is let out by a fifth a step, so
  * that it throws nothing out. It is not certain yet: of 189 random scenes with rho v^2 up to 2 E points came deeper
  * than half a cell into an organ in 9, from 0.8 E on, up to 0.9 cells; none ended entangled. Of 32 with Newmark or
  * generalised alpha in 2, up to 0.74 cells.
  *
- * With `skin` tools touch a surface that the body carries along, in place of the boundary of its mesh: one that was
- * embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: organs do not touch each
- * other (pairs); faces are the skin's triangles; sb_contact_pressures has a number for each of its points; and overlap
- * that the mesh is too coarse to give way to stays. Where triangles lie across cells, systems take more iterations. The
- * surface of a body that is cut, lips and all, is such a skin (sb_cut_surface_skin).
+ * With `skin` what is touched is a surface that the body carries along, in place of the boundary of its mesh: one that
+ * was embedded in it (sb_skin_create), however coarse the mesh. All is as of the boundary, but: faces are the skin's
+ * triangles; sb_contact_pressures has a number for each of its points; and overlap that the mesh is too coarse to give
+ * way to stays. Where triangles lie across cells, systems take more iterations. The surface of a body that is cut, lips
+ * and all, is such a skin (sb_cut_surface_skin).
+ *
+ * With `skin` and `pairs` it is the skins of organs that touch, which have to be closed: the connected part of the mesh
+ * that a point lies in is its organ. Parts that a cut has parted are organs (SB_CONTACT_ORGANS). The lips of a cut that
+ * ends in one organ touch each other from the start (SB_CONTACT_SELF), but for two rings of triangles about its end;
+ * walls of what was burnt out do not while they are nearer at rest than two of their lengths. Triangles no longer than
+ * the organ's mean have one sample, and where max_contacts is less than all lips together have triangles some of these
+ * stand for the others (info.thinned). Contact follows each cut in the next step: pressures and friction of triangles
+ * that are still there stay.
  *
  * What contact does not take part in: it is no support, so that a static solve of a body which only tools hold is
  * refused (SB_ERROR_UNCONSTRAINED); registration (register.h) and frequencies do not feel it; and the accelerations
@@ -98,7 +106,7 @@ typedef struct sb_contact_def {
                          * taken at creation. Where there are more, faces get fewer samples for that step
                          * (info.thinned) */
     int max_tools;      /* in [1, 64]; default 8 */
-    sb_skin *skin; /* what tools touch, see below; borrowed: destroy the contact first. NULL (default): the boundary of
+    sb_skin *skin; /* what is touched, see above; borrowed: destroy the contact first. NULL (default): the boundary of
                     * the body's mesh */
     int pairs;     /* SB_CONTACT_SELF | SB_CONTACT_ORGANS: what else touches; default 0: tools only */
     sb_real pair_friction;         /* Coulomb's mu between organs, >= 0; default 0 */
@@ -109,7 +117,7 @@ typedef struct sb_contact_def {
 SB_API sb_contact_def sb_default_contact_def(void);
 
 /* SB_ERROR_ARGUMENT names the field; SB_ERROR_STATE: the body has a contact already; SB_ERROR_UNSUPPORTED: its steps
- * are explicit or def.skin is given, and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's
+ * are explicit and def.pairs is not 0; SB_ERROR_STATE also for a skin that is none of this body's
  * mesh, or does not follow its changes; SB_ERROR_MESH: it has no surface; SB_ERROR_MEMORY. *contact is then untouched.
  * Nothing allocates afterwards but sb_contact_add_tool. */
 SB_API sb_result sb_contact_create(const sb_contact_def *def, sb_contact **contact, sb_error *error);

@@ -32,7 +32,11 @@ enum { SBI_APART_ROUNDS = 8 };
 
 SBI_API sb_real sbi_pairs_safe_depth(const sb_contact *contact, int face)
 {
-    return SBI_APART_DEEPEST * sb_min(contact->pairs.thickness[face], contact->faces->lengths[face]);
+    const sbi_pairs *pairs = &contact->pairs;
+    sb_real length = contact->faces->lengths[face];
+    if (contact->skin.source) /* its triangles may be slivers, of what the cells behind them do not follow */
+        length = sb_max(length, pairs->organ_lengths[sbi_max_int(pairs->organs[face], 0)]);
+    return SBI_APART_DEEPEST * sb_min(pairs->thickness[face], length);
 }
 
 /* ---- one sample ---- */
@@ -86,7 +90,7 @@ static sb_real sbi_apart_meets(const sb_contact *contact, int other, const sbi_a
 {
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[other]];
     const int *nodes = sbi_contact_face_nodes(contact->faces, other);
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     for (int part = 0; part < sbi_closest_part_count(kind); part++) {
         sb_vec3 corners[3], ways[3];
         sb_real share;
@@ -127,8 +131,8 @@ static int sbi_apart_strays(sb_contact *contact, int other, const sbi_apart_samp
     sb_real depth;
     if (sbi_apart_meets(contact, other, s, 0, &depth) < 0 || !(depth > sbi_pairs_safe_depth(contact, other)))
         return 0;
-    return sbi_pairs_is_inside(contact, s->face, other, sb_v3_add(s->at, s->way), SBI_APART_SIDE * depth,
-                               sb_body_positions(contact->body), contact->moved) ||
+    return sbi_pairs_is_inside(contact, s->face, other, sb_v3_add(s->at, s->way), SBI_APART_SIDE * depth, contact->x,
+                               contact->moved) ||
            sbi_apart_passes(contact, other, s);
 }
 
@@ -136,7 +140,7 @@ static int sbi_apart_strays(sb_contact *contact, int other, const sbi_apart_samp
 static int sbi_apart_sinks(sb_contact *contact, const sbi_pair_sample *s)
 {
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     const int *nodes = sbi_contact_face_nodes(faces, s->face), *others = sbi_contact_face_nodes(faces, s->other);
     sb_vec3 way = sbi_contact_mean(s->weights, nodes, faces->sizes[s->face], contact->moved), motion, at;
     sb_real before = -sb_v3_dot(s->normal, s->start), depth, safe = sbi_pairs_safe_depth(contact, s->other);
@@ -178,12 +182,29 @@ static void sbi_apart_join(sbi_apart_look *look, int a, int b)
     zones[sbi_max_int(a, b)] = sbi_min_int(a, b);
 }
 
+/* Joins the body's nodes that a face depends on to one of them, and to `first`, unless that is -1. Returns which. */
+static int sbi_apart_join_face(sbi_apart_look *look, int first, int face)
+{
+    const sb_contact *contact = look->contact;
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        sbi_contact_row row = {1, nodes + a, NULL};
+        if (contact->skin.source)
+            row = sbi_contact_skin_row(&contact->skin, nodes[a]);
+        for (int i = 0; i < row.count; i++) {
+            first = first < 0 ? row.nodes[i] : first;
+            sbi_apart_join(look, first, row.nodes[i]);
+        }
+    }
+    return first;
+}
+
 /* Returns 1 to go on looking. */
 static int sbi_apart_find(sbi_apart_look *look, int face, int other)
 {
     const sb_contact *contact = look->contact;
-    int first = sbi_contact_face_nodes(contact->faces, face)[0];
     const int both[2] = {face, other};
+    int first = -1;
     look->found = 1;
     if (!look->joins)
         return 0;
@@ -192,8 +213,7 @@ static int sbi_apart_find(sbi_apart_look *look, int face, int other)
         return 1;
     }
     for (int k = 0; k < 2; k++)
-        for (int a = 0; a < contact->faces->sizes[both[k]]; a++)
-            sbi_apart_join(look, first, sbi_contact_face_nodes(contact->faces, both[k])[a]);
+        first = sbi_apart_join_face(look, first, both[k]);
     return 1;
 }
 
@@ -210,6 +230,8 @@ static int sbi_apart_is_slow(const sb_contact *contact)
     const sbi_pairs *pairs = &contact->pairs;
     sb_real fastest = 0, least = SB_REAL_MAX;
     for (int f = 0; f < contact->faces->face_end; f++) {
+        if (contact->skin.source && !(contact->faces->areas[f] > 0))
+            continue;
         fastest = sb_max(fastest, sb_v3_norm(pairs->ways[f]) + pairs->spreads[f]);
         least = sb_min(least, sbi_apart_least_way(contact, f));
     }
@@ -220,7 +242,7 @@ static int sbi_apart_look_at(sbi_apart_look *look, int face)
 {
     sb_contact *contact = look->contact;
     const sbi_contact_faces *faces = contact->faces;
-    const sb_vec3 *x = sb_body_positions(contact->body);
+    const sb_vec3 *x = contact->x;
     const int *nodes = sbi_contact_face_nodes(faces, face);
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, sbi_pairs_parts(contact, face, 0));
     int count = faces->sizes[face], others = sbi_pairs_find_others(contact, face, x, contact->moved, 1, 0), fast = 0;
@@ -274,12 +296,21 @@ static sb_vec3 sbi_apart_way(const sb_contact *contact, const sb_vec3 *u, int no
     return sb_v3_scale(1 / contact->level, sb_v3_sub(sb_v3_add(rest, u[node]), x));
 }
 
+/* contact->moved and the faces' boxes become those of the body's nodes' ways, which are known. */
+static void sbi_apart_take_ways(sb_contact *contact)
+{
+    const sb_vec3 *ways = sbi_contact_at_points(contact, contact->pairs.node_ways, contact->moved);
+    if (ways != contact->moved)
+        memcpy(contact->moved, ways, (size_t)sb_body_node_count(contact->body) * sizeof *ways);
+    sbi_contact_faces_refit(contact->faces, contact->x, contact->moved, 1);
+    sbi_pairs_follow(contact, contact->moved, 1);
+}
+
 static void sbi_apart_set_ways(sb_contact *contact, const sb_vec3 *u)
 {
     for (int i = 0; i < sb_body_node_count(contact->body); i++)
-        contact->moved[i] = sbi_apart_way(contact, u, i);
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
-    sbi_pairs_follow(contact, contact->moved, 1);
+        contact->pairs.node_ways[i] = sbi_apart_way(contact, u, i);
+    sbi_apart_take_ways(contact);
 }
 
 SBI_API void sbi_pairs_set_ways(sb_contact *contact, const sb_vec3 *u)
@@ -437,14 +468,13 @@ static void sbi_apart_move(sbi_apart_look *look)
 {
     sb_contact *contact = look->contact;
     sbi_apart_join_masters(look);
-    sbi_apart_even_out(contact, look->whole, contact->moved);
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), contact->moved, 1);
-    sbi_pairs_follow(contact, contact->moved, 1);
+    sbi_apart_even_out(contact, look->whole, contact->pairs.node_ways);
+    sbi_apart_take_ways(contact);
 }
 
 static void sbi_apart_forget_zones(const sb_contact *contact)
 {
-    for (int i = 0; i < contact->faces->node_room; i++)
+    for (int i = 0; i < sbi_contact_any_room(contact); i++)
         contact->pairs.zones[i] = -1;
 }
 
@@ -470,7 +500,7 @@ SBI_API int sbi_pairs_mend(sb_contact *contact, sb_vec3 *u, int whole)
     }
     contact->pairs.zones_made = look.whole ? SBI_ZONES_ORGANS : SBI_ZONES_NODES;
     for (int i = 0; i < sb_body_node_count(contact->body); i++) {
-        sb_vec3 more = sb_v3_sub(contact->moved[i], sbi_apart_way(contact, u, i));
+        sb_vec3 more = sb_v3_sub(contact->pairs.node_ways[i], sbi_apart_way(contact, u, i));
         if (sb_v3_dot(more, more) > 0) {
             u[i] = sb_v3_madd(u[i], contact->level, more);
             changed = 1;

@@ -13,6 +13,8 @@
  *     tri6           3 n^2: the 3-point rule of each triangle      r                      1 .. 8
  *     quad4, 8, 9    4 n^2: 2 x 2 Gauss points of each cell        0.85 r                 1 .. 8
  *
+ * Small triangles of a skin have one sample where organs touch (n = 1).
+ *
  * r is the smallest radius of the tool. Any point of a flat face then has a sample within 0.35 r, and sums over samples
  * are exact for what a uniform pressure gives the nodes of a flat face with straight edges: linear functions (tri3),
  * quadratic ones (tri6), biquadratic ones times the face's linear Jacobian (quads). Centroids would not be: they leave
@@ -40,7 +42,7 @@ typedef struct sbi_contact_rule {
 typedef struct sbi_contact_kind {
     sb_element_type type;
     int nodes, corners;
-    int least, most;                   /* parts a side */
+    int least, most;                   /* parts a side for tools; there are rules from 1 on */
     sb_real part;                      /* longest part, as a share of the tool's radius */
     sb_real shares[SB_MAX_FACE_NODES]; /* of a quadratic face's area that are its nodes' */
     sbi_contact_rule rules[SBI_CONTACT_MOST_PARTS + 1];

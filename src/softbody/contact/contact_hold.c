@@ -19,23 +19,53 @@
 #define SBI_HOLD_SLACK ((sb_real)0.02)
 enum { SBI_HOLD_ROUNDS = 10 };
 
-/* A side of a pair: nodes of its face and their weights; 1 or -1. */
+enum { SBI_HOLD_NODES = 3 * SB_MAX_ELEMENT_NODES }; /* of the cells of a skin's triangle at most */
+
+/* A side of a pair: nodes of the body and their weights, each once; 1 or -1. */
 typedef struct sbi_hold_side {
     const int *nodes;
     const sb_real *weights;
     int count;
     sb_real sign;
+    int own_nodes[SBI_HOLD_NODES]; /* of a skin's triangle */
+    sb_real own_weights[SBI_HOLD_NODES];
 } sbi_hold_side;
+
+/* A triangle's points as their nodes. */
+static void sbi_hold_expand(const sb_contact *contact, int face, const sb_real *weights, sbi_hold_side *side)
+{
+    const int *points = sbi_contact_face_nodes(contact->faces, face);
+    side->nodes = side->own_nodes;
+    side->weights = side->own_weights;
+    side->count = 0;
+    for (int a = 0; a < contact->faces->sizes[face]; a++) {
+        const sbi_contact_row row = sbi_contact_skin_row(&contact->skin, points[a]);
+        for (int i = 0; i < row.count; i++) {
+            int at = 0;
+            while (at < side->count && side->own_nodes[at] != row.nodes[i])
+                at++;
+            if (at == side->count)
+                side->own_weights[side->count++] = 0;
+            side->own_nodes[at] = row.nodes[i];
+            side->own_weights[at] += weights[a] * row.weights[i];
+        }
+    }
+}
+
+static void sbi_hold_make_side(const sb_contact *contact, int face, const sb_real *weights, sbi_hold_side *side)
+{
+    side->nodes = sbi_contact_face_nodes(contact->faces, face);
+    side->weights = weights;
+    side->count = contact->faces->sizes[face];
+    if (contact->skin.source)
+        sbi_hold_expand(contact, face, weights, side);
+}
 
 static void sbi_hold_sides(const sb_contact *contact, const sbi_pair_sample *s, sbi_hold_side sides[2])
 {
-    sides[0].nodes = sbi_contact_face_nodes(contact->faces, s->face);
-    sides[0].weights = s->weights;
-    sides[0].count = contact->faces->sizes[s->face];
+    sbi_hold_make_side(contact, s->face, s->weights, sides);
+    sbi_hold_make_side(contact, s->other, s->shares, sides + 1);
     sides[0].sign = 1;
-    sides[1].nodes = sbi_contact_face_nodes(contact->faces, s->other);
-    sides[1].weights = s->shares;
-    sides[1].count = contact->faces->sizes[s->other];
     sides[1].sign = -1;
 }
 

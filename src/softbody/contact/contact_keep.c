@@ -9,7 +9,7 @@
 typedef struct sbi_contact_kept {
     sb_contact_info info;
     int mesh_version;
-    int entry_count, waiting, pressure_count, pair_count, pair_pressure_count;
+    int entry_count, waiting, pressure_count, pair_count, pairs_waiting, pair_pressure_count;
     sb_real strayed;
 } sbi_contact_kept;
 
@@ -95,7 +95,7 @@ static void sbi_contact_copy_block(sb_contact *contact, const sbi_contact_block 
     }
     sbi_contact_copy(block->entries, contact->entries, head->entry_count + head->waiting, sizeof *block->entries, back);
     sbi_contact_copy(block->pressures, contact->pressures, head->pressure_count, sizeof *block->pressures, back);
-    sbi_contact_copy(block->pairs, pairs->entries, head->pair_count, sizeof *block->pairs, back);
+    sbi_contact_copy(block->pairs, pairs->entries, head->pair_count + head->pairs_waiting, sizeof *block->pairs, back);
     sbi_contact_copy(block->pair_pressures, pairs->pressures, head->pair_pressure_count, sizeof *block->pair_pressures,
                      back);
 }
@@ -116,12 +116,10 @@ SBI_API int sbi_contact_keep(void *user, void *memory)
     block.head->waiting = contact->skin.waiting;
     block.head->pressure_count = contact->pressure_count;
     block.head->pair_count = contact->pairs.entry_count;
+    block.head->pairs_waiting = contact->pairs.waiting;
     block.head->pair_pressure_count = contact->pairs.pressure_count;
     block.head->strayed = contact->pairs.strayed;
-    for (int e = 0; contact->skin.source && e < contact->entry_count; e++) {
-        int face = contact->entries[e].face;
-        contact->entries[e].name = sbi_contact_skin_name(contact, face, sbi_contact_face_nodes(contact->faces, face));
-    }
+    sbi_contact_skin_name_entries(contact);
     sbi_contact_copy_block(contact, &block, 0);
     return 1;
 }
@@ -149,11 +147,12 @@ SBI_API int sbi_contact_rewind(void *user, const void *memory)
     contact->entry_count = renamed ? 0 : head->entry_count;
     contact->skin.waiting = renamed ? head->entry_count + head->waiting : head->waiting;
     contact->pressure_count = head->pressure_count;
-    contact->pairs.entry_count = head->pair_count;
+    contact->pairs.entry_count = renamed ? 0 : head->pair_count;
+    contact->pairs.waiting = renamed ? head->pair_count + head->pairs_waiting : head->pairs_waiting;
     contact->pairs.pressure_count = head->pair_pressure_count;
     contact->pairs.strayed = head->strayed;
     contact->is_solved = contact->touch.links = 0; /* the body's system is of the step that is taken back */
-    if (contact->skin.waiting > 0)
+    if (contact->skin.source)
         sbi_contact_skin_take_waiting(contact);
     return 1;
 }

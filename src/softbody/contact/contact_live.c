@@ -8,6 +8,7 @@
 static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
 {
     size_t faces = (size_t)c->faces->face_room, nodes = (size_t)c->faces->node_room;
+    size_t any = (size_t)sbi_contact_any_room(c);
     sbi_pairs *p = &c->pairs;
     p->cones = (sbi_pair_cone *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof *p->cones);
     p->first_organ = (int *)sbi_arena_take(arena, faces + SBI_FACE_TREE_LEVELS, sizeof(int));
@@ -33,16 +34,24 @@ static void sbi_contact_lay_out_pairs(sb_contact *c, sbi_arena *arena)
     p->slot_of = (int *)sbi_arena_take(arena, faces, sizeof(int));
     p->around = (int *)sbi_arena_take(arena, faces, (size_t)c->faces->width * sizeof(int));
     p->first_face = (int *)sbi_arena_take(arena, nodes + 1, sizeof(int));
-    p->organ_counts = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    p->organ_lengths = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
+    p->organ_counts = (int *)sbi_arena_take(arena, any, sizeof(int));
+    p->organ_lengths = (sb_real *)sbi_arena_take(arena, any, sizeof(sb_real));
     p->thickness = (sb_real *)sbi_arena_take(arena, faces, sizeof(sb_real));
     p->centres = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->rest_normals = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->vectors = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
-    p->zones = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    p->zone_ways = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    p->zone_masses = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    p->zone_held = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    p->zones = (int *)sbi_arena_take(arena, any, sizeof(int));
+    p->zone_ways = (sb_vec3 *)sbi_arena_take(arena, any, sizeof(sb_vec3));
+    p->zone_masses = (sb_vec3 *)sbi_arena_take(arena, any, sizeof(sb_vec3));
+    p->zone_held = (sb_vec3 *)sbi_arena_take(arena, any, sizeof(sb_vec3));
+    p->node_ways = (sb_vec3 *)sbi_arena_take(arena, any, sizeof(sb_vec3));
+    if (c->skin.source && (p->kinds & SB_CONTACT_SELF)) {
+        p->lips.twins = (int *)sbi_arena_take(arena, faces, sizeof(int));
+        p->lips.sheets = (int *)sbi_arena_take(arena, faces, sizeof(int));
+        p->lips.cuts = (int *)sbi_arena_take(arena, faces, sizeof(int));
+        p->lips.rims = (unsigned char *)sbi_arena_take(arena, faces, 1);
+        p->lips.ends = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    }
     p->middles = (sb_vec3 *)sbi_arena_take(arena, faces, sizeof(sb_vec3));
     p->corner_normals = (sb_vec3 *)sbi_arena_take(arena, faces, SBI_PAIR_CORNERS * sizeof(sb_vec3));
     p->corners_known = (unsigned char *)sbi_arena_take(arena, faces, 1);
@@ -165,8 +174,7 @@ static sb_result sbi_contact_reserve(void *user, const sb_body *body, const sb_m
     return SB_OK;
 }
 
-/* places of what remembers the pressures on a face become `mark`. */
-static void sbi_contact_mark_corners(sb_contact *contact, int face, int mark)
+SBI_API void sbi_contact_mark_corners(sb_contact *contact, int face, int mark)
 {
     const sbi_contact_skin *skin = &contact->skin;
     const int *nodes = sbi_contact_face_nodes(contact->faces, face);

@@ -27,13 +27,7 @@ SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_
 
 /* ---- from the list to samples ---- */
 
-/* What remembers: the nodes in touch, or with a skin the nodes of its cells. */
-typedef struct sbi_contact_keepers {
-    int count;
-    const int *nodes, *place; /* by place; places by node */
-} sbi_contact_keepers;
-
-static sbi_contact_keepers sbi_contact_get_keepers(const sb_contact *contact)
+SBI_API sbi_contact_keepers sbi_contact_get_keepers(const sb_contact *contact)
 {
     const sbi_contact_skin *skin = &contact->skin;
     sbi_contact_keepers keepers;
@@ -41,6 +35,35 @@ static sbi_contact_keepers sbi_contact_get_keepers(const sb_contact *contact)
     keepers.nodes = skin->source ? skin->list : contact->nodes;
     keepers.place = skin->source ? skin->place : contact->node_place;
     return keepers;
+}
+
+SBI_API int sbi_contact_keepers_of(const sb_contact *contact, int place, int keepers[SBI_CONTACT_MOST_KEEPERS],
+                                   sb_real shares[SBI_CONTACT_MOST_KEEPERS])
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    int point, count = 0;
+    keepers[0] = place;
+    shares[0] = 1;
+    if (!skin->source)
+        return 1;
+    point = contact->nodes[place];
+    for (int c = point * skin->corners; c < (point + 1) * skin->corners; c++) {
+        if (!(skin->shares[c] > 0))
+            continue;
+        keepers[count] = skin->place[skin->corner_nodes[c]];
+        shares[count++] = skin->shares[c];
+    }
+    return count;
+}
+
+SBI_API sb_real sbi_contact_keeper_stiffness(const sb_contact *contact, int keeper)
+{
+    const sbi_contact_skin *skin = &contact->skin;
+    sb_real area;
+    if (!skin->source)
+        return contact->stiffness_by_node[keeper];
+    area = skin->node_areas[skin->list[keeper]];
+    return area > 0 ? skin->loads[keeper] / area : 0;
 }
 
 /* sums[place].old = what the nodes of a tool's patches remember. */
@@ -56,18 +79,13 @@ static void sbi_contact_spread(sb_contact *contact, int tool)
     }
 }
 
-/* What is remembered at a node of a face. */
-static sb_real sbi_contact_remembered(const sb_contact *contact, int place)
+SBI_API sb_real sbi_contact_remembered(const sb_contact *contact, int place)
 {
-    const sbi_contact_skin *skin = &contact->skin;
-    sb_real sum = 0;
-    int point;
-    if (!skin->source)
-        return contact->sums[place].old;
-    point = contact->nodes[place];
-    for (int c = point * skin->corners; c < (point + 1) * skin->corners; c++)
-        if (skin->shares[c] > 0)
-            sum += skin->shares[c] * contact->sums[skin->place[skin->corner_nodes[c]]].old;
+    int keepers[SBI_CONTACT_MOST_KEEPERS];
+    sb_real shares[SBI_CONTACT_MOST_KEEPERS], sum = 0;
+    int count = sbi_contact_keepers_of(contact, place, keepers, shares);
+    for (int i = 0; i < count; i++)
+        sum += shares[i] * contact->sums[keepers[i]].old;
     return sum;
 }
 
@@ -107,19 +125,17 @@ static sb_real sbi_contact_doubt(const sb_contact *contact, const sbi_contact_pa
 static void sbi_contact_add_to_corners(sb_contact *contact, const sbi_contact_patch *patch, int place,
                                        const sbi_contact_sum *at)
 {
-    const sbi_contact_skin *skin = &contact->skin;
-    int point = contact->nodes[place];
-    for (int c = point * skin->corners; c < (point + 1) * skin->corners; c++) {
-        int node = skin->corner_nodes[c], own = skin->place[node];
-        sbi_contact_sum *sum = contact->sums + own;
-        if (!(skin->shares[c] > 0))
-            continue;
-        sum->force += skin->shares[c] * at->force;
-        sum->rise += skin->shares[c] * at->rise;
-        sum->kept += skin->shares[c] * at->kept;
-        if (skin->node_areas[node] > 0)
-            sum->doubt =
-                sb_max(sum->doubt, sbi_contact_doubt(contact, patch, skin->loads[own] / skin->node_areas[node]));
+    int keepers[SBI_CONTACT_MOST_KEEPERS];
+    sb_real shares[SBI_CONTACT_MOST_KEEPERS];
+    int count = sbi_contact_keepers_of(contact, place, keepers, shares);
+    for (int i = 0; i < count; i++) {
+        sbi_contact_sum *sum = contact->sums + keepers[i];
+        sum->force += shares[i] * at->force;
+        sum->rise += shares[i] * at->rise;
+        sum->kept += shares[i] * at->kept;
+        if (contact->skin.node_areas[contact->skin.list[keepers[i]]] > 0)
+            sum->doubt = sb_max(sum->doubt,
+                                sbi_contact_doubt(contact, patch, sbi_contact_keeper_stiffness(contact, keepers[i])));
     }
 }
 

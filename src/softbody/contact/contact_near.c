@@ -45,12 +45,22 @@ static sb_vec3 sbi_near_unit(sb_vec3 v)
     return size > 0 ? sb_v3_scale(1 / size, v) : sb_v3(0, 0, 0);
 }
 
+/* Connected part of the mesh that a node of faces belongs to; -1: none. */
+static int sbi_near_organ(const sb_contact *contact, int node)
+{
+    sbi_contact_row row;
+    if (!contact->skin.source)
+        return contact->body->node_component[node];
+    row = sbi_contact_skin_row(&contact->skin, node);
+    return row.count > 0 ? contact->body->node_component[row.nodes[0]] : -1;
+}
+
 static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *rest)
 {
     sbi_pairs *pairs = &contact->pairs;
     const sbi_contact_faces *faces = contact->faces;
     const int *n = sbi_contact_face_nodes(faces, face);
-    int corners = faces->kinds[faces->sizes[face]].corners, organ = contact->body->node_component[n[0]];
+    int corners = faces->kinds[faces->sizes[face]].corners, organ = sbi_near_organ(contact, n[0]);
     sb_vec3 centre = {0, 0, 0};
     for (int a = 0; a < corners; a++)
         centre = sb_v3_madd(centre, 1 / (sb_real)corners, rest[n[a]]);
@@ -58,6 +68,8 @@ static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *
     pairs->centres[face] = centre;
     pairs->rest_normals[face] = sbi_near_unit(sbi_near_vector(faces, face, rest));
     pairs->slot_of[face] = -1;
+    if (organ < 0 || (faces->is_skin && !(faces->areas[face] > 0)))
+        return;
     pairs->organ_lengths[organ] += faces->lengths[face];
     pairs->organ_counts[organ]++;
 }
@@ -65,8 +77,8 @@ static void sbi_near_measure_face(sb_contact *contact, int face, const sb_vec3 *
 static void sbi_near_measure_organs(sb_contact *contact)
 {
     sbi_pairs *pairs = &contact->pairs;
-    int nodes = contact->faces->node_room;
-    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    int nodes = sbi_contact_any_room(contact);
+    const sb_vec3 *rest = sbi_contact_points_at_rest(contact);
     memset(pairs->organ_lengths, 0, (size_t)nodes * sizeof(sb_real));
     memset(pairs->organ_counts, 0, (size_t)nodes * sizeof(int));
     for (int f = 0; f < contact->faces->face_end; f++)
@@ -119,7 +131,7 @@ static sb_real sbi_near_leaves(const sbi_contact_faces *faces, int face, const s
             continue;
         q = sb_v3_cross(s, e1);
         u = sb_v3_dot(s, h) / det, v = sb_v3_dot(d, q) / det, t = sb_v3_dot(e2, q) / det;
-        if (u >= 0 && v >= 0 && u + v <= 1 && t > 0)
+        if (u >= 0 && v >= 0 && u + v <= 1 && t > SBI_NEAR_ROUNDED * faces->lengths[face]) /* not a cut's other lip */
             least = sb_min(least, t);
     }
     return least;
@@ -173,15 +185,19 @@ static void sbi_near_place_organs(sb_contact *contact)
 
 SBI_API void sbi_pairs_measure(sb_contact *contact)
 {
-    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *rest = sbi_contact_points_at_rest(contact);
     if (!contact->pairs.kinds)
         return;
     contact->pairs.still.known = 0;
     sbi_near_measure_organs(contact);
     sbi_near_list_around(contact);
     sbi_contact_faces_refit(contact->faces, rest, NULL, 0);
+    sbi_pairs_find_lips(contact);
     contact->pairs.farthest = contact->pairs.longest_face = contact->pairs.longest_curved = 0;
     for (int f = 0; f < contact->faces->face_end; f++) {
+        contact->pairs.thickness[f] = 0;
+        if (contact->faces->is_skin && !(contact->faces->areas[f] > 0)) /* none of it */
+            continue;
         contact->pairs.longest_face = sb_max(contact->pairs.longest_face, contact->faces->lengths[f]);
         if (contact->faces->kinds[contact->faces->sizes[f]].corners < contact->faces->sizes[f])
             contact->pairs.longest_curved = sb_max(contact->pairs.longest_curved, contact->faces->lengths[f]);
@@ -189,7 +205,7 @@ SBI_API void sbi_pairs_measure(sb_contact *contact)
         contact->pairs.farthest = sb_max(contact->pairs.farthest, sbi_near_farthest(contact, f));
     }
     sbi_near_place_organs(contact);
-    sbi_contact_faces_refit(contact->faces, sb_body_positions(contact->body), NULL, 0);
+    sbi_contact_faces_refit(contact->faces, sbi_contact_points_now(contact), NULL, 0);
 }
 
 /* ---- faces that look at each other ---- */
@@ -218,7 +234,7 @@ SBI_API int sbi_pairs_are_apart(const sb_contact *contact, int face, int other)
         return 1;
     apart = sb_v3_sub(pairs->centres[face], pairs->centres[other]);
     least = SBI_NEAR_APART * sb_max(contact->faces->lengths[face], contact->faces->lengths[other]);
-    return sb_v3_dot(apart, apart) > least * least;
+    return sb_v3_dot(apart, apart) > least * least || sbi_pairs_are_lips(contact, face, other);
 }
 
 SBI_API sb_vec3 sbi_pairs_face_normal(const sb_contact *contact, int face) { return contact->pairs.normals[face]; }
@@ -412,11 +428,22 @@ SBI_API sb_real sbi_pairs_highest(const sb_contact *contact, int face, int other
     return near < most ? sb_min(most, near + sbi_near_coasts(pairs, face, other)) : most;
 }
 
+/* Of a cell's first corner and three beside it: how its edges turn, with nodes at x. */
+static sb_real sbi_near_cell_turn(const sb_body *body, const int *cell, const sb_vec3 *x)
+{
+    const int is_hexahedron = sb_element_corner_count(body->domain.element_type) == 8;
+    sb_vec3 a = x[cell[0]], u = sb_v3_sub(x[cell[1]], a), v = sb_v3_sub(x[cell[is_hexahedron ? 3 : 2]], a);
+    return sb_v3_dot(sb_v3_cross(u, v), sb_v3_sub(x[cell[is_hexahedron ? 4 : 3]], a));
+}
+
 SBI_API int sbi_pairs_is_inside_out(const sb_contact *contact, int face)
 {
     const int count = contact->body->domain.nodes_per_cell;
     const int *cell = sbi_contact_cell_nodes(contact->body, contact->faces->elements[face]);
     sb_vec3 middle = {0, 0, 0};
+    if (contact->skin.source) /* a triangle may lie anywhere in its cell, or beside it */
+        return (sbi_near_cell_turn(contact->body, cell, sb_body_positions(contact->body)) > 0) !=
+               (sbi_near_cell_turn(contact->body, cell, sb_body_rest_positions(contact->body)) > 0);
     for (int a = 0; a < count; a++)
         middle = sb_v3_madd(middle, 1 / (sb_real)count, contact->x[cell[a]]);
     return !(sb_v3_dot(contact->pairs.normals[face], sb_v3_sub(contact->pairs.middles[face], middle)) > 0);
@@ -744,5 +771,11 @@ SBI_API int sbi_pairs_parts(const sb_contact *contact, int face, int thin)
     sb_real own = pairs->organ_lengths[pairs->organs[face]];
     sb_real length = sb_max((sb_real)0.5 * own, sb_min(own, pairs->shortest));
     int least = contact->faces->kinds[contact->faces->sizes[face]].least;
+    if (contact->skin.source) { /* a cell, which may have many triangles, follows no more than a few samples */
+        length = 2 * own;
+        least = 1;
+        if (contact->faces->lengths[face] <= own)
+            return least;
+    }
     return sbi_max_int(least, sbi_contact_face_parts(contact->faces, face, length) >> thin);
 }

@@ -80,6 +80,9 @@ static int sbi_pair_add_sample(const sbi_pair_search *search, int number, const 
     return 1;
 }
 
+/* Triangles of a skin for each of those that have samples: there may be too many for one each. */
+static int sbi_pair_stride(const sb_contact *contact, int thin) { return contact->skin.source ? 1 << thin : 1; }
+
 /* The samples of a face that have a partner. 0: no room is left. */
 static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, int face, int thin)
 {
@@ -90,7 +93,9 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     int parts = sbi_pairs_parts(contact, face, thin), count = faces->sizes[face];
     const sbi_contact_rule *rule = sbi_contact_face_rule(faces, face, parts);
     sbi_pair_search search;
-    if (pairs->patch_count == contact->patch_room)
+    if (face % sbi_pair_stride(contact, thin) != 0)
+        return 1;
+    if (pairs->patch_count == pairs->patch_room)
         return 0;
     memset(patch, 0, sizeof *patch);
     patch->first = pairs->sample_count;
@@ -115,7 +120,7 @@ static int sbi_pair_add_patch(sb_contact *contact, const sbi_touch_step *step, i
     for (int i = patch->first; i < pairs->sample_count; i++) {
         sbi_pair_sample *s = pairs->samples + i;
         sb_real area = sbi_contact_sample_area(faces, contact->body, face, parts, s->sample);
-        s->area = area / 2;
+        s->area = (sb_real)sbi_pair_stride(contact, thin) * area / 2;
         s->spacing = sb_sqrt(area);
     }
     pairs->patch_count++;
@@ -131,11 +136,14 @@ SBI_API void sbi_pairs_forget(sb_contact *contact)
     pairs->foreseen = 0;
 }
 
-/* Takes back nodes from `count` on. */
-static void sbi_pair_return_nodes(sb_contact *contact, int count)
+/* Takes back nodes from `count` on, of a skin those of the body from `listed` on. */
+static void sbi_pair_return_nodes(sb_contact *contact, int count, int listed)
 {
+    sbi_contact_skin *skin = &contact->skin;
     while (contact->node_count > count)
         contact->node_place[contact->nodes[--contact->node_count]] = -1;
+    while (skin->list_count > listed)
+        skin->place[skin->list[--skin->list_count]] = -1;
 }
 
 /* A step in which organs go so far that pairs of its start mean nothing is left for shorter ones. */
@@ -152,7 +160,7 @@ static sb_result sbi_pair_check_way(sb_contact *contact, const sbi_touch_step *s
 SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *step, sb_error *error)
 {
     sbi_pairs *pairs = &contact->pairs;
-    int nodes = contact->node_count;
+    int nodes = contact->node_count, listed = contact->skin.list_count;
     contact->touch.links = 0;
     pairs->link_count = pairs->saved_count = 0;
     pairs->zones_made = SBI_ZONES_NONE;
@@ -166,7 +174,7 @@ SBI_API sb_result sbi_pairs_begin(sb_contact *contact, const sbi_touch_step *ste
     for (int thin = 0;; thin++) {
         int face = sbi_pairs_next_near(contact, 0);
         sbi_pairs_forget(contact);
-        sbi_pair_return_nodes(contact, nodes);
+        sbi_pair_return_nodes(contact, nodes, listed);
         while (face >= 0 &&
                ((thin == 0 && sbi_pairs_is_still(contact, face)) || sbi_pair_add_patch(contact, step, face, thin)))
             face = sbi_pairs_next_near(contact, face + 1);
@@ -407,9 +415,13 @@ static void sbi_pair_add_slot(sb_contact *contact, int slot, const unsigned char
     sbi_pairs *pairs = &contact->pairs;
     size_t width = (size_t)contact->faces->width;
     int face = pairs->slots[slot], count = contact->faces->sizes[face];
-    const int *nodes = sbi_contact_face_nodes(contact->faces, face);
-    const int *places = sbi_contact_face_blocks(contact->faces, contact->body, face);
+    const int *nodes = sbi_contact_face_nodes(contact->faces, face), *places;
     const sb_real(*blocks)[9] = (const sb_real(*)[9])(pairs->blocks + (size_t)slot * width * width);
+    if (contact->skin.source) {
+        sbi_contact_skin_add_face(contact, masked, matrix, face, blocks);
+        return;
+    }
+    places = sbi_contact_face_blocks(contact->faces, contact->body, face);
     for (int i = 0; i < count * count; i++) {
         sbi_contact_saved *saved = pairs->saved + pairs->saved_count++;
         unsigned rows = masked ? masked[nodes[i / count]] : 0u, columns = masked ? masked[nodes[i % count]] : 0u;
@@ -443,21 +455,67 @@ SBI_API void sbi_pairs_restore_blocks(sb_contact *contact, sb_matrix *matrix)
     }
 }
 
-/* Mean of x [rows] with weights of nodes, without masked axes. */
-static sb_vec3 sbi_pair_mean(const int *nodes, const sb_real *weights, int count, const unsigned char *masked,
-                             const sb_vec3 *x)
+/* One side of a link. */
+typedef struct sbi_pair_side {
+    const sb_contact *contact;
+    const unsigned char *masked;
+    const int *nodes; /* of the face */
+    const sb_real *weights;
+    int count;
+} sbi_pair_side;
+
+static sbi_pair_side sbi_pair_make_side(const sb_contact *contact, const unsigned char *masked, int face,
+                                        const sb_real *weights)
 {
+    sbi_pair_side side;
+    side.contact = contact;
+    side.masked = masked;
+    side.nodes = sbi_contact_face_nodes(contact->faces, face);
+    side.weights = weights;
+    side.count = contact->faces->sizes[face];
+    return side;
+}
+
+/* The body's nodes that node a of its face stands for: that itself, or of a skin its row. */
+static sbi_contact_row sbi_pair_row(const sbi_pair_side *side, int a, const sb_real *one)
+{
+    sbi_contact_row row;
+    if (side->contact->skin.source)
+        return sbi_contact_skin_row(&side->contact->skin, side->nodes[a]);
+    row.count = 1;
+    row.nodes = side->nodes + a;
+    row.weights = one;
+    return row;
+}
+
+static sb_vec3 sbi_pair_unmask(const sbi_pair_side *side, int node, sb_vec3 v)
+{
+    return sbi_contact_unmasked(side->masked ? side->masked[node] : 0u, v);
+}
+
+/* Mean of x [rows] with weights of nodes, without masked axes. */
+static sb_vec3 sbi_pair_mean(const sbi_pair_side *side, const sb_vec3 *x)
+{
+    const sb_real one = 1;
     sb_vec3 sum = {0, 0, 0};
-    for (int a = 0; a < count; a++)
-        sum = sb_v3_madd(sum, weights[a], sbi_contact_unmasked(masked ? masked[nodes[a]] : 0u, x[nodes[a]]));
+    for (int a = 0; a < side->count; a++) {
+        const sbi_contact_row row = sbi_pair_row(side, a, &one);
+        for (int i = 0; i < row.count; i++)
+            sum = sb_v3_madd(sum, side->weights[a] * row.weights[i],
+                             sbi_pair_unmask(side, row.nodes[i], x[row.nodes[i]]));
+    }
     return sum;
 }
 
-static void sbi_pair_subtract(const int *nodes, const sb_real *weights, int count, const unsigned char *masked,
-                              sb_vec3 f, sb_vec3 *out)
+static void sbi_pair_subtract(const sbi_pair_side *side, sb_vec3 f, sb_vec3 *out)
 {
-    for (int a = 0; a < count; a++)
-        out[nodes[a]] = sb_v3_madd(out[nodes[a]], -weights[a], sbi_contact_unmasked(masked ? masked[nodes[a]] : 0u, f));
+    const sb_real one = 1;
+    for (int a = 0; a < side->count; a++) {
+        const sbi_contact_row row = sbi_pair_row(side, a, &one);
+        for (int i = 0; i < row.count; i++)
+            out[row.nodes[i]] = sb_v3_madd(out[row.nodes[i]], -side->weights[a] * row.weights[i],
+                                           sbi_pair_unmask(side, row.nodes[i], f));
+    }
 }
 
 SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
@@ -468,14 +526,11 @@ SBI_API double sbi_pairs_multiply_links(void *user, const unsigned char *masked,
     for (int i = 0; i < pairs->link_count; i++) {
         const sbi_pair_link *link = pairs->links + i;
         const sbi_pair_sample *s = pairs->samples + link->sample;
-        int face = s->face, count = contact->faces->sizes[face], others = contact->faces->sizes[s->other];
-        const int *one = sbi_contact_face_nodes(contact->faces, face);
-        const int *two = sbi_contact_face_nodes(contact->faces, s->other);
-        sb_vec3 x1 = sbi_pair_mean(one, s->weights, count, masked, x);
-        sb_vec3 x2 = sbi_pair_mean(two, s->shares, others, masked, x);
-        sb_vec3 f1 = sbi_pair_times(link, x2);
-        sbi_pair_subtract(one, s->weights, count, masked, f1, out);
-        sbi_pair_subtract(two, s->shares, others, masked, sbi_pair_times(link, x1), out);
+        const sbi_pair_side one = sbi_pair_make_side(contact, masked, s->face, s->weights);
+        const sbi_pair_side two = sbi_pair_make_side(contact, masked, s->other, s->shares);
+        sb_vec3 x1 = sbi_pair_mean(&one, x), x2 = sbi_pair_mean(&two, x), f1 = sbi_pair_times(link, x2);
+        sbi_pair_subtract(&one, f1, out);
+        sbi_pair_subtract(&two, sbi_pair_times(link, x1), out);
         sum -= 2 * (double)sb_v3_dot(x1, f1);
     }
     return sum;

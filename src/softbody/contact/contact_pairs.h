@@ -8,7 +8,11 @@
  * behind a face is inside out there is no friction: organs that a blow has crumpled would hold each other so.
  *
  * Blocks of one side, w w^T K and v v^T K, have places in the matrix. Those across, -w v^T K, have none: conjugate
- * gradients multiply by them beside it. Pairs, weights and normals stay over a step. */
+ * gradients multiply by them beside it. Pairs, weights and normals stay over a step.
+ *
+ * On a skin (contact_skin.h) faces are its triangles and nodes its points; organs are those of the cells that these lie
+ * in. The two lips of a cut in one organ touch from the start (contact_lips.c). What takes motion out of a step does so
+ * of the body's nodes. */
 #ifndef SB_CONTACT_PAIRS_H
 #define SB_CONTACT_PAIRS_H
 
@@ -29,7 +33,7 @@ typedef struct sbi_pair_sample {
     int other_nodes[SB_MAX_FACE_NODES]; /* places */
     const sb_real *weights;             /* w */
     sb_real shares[SB_MAX_FACE_NODES];  /* v */
-    sb_real area, spacing;              /* m^2 at rest: half of the sample's; m */
+    sb_real area, spacing;              /* m^2 at rest: half of what the sample stands for; m, its own */
     sb_real k, memory;                  /* Pa/m; l (Pa) */
     sb_vec3 remembered;                 /* t (Pa) */
     sb_real friction;                   /* mu */
@@ -54,6 +58,7 @@ typedef struct sbi_pair_entry {
     sb_real left;      /* m: see sbi_pair_sample */
     sb_real shares[SB_MAX_FACE_NODES];
     sb_vec3 traction, point, normal, force;
+    uint64_t names[2]; /* of the triangles of a skin, while they wait for those (sbi_contact_skin) */
 } sbi_pair_entry;
 
 /* What a corner of faces remembers, see contact_memory.c. */
@@ -129,6 +134,14 @@ typedef struct sbi_pairs_still {
     int list_count;
 } sbi_pairs_still;
 
+/* Which faces of a skin are lips, see contact_lips.c. */
+typedef struct sbi_pair_lips {
+    int *twins;          /* [faces] the face on the other lip at the same place; -1: it is no lip */
+    int *sheets, *cuts;  /* [faces] least face of the sheet and of the cut that a face belongs to; -1: likewise */
+    unsigned char *rims; /* [faces] 1: so near the end of a cut that the other lip is none of its own */
+    unsigned char *ends; /* [nodes] of points near one */
+} sbi_pair_lips;
+
 typedef struct sbi_pairs {
     int kinds; /* SB_CONTACT_SELF | SB_CONTACT_ORGANS; 0: none of all this is there */
     sb_real friction, distance;
@@ -140,6 +153,7 @@ typedef struct sbi_pairs {
     sb_vec3 *rest_normals;         /* out of the body */
     sb_real *organ_lengths;        /* [nodes] mean length of an organ's faces (m) */
     int *organ_counts;             /* [nodes] */
+    sbi_pair_lips lips;            /* of a skin that touches itself */
     int *first_face, *around;      /* [nodes + 1], faces of each node */
     sb_real longest, shortest;     /* of organ_lengths */
     sb_real longest_face;          /* m */
@@ -166,13 +180,14 @@ typedef struct sbi_pairs {
     int *found;
     sbi_pair_ball *lists[SBI_PAIR_LISTS]; /* of those found, what samples of the face at hand need to look at */
     int list_counts[SBI_PAIR_LISTS];
-    int *slot_of; /* -1 between steps */
-    int *zones;   /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
+    int *slot_of;       /* -1 between steps */
+    int *zones;         /* [nodes] what moves as one, see contact_apart.c: a node of it, -1: this one moves by itself */
+    sb_vec3 *node_ways; /* [nodes] ways of the body's nodes over the step (m), while they are mended */
     sbi_zones zones_made;                         /* by what was mended in this step */
     sb_vec3 *zone_ways, *zone_masses, *zone_held; /* [nodes] sums of a zone */
 
     sbi_pair_patch *patches;
-    int patch_count;
+    int patch_count, patch_room;
     sbi_pair_sample *samples; /* [max_contacts] */
     int sample_count;
     sb_real foreseen; /* overlap at the end of the step without contact, of what is safe: the largest */
@@ -194,6 +209,7 @@ typedef struct sbi_pairs {
     sb_real strayed; /* m: straying in it */
     sbi_pair_entry *entries, *spare;
     int entry_count;
+    int waiting;                                    /* of a skin: as sbi_contact_skin.waiting */
     sbi_pair_pressure *pressures, *spare_pressures; /* [corners max_contacts] */
     int pressure_count;
 } sbi_pairs;

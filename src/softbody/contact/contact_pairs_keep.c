@@ -17,9 +17,10 @@
 static void sbi_pair_spread(sb_contact *contact)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    memset(contact->sums, 0, (size_t)contact->node_count * sizeof *contact->sums);
+    const sbi_contact_keepers keepers = sbi_contact_get_keepers(contact);
+    memset(contact->sums, 0, (size_t)keepers.count * sizeof *contact->sums);
     for (int i = 0; i < pairs->pressure_count; i++) {
-        int place = contact->node_place[pairs->pressures[i].node];
+        int place = keepers.place[pairs->pressures[i].node];
         if (place >= 0)
             contact->sums[place].old = pairs->pressures[i].value;
     }
@@ -36,8 +37,8 @@ SBI_API void sbi_pairs_remember_pressures(sb_contact *contact)
         const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[s->face]];
         s->memory = 0;
         for (int a = 0; a < kind->corners; a++)
-            s->memory +=
-                sbi_contact_corner_share(kind, s->weights, a) * contact->sums[pairs->patches[s->patch].nodes[a]].old;
+            s->memory += sbi_contact_corner_share(kind, s->weights, a) *
+                         sbi_contact_remembered(contact, pairs->patches[s->patch].nodes[a]);
     }
 }
 
@@ -73,11 +74,11 @@ SBI_API void sbi_pairs_remember(sb_contact *contact)
 
 /* ---- from samples to the lists ---- */
 
-/* Share of its pressure that a node must not remember: the matrix is too stiff there for it to be stable. */
-static sb_real sbi_pair_doubt(const sb_contact *contact, const sbi_pair_sample *s, int place)
+/* Share of its pressure that what remembers must not: the matrix is too stiff there for it to be stable. */
+static sb_real sbi_pair_doubt(const sb_contact *contact, const sbi_pair_sample *s, int keeper)
 {
     const sb_real most = SBI_PAIR_REMEMBERS, least = SBI_PAIR_FORGETS;
-    sb_real own = contact->stiffness_by_node[place];
+    sb_real own = sbi_contact_keeper_stiffness(contact, keeper);
     sb_real other = contact->pairs.region_sum[contact->faces->regions[s->other]];
     sb_real both = own > 0 && other > 0 ? own * (other / (own + other)) : 0;
     if (s->k >= most * both)
@@ -85,36 +86,47 @@ static sb_real sbi_pair_doubt(const sb_contact *contact, const sbi_pair_sample *
     return s->k > least * both ? (most - s->k / both) / (most - least) : 1;
 }
 
+/* A force of a sample at a node of its face, by place; kept: the share of it that does not fade. */
+static void sbi_pair_add_sum(sb_contact *contact, const sbi_pair_sample *s, int place, sb_real force, sb_real kept)
+{
+    int keepers[SBI_CONTACT_MOST_KEEPERS];
+    sb_real shares[SBI_CONTACT_MOST_KEEPERS];
+    int count = sbi_contact_keepers_of(contact, place, keepers, shares);
+    for (int i = 0; i < count; i++) {
+        sbi_contact_sum *sum = contact->sums + keepers[i];
+        sum->force += shares[i] * force;
+        sum->rise += shares[i] * force * (s->answer.pressure - s->memory);
+        sum->kept += shares[i] * force * kept;
+        sum->doubt = sb_max(sum->doubt, sbi_pair_doubt(contact, s, keepers[i]));
+    }
+}
+
 static void sbi_pair_add_sums(sb_contact *contact, const sbi_pair_sample *s)
 {
     const sbi_contact_kind *kind = &contact->faces->kinds[contact->faces->sizes[s->face]];
     const int *nodes = contact->pairs.patches[s->patch].nodes;
     sb_real fade = sb_max((sb_real)0, 1 - s->slip / s->spacing);
-    for (int a = 0; a < kind->corners && s->answer.pressure > 0; a++) {
-        sbi_contact_sum *sum = contact->sums + nodes[a];
-        sb_real force = sbi_contact_corner_share(kind, s->weights, a) * s->area * s->answer.pressure;
-        sum->force += force;
-        sum->rise += force * (s->answer.pressure - s->memory);
-        sum->kept += force * fade;
-        sum->doubt = sb_max(sum->doubt, sbi_pair_doubt(contact, s, nodes[a]));
-    }
+    for (int a = 0; a < kind->corners && s->answer.pressure > 0; a++)
+        sbi_pair_add_sum(contact, s, nodes[a],
+                         sbi_contact_corner_share(kind, s->weights, a) * s->area * s->answer.pressure, fade);
 }
 
 SBI_API void sbi_pairs_keep_pressures(sb_contact *contact, int fades)
 {
     sbi_pairs *pairs = &contact->pairs;
     sbi_pair_pressure *fresh = pairs->spare_pressures;
+    const sbi_contact_keepers keepers = sbi_contact_get_keepers(contact);
     int count = 0;
     if (!pairs->kinds)
         return;
     sbi_pair_spread(contact);
     for (int i = 0; i < pairs->sample_count; i++)
         sbi_pair_add_sums(contact, pairs->samples + i);
-    for (int k = 0; pairs->sample_count > 0 && k < contact->node_count; k++) {
+    for (int k = 0; pairs->sample_count > 0 && k < keepers.count; k++) {
         const sbi_contact_sum *sum = contact->sums + k;
         if (!(sum->force > 0))
             continue;
-        fresh[count].node = contact->nodes[k];
+        fresh[count].node = keepers.nodes[k];
         fresh[count].value = (sum->old + sum->rise / sum->force) * (1 - sum->doubt);
         fresh[count].value *= fades ? sum->kept / sum->force : 1;
         count += fresh[count].value > 0;
@@ -170,7 +182,7 @@ SBI_API void sbi_pairs_keep_entries(sb_contact *contact)
 SBI_API void sbi_pairs_measure_overlap(const sb_contact *contact, sb_real *overlap, sb_real *pushed)
 {
     const sbi_pairs *pairs = &contact->pairs;
-    const sb_vec3 *rest = sb_body_rest_positions(contact->body);
+    const sb_vec3 *rest = sbi_contact_points_at_rest(contact);
     for (int i = 0; i < pairs->active_count; i++) {
         const sbi_pair_sample *s = pairs->samples + pairs->active[i];
         const int *nodes = sbi_contact_face_nodes(contact->faces, s->face);
@@ -187,42 +199,60 @@ SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_ve
     const sbi_pairs *pairs = &contact->pairs;
     for (int e = 0; e < pairs->entry_count; e++) {
         const sbi_pair_entry *entry = pairs->entries + e;
-        const int *nodes = sbi_contact_face_nodes(contact->faces, entry->face);
-        const int *others = sbi_contact_face_nodes(contact->faces, entry->other);
-        const sb_real *weights = sbi_contact_sample_weights(contact->faces, entry->face, entry->parts, entry->sample);
-        for (int a = 0; a < contact->faces->sizes[entry->face]; a++)
-            out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], entry->force);
-        for (int a = 0; a < contact->faces->sizes[entry->other]; a++)
-            out[others[a]] = sb_v3_madd(out[others[a]], -factor * entry->shares[a], entry->force);
+        sbi_contact_load_sample(contact, entry->face, entry->parts, entry->sample, factor, entry->force, out);
+        sbi_contact_load_face(contact, entry->other, entry->shares, -factor, entry->force, out);
     }
 }
 
 /* ---- changes of the mesh ---- */
+
+static int sbi_pair_is_before(const sbi_pair_entry *a, const sbi_pair_entry *b)
+{
+    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
+}
+
+SBI_API void sbi_pairs_insert_entry(sbi_pairs *pairs, const sbi_pair_entry *entry)
+{
+    int at = pairs->entry_count++;
+    for (; at > 0 && sbi_pair_is_before(entry, pairs->entries + at - 1); at--)
+        pairs->entries[at] = pairs->entries[at - 1];
+    pairs->entries[at] = *entry;
+}
+
+/* Corners remember as long as a face with an entry has them. */
+static void sbi_pair_drop_pressures(sb_contact *contact)
+{
+    sbi_pairs *pairs = &contact->pairs;
+    const int *place = sbi_contact_get_keepers(contact).place;
+    int count = 0;
+    for (int set = 1; set >= 0; set--) {
+        for (int e = 0; e < pairs->entry_count; e++)
+            sbi_contact_mark_corners(contact, pairs->entries[e].face, set ? 0 : -1);
+        for (int i = 0; set && i < pairs->pressure_count; i++)
+            if (place[pairs->pressures[i].node] >= 0)
+                pairs->pressures[count++] = pairs->pressures[i];
+    }
+    pairs->pressure_count = count;
+}
 
 SBI_API void sbi_pairs_follow_faces(sb_contact *contact)
 {
     sbi_pairs *pairs = &contact->pairs;
     const sbi_contact_faces *faces = contact->faces;
     int count = 0;
+    if (!pairs->kinds)
+        return;
     pairs->link_count = contact->touch.links = 0;
-    for (int e = 0; e < pairs->entry_count; e++) {
+    for (int e = 0; !contact->skin.source && e < pairs->entry_count; e++) { /* those of a skin have followed it */
         sbi_pair_entry entry = pairs->entries[e];
         entry.face = faces->live.moved[entry.face];
         entry.other = faces->live.moved[entry.other];
         if (entry.face >= 0 && entry.other >= 0)
             pairs->entries[count++] = entry;
     }
-    pairs->entry_count = count;
-    count = 0;
-    for (int set = 1; set >= 0; set--) { /* corners remember as long as a face with an entry has them */
-        for (int e = 0; e < pairs->entry_count; e++)
-            for (int a = 0; a < faces->sizes[pairs->entries[e].face]; a++)
-                contact->node_place[sbi_contact_face_nodes(faces, pairs->entries[e].face)[a]] = set ? 0 : -1;
-        for (int i = 0; set && i < pairs->pressure_count; i++)
-            if (contact->node_place[pairs->pressures[i].node] >= 0)
-                pairs->pressures[count++] = pairs->pressures[i];
-    }
-    pairs->pressure_count = count;
+    if (!contact->skin.source)
+        pairs->entry_count = count;
+    sbi_pair_drop_pressures(contact);
     sbi_pairs_measure(contact);
 }
 
@@ -234,9 +264,9 @@ SBI_API void sbi_pairs_read_point(const sb_contact *contact, int number, sb_cont
     memset(point, 0, sizeof *point);
     point->tool = -1;
     point->element = contact->faces->elements[entry->face];
-    point->face = contact->faces->sides[entry->face];
+    point->face = contact->faces->is_skin ? entry->face : contact->faces->sides[entry->face];
     point->other_element = contact->faces->elements[entry->other];
-    point->other_face = contact->faces->sides[entry->other];
+    point->other_face = contact->faces->is_skin ? entry->other : contact->faces->sides[entry->other];
     point->sticks = entry->sticks;
     point->gap = entry->gap;
     point->area = entry->area;

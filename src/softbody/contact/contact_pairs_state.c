@@ -1,19 +1,34 @@
 /* contact_pairs_state: organs in touch as a part of their own of the body's state, so that contact of tools alone is
- * saved as it was. Faces are named by cell and side. */
+ * saved as it was. Faces are named by cell and side, triangles of a skin as those of tools' entries. */
 #include <string.h>
 
+#include "../base/bytes.h"
 #include "contact_private.h"
 
 enum { SBI_PAIR_VERSION = 4, SBI_PAIR_REALS = 15 };
 
-static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
+/* Face k of an entry. */
+static void sbi_pair_put_face(const sb_contact *contact, const sbi_pair_entry *entry, int k, sbi_state_out *out)
 {
     const sbi_contact_faces *faces = contact->faces;
+    int face = k ? entry->other : entry->face;
+    uint64_t name;
+    if (!contact->skin.source) {
+        sbi_part_put_int(out, faces->elements[face]);
+        sbi_part_put_int(out, faces->sides[face]);
+        return;
+    }
+    name = contact->pairs.waiting > 0 ? entry->names[k]
+                                      : sbi_contact_skin_name(contact, face, sbi_contact_face_nodes(faces, face));
+    sbi_part_put_int(out, sbi_int_of(name & 0xFFFFFFFFu));
+    sbi_part_put_int(out, sbi_int_of(name >> 32));
+}
+
+static void sbi_pair_put_entry(const sb_contact *contact, const sbi_pair_entry *entry, sbi_state_out *out)
+{
     sb_real reals[SBI_PAIR_REALS] = {entry->gap, entry->area};
-    sbi_part_put_int(out, faces->elements[entry->face]);
-    sbi_part_put_int(out, faces->sides[entry->face]);
-    sbi_part_put_int(out, faces->elements[entry->other]);
-    sbi_part_put_int(out, faces->sides[entry->other]);
+    for (int k = 0; k < 2; k++)
+        sbi_pair_put_face(contact, entry, k, out);
     sbi_part_put_int(out, entry->parts);
     sbi_part_put_int(out, entry->sample);
     sbi_part_put_int(out, entry->sticks);
@@ -34,8 +49,8 @@ static void sbi_pair_save(const void *user, sbi_state_out *out)
     sbi_part_put_reals(out, &pairs->friction, 1);
     sbi_part_put_reals(out, &pairs->distance, 1);
     sbi_part_put_reals(out, &pairs->strayed, 1);
-    sbi_part_put_int(out, pairs->entry_count);
-    for (int e = 0; e < pairs->entry_count; e++)
+    sbi_part_put_int(out, pairs->entry_count + pairs->waiting); /* one of them is 0 */
+    for (int e = 0; e < pairs->entry_count + pairs->waiting; e++)
         sbi_pair_put_entry(contact, pairs->entries + e, out);
     sbi_part_put_int(out, pairs->pressure_count);
     for (int i = 0; i < pairs->pressure_count; i++) {
@@ -44,7 +59,7 @@ static void sbi_pair_save(const void *user, sbi_state_out *out)
     }
 }
 
-/* entry->face: -1 where the mesh has no such faces or sample. */
+/* entry->face: -1 where the mesh has no such faces or sample; of a skin they are to be found by their names. */
 static void sbi_pair_get_entry(const sb_contact *contact, sbi_part_in *in, int finds, sbi_pair_entry *entry)
 {
     sb_real reals[SBI_PAIR_REALS];
@@ -52,8 +67,10 @@ static void sbi_pair_get_entry(const sb_contact *contact, sbi_part_in *in, int f
     memset(entry, 0, sizeof *entry);
     for (int i = 0; i < 4; i++) {
         at[i] = sbi_part_get_int(in);
-        in->bad |= at[i] < 0;
+        in->bad |= !contact->skin.source && at[i] < 0;
     }
+    for (int k = 0; k < 2; k++)
+        entry->names[k] = (uint64_t)(uint32_t)at[2 * k] | (uint64_t)(uint32_t)at[2 * k + 1] << 32;
     entry->parts = sbi_part_get_int(in);
     entry->sample = sbi_part_get_int(in);
     entry->sticks = sbi_part_get_int(in);
@@ -67,7 +84,10 @@ static void sbi_pair_get_entry(const sb_contact *contact, sbi_part_in *in, int f
     entry->left = reals[14];
     in->bad |= entry->parts < 1 || entry->parts > SBI_CONTACT_MOST_PARTS || entry->sample < 0 || !(entry->area > 0) ||
                entry->left > 0 || (entry->sticks & ~1);
-    entry->face = finds && !in->bad ? sbi_contact_find_face(contact->faces, at[0], at[1]) : -1;
+    entry->face = entry->other = -1;
+    if (!finds || in->bad || contact->skin.source)
+        return;
+    entry->face = sbi_contact_find_face(contact->faces, at[0], at[1]);
     entry->other = entry->face >= 0 ? sbi_contact_find_face(contact->faces, at[2], at[3]) : -1;
     if (entry->other < 0 || !sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->weights ||
         entry->sample >= sbi_contact_face_rule(contact->faces, entry->face, entry->parts)->count)
@@ -121,44 +141,34 @@ static sb_result sbi_pair_check(void *user, const sb_body *body, const unsigned 
     return SB_OK;
 }
 
-static int sbi_pair_is_before(const sbi_pair_entry *a, const sbi_pair_entry *b)
-{
-    return a->face != b->face ? a->face < b->face : a->sample < b->sample;
-}
-
-/* Entries go where their order wants them: faces may have other numbers here. */
-static void sbi_pair_insert(sbi_pairs *pairs, const sbi_pair_entry *entry)
-{
-    int at = pairs->entry_count++;
-    for (; at > 0 && sbi_pair_is_before(entry, pairs->entries + at - 1); at--)
-        pairs->entries[at] = pairs->entries[at - 1];
-    pairs->entries[at] = *entry;
-}
-
 static void sbi_pair_load(void *user, const unsigned char *bytes, size_t size)
 {
     sb_contact *contact = (sb_contact *)user;
     sbi_pairs *pairs = &contact->pairs;
     sbi_part_in in = sbi_part_read(bytes, size);
     sb_real law[2];
-    int count, pressures;
+    int count, pressures, waits = sbi_contact_skin_is_late(contact, 1) && contact->faces_old;
     (void)sbi_part_get_int(&in);
     sbi_part_get_reals(&in, law, 2);
     sbi_part_get_reals(&in, &pairs->strayed, 1);
     count = sbi_part_get_int(&in);
-    pairs->entry_count = pairs->pressure_count = 0;
-    if (sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
+    pairs->entry_count = pairs->pressure_count = pairs->waiting = 0;
+    if (!waits && sbi_contact_update_faces(contact, NULL) != SB_OK) /* the next step says so */
         return;
     for (int e = 0; e < count; e++) {
         sbi_pair_entry entry;
         sbi_pair_get_entry(contact, &in, 1, &entry);
-        if (entry.face >= 0)
-            sbi_pair_insert(pairs, &entry);
+        if (contact->skin.source)
+            pairs->entries[pairs->waiting++] = entry;
+        else if (entry.face >= 0) /* faces may have other numbers here */
+            sbi_pairs_insert_entry(pairs, &entry);
     }
+    if (!waits && contact->skin.source)
+        sbi_contact_skin_take_waiting(contact);
     pressures = sbi_pair_get_pressure_count(contact, &in);
     for (int i = 0; i < pressures; i++) {
         sbi_pair_pressure pressure = sbi_pair_get_pressure(&in);
-        if (pressure.node < contact->faces->node_room)
+        if (pressure.node < sbi_contact_body_room(contact))
             pairs->pressures[pairs->pressure_count++] = pressure;
     }
 }

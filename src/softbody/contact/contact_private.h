@@ -186,6 +186,12 @@ SB_INLINE int sbi_contact_body_room(const sb_contact *contact)
 {
     return contact->skin.source ? contact->skin.node_room : contact->faces->node_room;
 }
+/* Room of arrays by node of the body and by point of a skin. */
+SB_INLINE int sbi_contact_any_room(const sb_contact *contact)
+{
+    int body = sbi_contact_body_room(contact);
+    return contact->faces->node_room > body ? contact->faces->node_room : body;
+}
 
 /* ---- contact_tool.c ---- */
 /* Gives a tool back; a free place is fine. */
@@ -208,6 +214,20 @@ SBI_API sb_real sbi_contact_depth(sb_contact *contact, const sbi_tool *shape, co
                                   int *element);
 
 /* ---- contact_memory.c ---- */
+/* What remembers: the nodes in touch, or with a skin the nodes of its cells. */
+typedef struct sbi_contact_keepers {
+    int count;
+    const int *nodes, *place; /* by place; places by node */
+} sbi_contact_keepers;
+SBI_API sbi_contact_keepers sbi_contact_get_keepers(const sb_contact *contact);
+/* What sums[].old says is remembered at a node of a face, by place. */
+SBI_API sb_real sbi_contact_remembered(const sb_contact *contact, int place);
+/* Those that remember for a node of a face, by place: itself, or of a skin corners of its cell. Returns how many. */
+enum { SBI_CONTACT_MOST_KEEPERS = 8 };
+SBI_API int sbi_contact_keepers_of(const sb_contact *contact, int place, int keepers[SBI_CONTACT_MOST_KEEPERS],
+                                   sb_real shares[SBI_CONTACT_MOST_KEEPERS]);
+/* Stiffness (Pa/m) of one; 0: it has none. */
+SBI_API sb_real sbi_contact_keeper_stiffness(const sb_contact *contact, int keeper);
 /* L of a corner at a sample: quadratic shape functions take linear ones from the middles. */
 SBI_API sb_real sbi_contact_corner_share(const sbi_contact_kind *kind, const sb_real *weights, int corner);
 /* memory of all samples, by what corners remember. */
@@ -218,7 +238,13 @@ SBI_API void sbi_contact_keep_pressures(sb_contact *contact, int fades);
 /* Puts an entry where the order of entries wants it. */
 SBI_API void sbi_contact_insert_entry(sb_contact *contact, const sbi_contact_entry *entry);
 
-/* ---- contact_near.c: of contacts with pairs, as all below up to contact_step.c ---- */
+/* ---- contact_lips.c: of contacts with pairs, as all below up to contact_step.c ---- */
+/* Finds the lips of a skin that touches itself; boxes of faces and rest normals are those of its shape at rest. */
+SBI_API void sbi_pairs_find_lips(sb_contact *contact);
+/* 1: the two faces are of the two lips of one cut in one organ, not near its end. */
+SBI_API int sbi_pairs_are_lips(const sb_contact *contact, int face, int other);
+
+/* ---- contact_near.c ---- */
 /* What is known of the organs at rest; a refit of the faces has to follow. Does nothing without pairs. */
 SBI_API void sbi_pairs_measure(sb_contact *contact);
 /* Where faces look, with nodes at x [rows]. */
@@ -343,6 +369,8 @@ SBI_API void sbi_pairs_measure_overlap(const sb_contact *contact, sb_real *overl
 SBI_API void sbi_pairs_add_done(const sb_contact *contact, sb_real factor, sb_vec3 *out);
 /* The faces have other numbers: what goes is forgotten. */
 SBI_API void sbi_pairs_follow_faces(sb_contact *contact);
+/* Puts an entry where the order of entries wants it. */
+SBI_API void sbi_pairs_insert_entry(sbi_pairs *pairs, const sbi_pair_entry *entry);
 SBI_API void sbi_pairs_read_point(const sb_contact *contact, int number, sb_contact_point *point);
 SBI_API void sbi_pairs_add_pushes(const sb_contact *contact, sb_real *pushes); /* N, [nodes] */
 #define SBI_PAIRS_PART "pairs"                                                 /* its name in its body's state */
@@ -411,6 +439,8 @@ SBI_API void sbi_contact_commit_springs(sb_contact *contact);
 /* ---- contact_live.c ---- */
 /* Arrays by face and node for the rooms that the faces have, in place of those there were. 0: no memory. */
 SBI_API int sbi_contact_take_room(sb_contact *contact);
+/* places of what remembers the pressures on a face become `mark`. */
+SBI_API void sbi_contact_mark_corners(sb_contact *contact, int face, int mark);
 /* Follows its body's changes from now on; and no longer. */
 SBI_API sb_result sbi_contact_listen(sb_contact *contact, sb_error *error);
 SBI_API void sbi_contact_unlisten(sb_contact *contact);
@@ -464,7 +494,10 @@ SB_INLINE void sbi_contact_add_block(sb_real *values, const sb_real *block, unsi
                 values[3 * i + j] += block[3 * i + j];
 }
 
-/* out [rows] += factor times what a force on a sample of a face is on the nodes of the body. */
+/* out [rows] += factor times what a force is on the nodes of the body that acts on a face with weights of its nodes. */
+SBI_API void sbi_contact_load_face(const sb_contact *contact, int face, const sb_real *weights, sb_real factor,
+                                   sb_vec3 force, sb_vec3 *out);
+/* The same of a sample. */
 SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int parts, int sample, sb_real factor,
                                      sb_vec3 force, sb_vec3 *out);
 /* Where a sample of a face goes when the body's nodes go by x [rows]. */

@@ -56,7 +56,7 @@ static sbi_contact_kind sbi_contact_make_kind(sb_element_type type)
 /* Takes the tables of a kind (measuring or for real). */
 static void sbi_contact_layout_rules(sbi_contact_kind *kind, sbi_arena *arena)
 {
-    for (int n = kind->least; n <= kind->most; n++) {
+    for (int n = 1; n <= kind->most; n++) {
         sbi_contact_rule *rule = &kind->rules[n];
         size_t values;
         rule->count = sbi_contact_points(kind) * n * n;
@@ -125,7 +125,7 @@ SBI_API int sbi_contact_make_rules(sbi_contact_faces *faces, sbi_element element
     }
     for (int size = 1; size <= SB_MAX_FACE_NODES; size++) {
         sbi_contact_kind *kind = &faces->kinds[size];
-        for (int n = kind->least; n <= kind->most && kind->nodes; n++)
+        for (int n = 1; n <= kind->most && kind->nodes; n++)
             sbi_contact_fill_rule(kind, n);
         if (kind->nodes > 4)
             sbi_contact_fill_shares(kind);

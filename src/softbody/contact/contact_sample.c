@@ -17,11 +17,10 @@ SBI_API int sbi_contact_place_node(sb_contact *contact, int node)
 
 /* ---- the body's nodes at a sample ---- */
 
-SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int parts, int sample, sb_real factor,
-                                     sb_vec3 force, sb_vec3 *out)
+SBI_API void sbi_contact_load_face(const sb_contact *contact, int face, const sb_real *weights, sb_real factor,
+                                   sb_vec3 force, sb_vec3 *out)
 {
     const int *nodes = sbi_contact_face_nodes(contact->faces, face);
-    const sb_real *weights = sbi_contact_sample_weights(contact->faces, face, parts, sample);
     for (int a = 0; a < contact->faces->sizes[face]; a++) {
         if (contact->skin.source) {
             const sbi_contact_row row = sbi_contact_skin_row(&contact->skin, nodes[a]);
@@ -31,6 +30,13 @@ SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int pa
             out[nodes[a]] = sb_v3_madd(out[nodes[a]], factor * weights[a], force);
         }
     }
+}
+
+SBI_API void sbi_contact_load_sample(const sb_contact *contact, int face, int parts, int sample, sb_real factor,
+                                     sb_vec3 force, sb_vec3 *out)
+{
+    sbi_contact_load_face(contact, face, sbi_contact_sample_weights(contact->faces, face, parts, sample), factor, force,
+                          out);
 }
 
 SBI_API sb_vec3 sbi_contact_sample_motion(const sb_contact *contact, int face, int parts, int sample, const sb_vec3 *x)

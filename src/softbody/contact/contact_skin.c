@@ -271,27 +271,42 @@ static int sbi_skin_has_corners(const int *one, const int *two)
     return one[0] == two[0] && one[1] == two[1] && one[2] == two[2];
 }
 
-/* Entries become those of the triangles that there are now: of one between the same points, or none. first
+/* Faces that entries have, of tools and then of pairs, which have two each: how many, and a face of them. */
+static int sbi_skin_ref_count(const sb_contact *contact)
+{
+    return contact->entry_count + 2 * contact->pairs.entry_count;
+}
+
+static int sbi_skin_ref(const sb_contact *contact, int ref)
+{
+    const int pair = ref - contact->entry_count;
+    if (pair < 0)
+        return contact->entries[ref].face;
+    return pair % 2 ? contact->pairs.entries[pair / 2].other : contact->pairs.entries[pair / 2].face;
+}
+
+/* found: for each of these the triangle that there is now, one between the same points, or none. first
  * [contact->room_nodes] is -1, and is so again: fewer than points where there was no memory for more, but then no entry
  * has one beyond. */
 static void sbi_skin_match_entries(sb_contact *contact, const sbi_contact_faces *old, int *first)
 {
     const sb_skin *source = contact->skin.source;
     int *next = contact->skin.next, room = sbi_min_int(old->node_room, contact->room_nodes);
-    for (int e = 0; e < contact->entry_count; e++) {
-        int corner = sbi_contact_face_nodes(old, contact->entries[e].face)[0];
-        next[e] = first[corner];
-        first[corner] = e;
-        contact->skin.found[e] = -1;
+    int count = sbi_skin_ref_count(contact);
+    for (int r = 0; r < count; r++) {
+        int corner = sbi_contact_face_nodes(old, sbi_skin_ref(contact, r))[0];
+        next[r] = first[corner];
+        first[corner] = r;
+        contact->skin.found[r] = -1;
     }
     for (int f = 0; f < source->face_count; f++) {
         const int *corners = source->triangles[f];
-        for (int e = corners[0] < room ? first[corners[0]] : -1; e >= 0; e = next[e])
-            if (sbi_skin_has_corners(corners, sbi_contact_face_nodes(old, contact->entries[e].face)))
-                contact->skin.found[e] = f;
+        for (int r = corners[0] < room ? first[corners[0]] : -1; r >= 0; r = next[r])
+            if (sbi_skin_has_corners(corners, sbi_contact_face_nodes(old, sbi_skin_ref(contact, r))))
+                contact->skin.found[r] = f;
     }
-    for (int e = 0; e < contact->entry_count; e++)
-        first[sbi_contact_face_nodes(old, contact->entries[e].face)[0]] = -1;
+    for (int r = 0; r < count; r++)
+        first[sbi_contact_face_nodes(old, sbi_skin_ref(contact, r))[0]] = -1;
 }
 
 SBI_API uint64_t sbi_contact_skin_name(const sb_contact *contact, int face, const int *corners)
@@ -305,59 +320,100 @@ SBI_API uint64_t sbi_contact_skin_name(const sb_contact *contact, int face, cons
     return name;
 }
 
+static uint64_t sbi_skin_name_face(const sb_contact *contact, int face)
+{
+    return sbi_contact_skin_name(contact, face, sbi_contact_face_nodes(contact->faces, face));
+}
+
+SBI_API void sbi_contact_skin_name_entries(sb_contact *contact)
+{
+    if (!contact->skin.source)
+        return;
+    for (int e = 0; e < contact->entry_count; e++)
+        contact->entries[e].name = sbi_skin_name_face(contact, contact->entries[e].face);
+    for (int e = 0; e < contact->pairs.entry_count; e++) {
+        sbi_pair_entry *entry = contact->pairs.entries + e;
+        entry->names[0] = sbi_skin_name_face(contact, entry->face);
+        entry->names[1] = sbi_skin_name_face(contact, entry->other);
+    }
+}
+
+/* Drops entries of triangles that were not found, or have no such sample; the others go where their order wants them.
+ * What waits has been counted as entries. */
+static void sbi_skin_keep_entries(sb_contact *contact)
+{
+    const sbi_contact_faces *faces = contact->faces;
+    sbi_pairs *pairs = &contact->pairs;
+    const int *found = contact->skin.found;
+    int all = contact->entry_count, two = pairs->entry_count;
+    contact->entry_count = pairs->entry_count = 0;
+    for (int e = 0; e < all; e++) {
+        sbi_contact_entry entry = contact->entries[e];
+        entry.face = found[e];
+        if (entry.face >= 0 && entry.sample < sbi_contact_face_rule(faces, entry.face, entry.parts)->count)
+            sbi_contact_insert_entry(contact, &entry);
+    }
+    for (int e = 0; e < two; e++) {
+        sbi_pair_entry entry = pairs->entries[e];
+        entry.face = found[all + 2 * e];
+        entry.other = found[all + 2 * e + 1];
+        if (entry.face >= 0 && entry.other >= 0 &&
+            entry.sample < sbi_contact_face_rule(faces, entry.face, entry.parts)->count)
+            sbi_pairs_insert_entry(pairs, &entry);
+    }
+}
+
+/* The name that entry or pair has for a face, as sbi_skin_ref. */
+static uint64_t sbi_skin_ref_name(const sb_contact *contact, int ref)
+{
+    const int pair = ref - contact->entry_count;
+    return pair < 0 ? contact->entries[ref].name : contact->pairs.entries[pair / 2].names[pair % 2];
+}
+
 SBI_API void sbi_contact_skin_take_waiting(sb_contact *contact)
 {
     const sbi_contact_faces *faces = contact->faces;
     sbi_contact_skin *skin = &contact->skin;
-    int all = skin->waiting;
-    for (int e = 0; e < all; e++)
-        skin->found[e] = -1;
-    for (int f = 0; all > 0 && f < faces->face_end; f++) {
+    const int tools = skin->waiting, pairs = contact->pairs.waiting;
+    int first, end;
+    if (tools + pairs == 0)
+        return;
+    contact->entry_count = tools > 0 ? tools : contact->entry_count;
+    contact->pairs.entry_count = pairs > 0 ? pairs : contact->pairs.entry_count;
+    skin->waiting = contact->pairs.waiting = 0;
+    first = tools > 0 ? 0 : contact->entry_count; /* from here to the end are those that wait */
+    end = pairs > 0 ? sbi_skin_ref_count(contact) : contact->entry_count;
+    for (int r = 0; r < sbi_skin_ref_count(contact); r++)
+        skin->found[r] = r >= first && r < end ? -1 : sbi_skin_ref(contact, r);
+    for (int f = 0; f < faces->face_end; f++) {
         uint64_t name = faces->areas[f] > 0 ? sbi_contact_skin_name(contact, f, skin->source->triangles[f]) : 0;
-        for (int e = 0; e < all && faces->areas[f] > 0; e++)
-            if (contact->entries[e].name == name)
-                skin->found[e] = f;
+        for (int r = first; r < end && faces->areas[f] > 0; r++)
+            if (sbi_skin_ref_name(contact, r) == name)
+                skin->found[r] = f;
     }
-    skin->waiting = 0;
-    for (int e = 0; e < all; e++) {
-        sbi_contact_entry entry = contact->entries[e];
-        entry.face = skin->found[e];
-        if (entry.face >= 0 && entry.sample < sbi_contact_face_rule(faces, entry.face, entry.parts)->count)
-            sbi_contact_insert_entry(contact, &entry);
-    }
-}
-
-/* Drops entries of triangles that are no more; the others go where their order wants them. */
-static void sbi_skin_keep_entries(sb_contact *contact)
-{
-    int all = contact->entry_count;
-    contact->entry_count = 0;
-    for (int e = 0; e < all; e++) {
-        sbi_contact_entry entry = contact->entries[e];
-        entry.face = contact->skin.found[e];
-        if (entry.face >= 0)
-            sbi_contact_insert_entry(contact, &entry);
-    }
+    sbi_skin_keep_entries(contact);
 }
 
 SBI_API sb_result sbi_contact_skin_update(sb_contact *contact, sb_error *error)
 {
     sbi_contact_skin *skin = &contact->skin;
     sbi_contact_faces *old = NULL;
+    int kept;
     sb_result result = skin->source->update(skin->source, contact->body, error);
     if (result == SB_OK)
         result = sbi_skin_grow(contact, &old, error);
     if (result != SB_OK)
         return result;
-    if (contact->entry_count > 0) {
+    kept = sbi_skin_ref_count(contact) > 0;
+    if (kept)
         sbi_skin_match_entries(contact, old ? old : contact->faces, contact->node_place);
-        sbi_skin_keep_entries(contact);
-    }
     sbi_contact_faces_destroy(old);
     skin->point_count = skin->source->point_count;
     sbi_skin_fill_points(contact);
     result = sbi_contact_faces_fill_skin(contact->faces, contact->body, skin->source->triangles,
                                          skin->source->face_count, skin->cells, skin->rest, error);
+    if (kept)
+        sbi_skin_keep_entries(contact);
     if (result == SB_OK)
         sbi_contact_skin_take_waiting(contact);
     return result;

@@ -53,13 +53,15 @@ typedef struct sbi_contact_skin {
     int waiting;
     int *found, *next; /* [max_contacts] scratch for entries that follow their faces */
     int cross_count;
-    sbi_contact_cross *cross; /* [patch_room] of the system that is solved */
+    sbi_contact_cross *cross; /* [patch_room, and slot_room of pairs] of the system that is solved */
     int most_saved;           /* blocks of the matrix that there is room to save */
 } sbi_contact_skin;
 
 /* ---- contact_skin.c ---- */
 /* Name of a triangle with these corners. */
 SBI_API uint64_t sbi_contact_skin_name(const struct sb_contact *contact, int face, const int *corners);
+/* Names the triangles of all entries, unless these wait for them. */
+SBI_API void sbi_contact_skin_name_entries(struct sb_contact *contact);
 /* Entries that wait become those of the triangles that there are. */
 SBI_API void sbi_contact_skin_take_waiting(struct sb_contact *contact);
 /* Brings skin and faces up to the body's mesh, entries too; takes memory where there are more points or triangles than
@@ -91,7 +93,10 @@ SBI_API void sbi_contact_skin_give(const struct sb_contact *contact, const unsig
                                    const sb_vec3 *of_points, sb_vec3 *of_nodes);
 
 /* ---- contact_skin_blocks.c ---- */
-SBI_API void sbi_contact_skin_add_blocks(struct sb_contact *contact, const unsigned char *masked, sb_matrix *matrix);
+/* matrix += what blocks k [3][3] of a face are of its nodes, as far as those have blocks; the rest is multiplied
+ * beside. cross_count is 0 before the first. */
+SBI_API void sbi_contact_skin_add_face(struct sb_contact *contact, const unsigned char *masked, sb_matrix *matrix,
+                                       int face, const sb_real (*k)[9]);
 /* out [rows] += C x, as sbi_touch.multiply_links. */
 SBI_API double sbi_contact_skin_multiply_links(const struct sb_contact *contact, const unsigned char *masked,
                                                const sb_vec3 *x, sb_vec3 *out);

@@ -112,31 +112,23 @@ static int sbi_skin_has_room(const sb_contact *contact, int face)
     return needed <= contact->skin.most_saved - contact->saved_count;
 }
 
-SBI_API void sbi_contact_skin_add_blocks(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix)
+SBI_API void sbi_contact_skin_add_face(sb_contact *contact, const unsigned char *masked, sb_matrix *matrix, int face,
+                                       const sb_real (*k)[9])
 {
     sbi_contact_skin *skin = &contact->skin;
-    size_t width = (size_t)contact->faces->width;
-    skin->cross_count = 0;
-    for (int p = 0; p < contact->patch_count; p++) {
-        const sbi_contact_patch *patch = contact->patches + p;
-        sb_real(*k)[9] = contact->blocks + (size_t)p * width * width;
-        sbi_contact_cross *cross = skin->cross + skin->cross_count;
-        sbi_skin_union all;
-        if (!patch->touching)
-            continue;
-        sbi_skin_unite(contact, patch->face, &all);
-        if (sbi_skin_face_is_whole(contact, patch->face, &all) &&
-            all.count * all.count <= skin->most_saved - contact->saved_count) {
-            sbi_skin_add_whole(contact, masked, matrix, &all, (const sb_real(*)[9])k);
-            continue;
-        }
-        skin->cross_count++;
-        cross->face = patch->face;
-        memcpy(cross->blocks, k, sizeof cross->blocks);
-        if (sbi_skin_has_room(contact, patch->face)) /* else all of it is beside the matrix: more iterations */
-            sbi_skin_add_lumped(contact, masked, matrix, patch->face, cross->blocks);
+    sbi_contact_cross *cross = skin->cross + skin->cross_count;
+    sbi_skin_union all;
+    sbi_skin_unite(contact, face, &all);
+    if (sbi_skin_face_is_whole(contact, face, &all) &&
+        all.count * all.count <= skin->most_saved - contact->saved_count) {
+        sbi_skin_add_whole(contact, masked, matrix, &all, k);
+        return;
     }
-    contact->touch.links = skin->cross_count > 0;
+    skin->cross_count++;
+    cross->face = face;
+    memcpy(cross->blocks, k, sizeof cross->blocks);
+    if (sbi_skin_has_room(contact, face)) /* else all of it is beside the matrix: more iterations */
+        sbi_skin_add_lumped(contact, masked, matrix, face, cross->blocks);
 }
 
 static sb_vec3 sbi_skin_times(const sb_real *m, sb_vec3 v)

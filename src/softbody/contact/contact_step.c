@@ -606,15 +606,15 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
     sb_contact *contact = (sb_contact *)user;
     size_t width = (size_t)contact->faces->width;
     sbi_contact_make_blocks(contact);
-    contact->saved_count = 0;
-    if (contact->skin.source) {
-        sbi_contact_skin_add_blocks(contact, masked, matrix);
-        return;
-    }
+    contact->saved_count = contact->skin.cross_count = 0;
     for (int p = 0; p < contact->patch_count; p++) {
         const sbi_contact_patch *patch = contact->patches + p;
         const sb_real(*blocks)[9] = (const sb_real(*)[9])(contact->blocks + (size_t)p * width * width);
         int count = contact->faces->sizes[patch->face];
+        if (patch->touching && contact->skin.source)
+            sbi_contact_skin_add_face(contact, masked, matrix, patch->face, blocks);
+        if (contact->skin.source)
+            continue;
         const int *places =
             patch->touching ? sbi_contact_face_blocks(contact->faces, contact->body, patch->face) : NULL;
         for (int i = 0; places && i < count * count; i++) {
@@ -627,13 +627,14 @@ static void sbi_contact_add_blocks(void *user, const unsigned char *masked, sb_m
         }
     }
     sbi_pairs_add_blocks(contact, masked, matrix);
+    contact->touch.links |= contact->skin.cross_count > 0;
 }
 
 static double sbi_contact_multiply_links(void *user, const unsigned char *masked, const sb_vec3 *x, sb_vec3 *out)
 {
     sb_contact *contact = (sb_contact *)user;
-    return contact->skin.source ? sbi_contact_skin_multiply_links(contact, masked, x, out)
-                                : sbi_pairs_multiply_links(contact, masked, x, out);
+    double sum = sbi_pairs_multiply_links(contact, masked, x, out);
+    return contact->skin.source ? sum + sbi_contact_skin_multiply_links(contact, masked, x, out) : sum;
 }
 
 /* Backwards, since faces share blocks. */

@@ -11,7 +11,8 @@
 #include "cut_surface.h"
 
 /* The surface as a skin, for sb_contact_def.skin: tools touch the skin and the lips of the body where they are, not the
- * whole elements whose pieces move there. It is the surface's, and nothing of its own is to be destroyed; the contact
+ * whole elements whose pieces move there; and with sb_contact_def.pairs so do parts that were cut off, and the two lips
+ * of a cut. It is the surface's, and nothing of its own is to be destroyed; the contact
  * goes first.
  * Contact follows each call that cuts and each state that is loaded in the step that comes next, which may take memory
  * then, and remembers what it did of triangles that are still there; until then it reads as before. It brings the
