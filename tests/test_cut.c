@@ -552,6 +552,51 @@ static void test_explicit(void)
     block_free(&b);
 }
 
+static const sb_real END = REAL(0.0483); /* m: of a block, where its end is cut off */
+
+/* Cuts that end by a plane. */
+static void cut_beyond(block *b, sb_vec3 normal, sb_real place)
+{
+    const sb_real half = REAL(0.04);
+    sb_vec3 triangles[6], middle = sb_v3(END + half, block_size.y / 2, block_size.z / 2);
+    middle = normal.y > 0 ? sb_v3(middle.x, place, middle.z) : sb_v3(middle.x, middle.y, place);
+    square_make(middle, normal, (double)half, triangles);
+    block_cut(b, triangles, 2);
+}
+
+/* A held body and thirty crumbs or more that are cut off its end: at a tolerance that is coarse for the whole each
+ * crumb falls as it should. */
+static void test_falling_crumbs(void)
+{
+    block_options options = block_default(2);
+    const double dt = 0.005, steps = 20, g = 9.81, t = steps * dt, fallen = g * t * (t + dt) / 2;
+    double worst = 0;
+    int found = 0;
+    block b;
+    options.ny = options.nz = 6;
+    b = block_make(&options);
+    CHECK_OK(sb_body_set_solver(b.body, REAL(1e-2), 2000));
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_cut_plane(&b, sb_v3(END, 0, 0), sb_v3(1, 0, 0));
+    for (int k = 1; k < 6; k++)
+        cut_beyond(&b, sb_v3(0, 0, 1), REAL(0.05 * (k + 0.03) / 6));
+    for (int k = 1; k < 5; k++)
+        cut_beyond(&b, sb_v3(0, 1, 0), REAL(0.04 * (k + 0.04) / 5));
+    CHECK(b.body->component_count > 30); /* cuts that cross may leave one more */
+    CHECK_OK(sb_body_set_gravity(b.body, sb_v3(0, 0, REAL(-g))));
+    block_step(&b, (int)steps);
+    for (int n = 0; n < sb_body_node_count(b.body); n++) {
+        if (b.body->node_component[n] < 0 || b.body->node_component[n] == b.body->node_component[0])
+            continue;
+        found++;
+        worst = fmax(worst, fabs((double)sb_body_displacements(b.body)[n].z + fallen) / fallen);
+    }
+    printf("   %d parts, %d nodes of crumbs, off by %.1e of their fall\n", b.body->component_count, found, worst);
+    CHECK(found > 200);
+    CHECK_NEAR(worst, 0, scene_tolerance(1e-6, 100));
+    block_free(&b);
+}
+
 /* A body cut crosswise goes on for ten thousand explicit steps, half as long as they may be at rest: its energy stays.
  * (That of whole bodies grows with steps of 0.9 of that, too: the longest step is one of small motions.) */
 static void test_long_explicit(void)
@@ -587,4 +632,4 @@ CHECK_SUITE(cut, {"a plane parts a shaking block", test_plane}, {"volumes and ar
             {"every allocation fails in turn", test_no_memory},
             {"frames within the slack allocate nothing", test_no_allocation}, {"mistakes are named", test_mistakes},
             {"a body that is inside out", test_inverted}, {"explicit steps stay long", test_explicit},
-            {"ten thousand explicit steps", test_long_explicit});
+            {"thirty crumbs fall", test_falling_crumbs}, {"ten thousand explicit steps", test_long_explicit});
