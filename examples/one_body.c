@@ -9,17 +9,18 @@
  * on the organ. A needle goes in to a target that has moved with the organ, and waits. Beside it a blade cuts the organ
  * open, and a grasper lifts the flap; then the needle is drawn out of what is cut. Half way in, the state is saved and
  * loaded into a second scene, which must come to the same bits with the flap lifted. All that is done to the body is
- * recorded, and must come to the same bits when it is played on a third. The organ's fine skin is embedded and drawn
- * where the flap is highest, with the lips of the cut. Writes PREFIX.png (a look into the organ), PREFIX.state,
+ * recorded, and must come to the same bits when it is played on a third. The organ's fine skin is cut along and drawn
+ * where the flap is highest, closed by the lips of the cut. Writes PREFIX.png (a look into the organ), PREFIX.state,
  * PREFIX.record and PREFIX.csv (what the hand, the probe and the grasper feel, tip and target after each step). The
  * last line is
  *
- *     registered_mm=... truth_mm=... target_mm=... probe_N=... opened_mm2=... flap_N=... continued=same|differs
- *     replayed=same|differs needle=out|in seconds=...
+ *     registered_mm=... truth_mm=... target_mm=... probe_N=... opened_mm2=... flap_N=... open_edges=...
+ *     continued=same|differs replayed=same|differs needle=out|in seconds=...
  *
  * (one line; truth_mm, the mean error of all nodes, only of a scan made here). registered_mm: mean distance of the scan
  * from the organ's fine skin; target_mm: how far from its target the tip came to rest; probe_N: what the probe presses
- * with there; opened_mm2: area of the cut; flap_N: what the grasper carries at last. Exit status: 0, 1 something
+ * with there; opened_mm2: area of the cut; flap_N: what the grasper carries at last; open_edges: of the fine skin
+ * that is cut, 0 of a closed one. Exit status: 0, 1 something
  * differs or the needle is not out at the end, 2 wrong usage or a file that cannot be read or written, 3 no memory, no
  * registration, or a step failed, 4 all of it was done, but a result is not to be trusted: the tip came to rest farther
  * than --miss from its target, or the probe presses with less than half of --press or more than twice as much. What
@@ -97,6 +98,7 @@ typedef struct work {
     double registered, wrong, missed; /* m */
     double pressed;                   /* N, by the probe at the target */
     double opened, carried;           /* m^2; N, by the grasper */
+    int open_edges;                   /* of the fine skin with the flap lifted */
     int continued, replayed, out;
 } work;
 
@@ -827,76 +829,83 @@ static int make_steps(work *w, int from, int to, const char *words)
 
 /* ---- picture --------------------------------------------------------------------------------------------------- */
 
-/* Of the skin the triangles that look away from the viewer, so that one sees into the organ. */
-static int keep_far_side(sb_mesh *skin, double azimuth, double elevation, const picture *p)
+/* Of a fine skin that is cut the triangles that look away from the viewer, so that one sees into the organ. 0: no
+ * memory. */
+static int keep_far_side(const work *w, const sb_cut_drawing *d, const picture *p, sb_mesh *skin)
 {
-    picture_vec toward = picture_make_view(azimuth, elevation, p->width, p->height).toward;
-    int *kept = (int *)malloc((size_t)skin->element_count * 3 * sizeof *kept), count = 0;
-    for (int e = 0; kept && e < skin->element_count; e++) {
-        const int *n = skin->elements + 3 * (size_t)e;
+    picture_vec toward = picture_make_view(w->set->azimuth, w->set->elevation, p->width, p->height).toward;
+    memset(skin, 0, sizeof *skin);
+    skin->element_type = SB_TRI3;
+    skin->node_count = d->vertex_count;
+    skin->nodes = (sb_vec3 *)malloc((size_t)d->vertex_count * sizeof *skin->nodes);
+    skin->elements = (int *)malloc((size_t)d->triangle_count * 3 * sizeof *skin->elements);
+    if (!skin->nodes || !skin->elements)
+        return 0;
+    memcpy(skin->nodes, d->positions, (size_t)d->vertex_count * sizeof *skin->nodes);
+    for (int f = 0; f < d->triangle_count; f++) {
         picture_vec corners[3];
-        for (int c = 0; c < 3; c++)
-            corners[c] = picture_from(skin->nodes[n[c]]);
-        if (picture_dot(picture_face_normal(corners), toward) < 0)
-            memcpy(kept + 3 * (size_t)count++, n, 3 * sizeof *kept);
+        for (int k = 0; k < 3; k++)
+            corners[k] = picture_from(d->positions[d->triangles[f][k]]);
+        if (d->tags[f] == SB_CUT_SKIN && picture_dot(picture_face_normal(corners), toward) < 0)
+            memcpy(skin->elements + 3 * (size_t)skin->element_count++, d->triangles[f], sizeof d->triangles[f]);
     }
-    skin->elements = kept;
-    skin->element_count = count;
-    return kept != NULL;
+    return 1;
 }
 
 /* The fine skin where the organ is now; coloured by how far (mm) it has moved. 0: no memory. */
-static int draw_skin(const work *w, picture *p, double *most)
+static int draw_skin(const work *w, const sb_cut_drawing *d, picture *p, double *most)
 {
-    size_t count = (size_t)w->skin.node_count;
-    sb_mesh skin = w->skin;
-    sb_vec3 *points = (sb_vec3 *)malloc(count * sizeof *points);
-    sb_real *moved = (sb_real *)malloc(count * sizeof *moved);
-    int good = points && moved &&
-               sb_embedding_update(w->embedding, sb_body_positions(w->main.body), points, NULL, NULL) == SB_OK;
+    sb_mesh skin;
+    sb_real *moved = (sb_real *)malloc((size_t)d->vertex_count * sizeof *moved);
+    int good = keep_far_side(w, d, p, &skin) && moved;
     *most = 0;
-    for (size_t i = 0; good && i < count; i++) {
-        moved[i] = 1000 * sb_v3_norm(sb_v3_sub(points[i], w->skin.nodes[i]));
+    for (int i = 0; good && i < d->vertex_count; i++) {
+        moved[i] = 1000 * sb_v3_norm(sb_v3_sub(d->positions[i], d->rest[i]));
         *most = fmax(*most, (double)moved[i]);
     }
-    skin.nodes = points;
-    skin.regions = NULL;
-    good = good && keep_far_side(&skin, w->set->azimuth, w->set->elevation, p);
-    if (good) {
+    if (good)
         picture_add_surface(p, &skin, moved, 0, *most > 0 ? *most : 1);
-        free(skin.elements);
-    }
-    free(points);
+    free(skin.nodes);
+    free(skin.elements);
     free(moved);
     return good;
 }
 
-/* What the cut has laid open. 0: no memory. */
-static int draw_lips(const work *w, picture *p)
+/* What the cut has laid open, up to the edges of the skin. */
+static void draw_lips(const sb_cut_drawing *d, picture *p)
 {
-    sb_cut_surface *surface = NULL;
-    sb_cut_drawing d;
-    if (sb_cut_surface_create(w->main.cut, NULL, &surface, NULL) != SB_OK)
-        return 0;
-    d = sb_cut_surface_get(surface);
-    for (int i = 0; i < d.triangle_count; i++) {
-        const int *n = d.triangles[i];
-        picture_triangle *t = d.tags[i] == SB_CUT_LIP && n[0] != n[1] ? picture_new_triangle(p) : NULL;
+    for (int i = 0; i < d->triangle_count; i++) {
+        const int *n = d->triangles[i];
+        picture_triangle *t = d->tags[i] != SB_CUT_SKIN ? picture_new_triangle(p) : NULL;
         if (!t)
             continue;
         memset(t, 0, sizeof *t);
         t->is_plain = 1;
         t->colour = picture_web(0xb5403a);
         for (int k = 0; k < 3; k++) {
-            t->corner[k] = picture_from(d.positions[n[k]]);
-            t->normal[k] = picture_from(d.normals[n[k]]);
+            t->corner[k] = picture_from(d->positions[n[k]]);
+            t->normal[k] = picture_from(d->normals[n[k]]);
         }
     }
-    sb_cut_surface_destroy(surface);
-    return 1;
 }
 
-static int draw_picture(const work *w)
+/* The organ's fine skin as it is cut, and its lips. 0: no memory. */
+static int draw_organ(work *w, picture *p, double *most)
+{
+    sb_cut_fine *fine = NULL;
+    sb_cut_fine_drawing d;
+    int drawn;
+    if (sb_cut_fine_create(w->main.cut, &w->skin, NULL, &fine, NULL) != SB_OK)
+        return 0;
+    d = sb_cut_fine_get(fine);
+    w->open_edges = d.open_edges;
+    drawn = draw_skin(w, &d.drawn, p, most);
+    draw_lips(&d.drawn, p);
+    sb_cut_fine_destroy(fine);
+    return drawn;
+}
+
+static int draw_picture(work *w)
 {
     const int width = 1280, height = 960;
     const ndl_rod *rod = ndl_needle_rod(w->main.needle);
@@ -909,7 +918,7 @@ static int draw_picture(const work *w)
     int result = PICTURE_NO_MEMORY;
     (void)sb_contact_reached(w->main.contact, w->main.probe, &probe, NULL);
     picture_begin(&p, width, height);
-    if (draw_skin(w, &p, &most) && draw_lips(w, &p) && !find_target(&w->main, &target)) {
+    if (draw_organ(w, &p, &most) && !find_target(&w->main, &target)) {
         for (int i = 0; i < w->scan.count; i += 7)
             picture_add_capsule(&p, w->scan.points[i], w->scan.points[i], 0.0007, picture_web(0x0072b2));
         for (int i = 0; i + 1 < ndl_rod_node_count(rod); i++)
@@ -1101,8 +1110,9 @@ static int print_results(const work *w, double seconds)
     printf("registered_mm=%.3f ", 1e3 * w->registered);
     if (w->truth)
         printf("truth_mm=%.3f ", 1e3 * w->wrong);
-    printf("target_mm=%.3f probe_N=%.3f opened_mm2=%.1f flap_N=%.3f continued=%s replayed=%s needle=%s seconds=%.1f\n",
-           1e3 * w->missed, w->pressed, 1e6 * w->opened, w->carried, w->continued ? "same" : "differs",
+    printf("target_mm=%.3f probe_N=%.3f opened_mm2=%.1f flap_N=%.3f open_edges=%d continued=%s replayed=%s "
+           "needle=%s seconds=%.1f\n",
+           1e3 * w->missed, w->pressed, 1e6 * w->opened, w->carried, w->open_edges, w->continued ? "same" : "differs",
            w->replayed ? "same" : "differs", w->out ? "out" : "in", seconds);
     if (!w->continued || !w->replayed || !w->out)
         return EXIT_DIFFERS;

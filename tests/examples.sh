@@ -382,7 +382,7 @@ expect 2 'would be overwritten' needle_prostate --mesh needle/a_0000.vtk --csv n
 # ---- one_body ----
 expect 0 '^usage: one_body' one_body --help
 mkdir -p one
-expect 0 '^registered_mm=0\.[0-2].* continued=same replayed=same needle=out' one_body --cells 8 -o one/a
+expect 0 '^registered_mm=0\.[0-2].* open_edges=0 continued=same replayed=same needle=out' one_body --cells 8 -o one/a
 check "the organ and its target are found" awk '/^registered_mm/ { split($2, t, "="); split($3, m, "=")
     exit !(t[2] < 3 && m[2] < 5) }' output.txt
 check "it is cut open, and the grasper carries the flap" awk '/^registered_mm/ { split($5, a, "="); split($6, f, "=")

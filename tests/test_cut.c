@@ -134,6 +134,21 @@ static int side_of(const block *b, int node, double level)
 }
 
 /* Cut through and pulled apart, neither part resists. */
+/* Norm of the stress of any cell with material (Pa). */
+static double largest_stress(const block *b)
+{
+    double most = 0;
+    for (int e = 0; e < sb_body_element_count(b->body); e++) {
+        sb_mat3 stress;
+        if (!sb_body_cell_in_use(b->body, e) || !(sb_body_cell_share(b->body, e) > 0))
+            continue;
+        CHECK_OK(sb_body_stress(b->body, e, 0, &stress));
+        for (int i = 0; i < 9; i++)
+            most = fmax(most, fabs((double)stress.m[i / 3][i % 3]));
+    }
+    return most;
+}
+
 static void test_stretch(void)
 {
     for (int i = 0; i < 3; i++) {
@@ -154,6 +169,7 @@ static void test_stretch(void)
             most = fmax(most, (double)sb_v3_norm(sb_body_reactions(b.body)[n]));
         whole = 5000 * (double)pull.x / (double)block_size.x * (double)(block_size.y * block_size.z);
         CHECK_NEAR(most, 0, scene_tolerance(1e-9, 2000) * whole);
+        CHECK_NEAR(largest_stress(&b), 0, scene_tolerance(1e-10, 2000) * 5000);
         for (int n = 0; n < sb_body_node_count(b.body); n++) {
             double u = (double)sb_body_displacements(b.body)[n].x;
             if (b.body->node_component[n] >= 0)
@@ -536,6 +552,78 @@ static void test_explicit(void)
     block_free(&b);
 }
 
+static const sb_real END = REAL(0.0483); /* m: of a block, where its end is cut off */
+
+/* Cuts that end by a plane. */
+static void cut_beyond(block *b, sb_vec3 normal, sb_real place)
+{
+    const sb_real half = REAL(0.04);
+    sb_vec3 triangles[6], middle = sb_v3(END + half, block_size.y / 2, block_size.z / 2);
+    middle = normal.y > 0 ? sb_v3(middle.x, place, middle.z) : sb_v3(middle.x, middle.y, place);
+    square_make(middle, normal, (double)half, triangles);
+    block_cut(b, triangles, 2);
+}
+
+/* A held body and thirty crumbs or more that are cut off its end: at a tolerance that is coarse for the whole each
+ * crumb falls as it should. */
+static void test_falling_crumbs(void)
+{
+    block_options options = block_default(2);
+    const double dt = 0.005, steps = 20, g = 9.81, t = steps * dt, fallen = g * t * (t + dt) / 2;
+    double worst = 0;
+    int found = 0;
+    block b;
+    options.ny = options.nz = 6;
+    b = block_make(&options);
+    CHECK_OK(sb_body_set_solver(b.body, REAL(1e-2), 2000));
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_cut_plane(&b, sb_v3(END, 0, 0), sb_v3(1, 0, 0));
+    for (int k = 1; k < 6; k++)
+        cut_beyond(&b, sb_v3(0, 0, 1), REAL(0.05 * (k + 0.03) / 6));
+    for (int k = 1; k < 5; k++)
+        cut_beyond(&b, sb_v3(0, 1, 0), REAL(0.04 * (k + 0.04) / 5));
+    CHECK(b.body->component_count > 30); /* cuts that cross may leave one more */
+    CHECK_OK(sb_body_set_gravity(b.body, sb_v3(0, 0, REAL(-g))));
+    block_step(&b, (int)steps);
+    for (int n = 0; n < sb_body_node_count(b.body); n++) {
+        if (b.body->node_component[n] < 0 || b.body->node_component[n] == b.body->node_component[0])
+            continue;
+        found++;
+        worst = fmax(worst, fabs((double)sb_body_displacements(b.body)[n].z + fallen) / fallen);
+    }
+    printf("   %d parts, %d nodes of crumbs, off by %.1e of their fall\n", b.body->component_count, found, worst);
+    CHECK(found > 200);
+    CHECK_NEAR(worst, 0, scene_tolerance(1e-6, 100));
+    block_free(&b);
+}
+
+/* A body cut crosswise goes on for ten thousand explicit steps, half as long as they may be at rest: its energy stays.
+ * (That of whole bodies grows with steps of 0.9 of that, too: the longest step is one of small motions.) */
+static void test_long_explicit(void)
+{
+    block_options options = block_default(2);
+    block b;
+    sb_real longest = 0;
+    totals before, after;
+    int steps = check_quick() ? 500 : 10000;
+    options.integrator = SB_CENTRAL_DIFFERENCE;
+    options.nx = 3, options.ny = options.nz = 2;
+    b = block_make(&options);
+    scene_fix_plane(b.body, &b.mesh, 0, 0, SB_XYZ);
+    block_cut_plane(&b, sb_v3(REAL(0.0277), REAL(0.02), REAL(0.025)), sb_v3(REAL(0.2), 1, REAL(0.1)));
+    block_cut_plane(&b, sb_v3(REAL(0.0311), REAL(0.02), REAL(0.025)), sb_v3(1, REAL(0.3), REAL(0.1)));
+    block_shake_at(&b, 0.2);
+    before = totals_of(&b);
+    CHECK_OK(sb_body_stable_step(b.body, &longest, NULL));
+    for (int i = 0; i < steps; i++)
+        if (!CHECK_OK(sb_body_step(b.body, longest / 2, NULL)))
+            break;
+    after = totals_of(&b);
+    CHECK(after.kinetic + after.elastic < 1.2 * (before.kinetic + before.elastic));
+    CHECK(after.kinetic + after.elastic > 0.5 * (before.kinetic + before.elastic));
+    block_free(&b);
+}
+
 CHECK_SUITE(cut, {"a plane parts a shaking block", test_plane}, {"volumes and areas of clipped blocks", test_volumes},
             {"slabs and crossing planes", test_counts}, {"cut through, nothing resists", test_stretch},
             {"a loose part falls as one", test_fall}, {"parts far away", test_far},
@@ -543,4 +631,5 @@ CHECK_SUITE(cut, {"a plane parts a shaking block", test_plane}, {"volumes and ar
             {"states and recordings", test_same_bits}, {"threads give the same bits", test_threads},
             {"every allocation fails in turn", test_no_memory},
             {"frames within the slack allocate nothing", test_no_allocation}, {"mistakes are named", test_mistakes},
-            {"a body that is inside out", test_inverted}, {"explicit steps stay long", test_explicit});
+            {"a body that is inside out", test_inverted}, {"explicit steps stay long", test_explicit},
+            {"thirty crumbs fall", test_falling_crumbs}, {"ten thousand explicit steps", test_long_explicit});

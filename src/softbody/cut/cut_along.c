@@ -7,15 +7,14 @@ SBI_API sbi_cut_box sbi_cut_box_of(const sb_cut *cut, const sb_vec3 *x, int part
 {
     const sbi_slots *nodes = &cut->body->live->nodes;
     sbi_cut_box box = {{0, 0, 0}, {0, 0, 0}};
-    int first = 1;
-    for (int i = 0; i < nodes->end; i++) {
-        if (!nodes->used[i] || !sbi_cut_is_of(cut, i, part))
-            continue;
-        if (first)
-            box.low = box.high = x[i];
-        first = 0;
-        sbi_cut_box_add(&box, x[i]);
-    }
+    int i = 0;
+    while (i < nodes->end && (!nodes->used[i] || !sbi_cut_is_of(cut, i, part)))
+        i++;
+    if (i < nodes->end)
+        box.low = box.high = x[i];
+    for (; i < nodes->end; i++)
+        if (nodes->used[i] && sbi_cut_is_of(cut, i, part))
+            sbi_cut_box_add(&box, x[i]);
     return box;
 }
 
@@ -87,25 +86,25 @@ SBI_API void sbi_cut_list_reached(sb_cut *cut, const sb_vec3 *points, int count,
     sbi_cut_box now = sbi_cut_box_of(cut, sb_body_positions(cut->body), SBI_CUT_ALL_PARTS);
     sbi_cut_box reach = sbi_cut_box_around(points, count);
     sb_real rounded = (sb_real)(rounding * sbi_cut_size_of(&now));
+    cut->now = now;
     cut->reach = reach;
     sbi_cut_box_widen(&cut->reach, rounded);
     sbi_cut_box_widen(&reach, sb_max(margin, rounded));
     sbi_cut_list_near(cut, &now, &reach);
 }
 
-/* Does it in one frame for all the body; where parts of it have gone far apart, in one for each part, which no link
- * leaves: otherwise the distance between them would take the digits that a cut needs. 0: no memory. */
+/* After sbi_cut_list_reached: does it in one frame for all the body; where parts of it have gone far apart, in one for
+ * each part, which no link leaves: otherwise the distance between them would take the digits that a cut needs. 0: no
+ * memory. */
 static int sbi_cut_in_frames(sb_cut *cut, const sb_vec3 *triangles, int count, sbi_cut_frame_work *work)
 {
-    const sb_vec3 *x = sb_body_positions(cut->body);
-    sbi_cut_box now = sbi_cut_box_of(cut, x, SBI_CUT_ALL_PARTS);
     int parts = cut->body->component_count, swept = 1;
     if (!cut->near.count)
         return 1;
-    if (sbi_cut_size_of(&now) <= SBI_CUT_SPREAD * cut->rest_size)
-        return sbi_cut_in_box(cut, &now, SBI_CUT_ALL_PARTS, triangles, count, work);
+    if (sbi_cut_size_of(&cut->now) <= SBI_CUT_SPREAD * cut->rest_size)
+        return sbi_cut_in_box(cut, &cut->now, SBI_CUT_ALL_PARTS, triangles, count, work);
     for (int part = 0; part < parts && swept; part++) {
-        now = sbi_cut_box_of(cut, x, part);
+        sbi_cut_box now = sbi_cut_box_of(cut, sb_body_positions(cut->body), part);
         swept = sbi_cut_in_box(cut, &now, part, triangles, count, work);
     }
     return swept;

@@ -209,7 +209,7 @@ SBI_API int sbi_cut_list_seams(sb_cut *cut)
     sbi_cut_span_of_glue span = {0, 0};
     memset(&cut->released, 0, sizeof cut->released);
     cut->seam_count = cut->freed.count = 0;
-    if (!cut->touched.count && !cut->glue_count)
+    if (!cut->parted.count && !cut->glue_count)
         return 1;
     for (int tet = 0; tet < cut->tet_count; tet++) {
         span.first = span.end;

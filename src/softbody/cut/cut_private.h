@@ -187,6 +187,7 @@ struct sb_cut {
     int beyond_capacity;
     sbi_cut_list near, near_hits, blade_hits;
     sbi_cut_list at_edge; /* of the near tets those whose boxes meet that of a blade's edge */
+    sbi_cut_box now;      /* of the body */
     sbi_cut_box reach;    /* of the triangles */
     sbi_cut_hit *hits, *sorted_hits;
     int hit_capacity, sorted_capacity;
@@ -255,7 +256,11 @@ SBI_API int sbi_cut_reserve_blades(sb_cut *cut, int more);
 
 /* ---- cut_sweep.c, cut_ring.c ---- */
 
-SBI_API void sbi_cut_box_add(sbi_cut_box *box, sb_vec3 x);
+SB_INLINE void sbi_cut_box_add(sbi_cut_box *box, sb_vec3 x)
+{
+    box->low = sb_v3(sb_min(box->low.x, x.x), sb_min(box->low.y, x.y), sb_min(box->low.z, x.z));
+    box->high = sb_v3(sb_max(box->high.x, x.x), sb_max(box->high.y, x.y), sb_max(box->high.z, x.z));
+}
 SBI_API void sbi_cut_box_widen(sbi_cut_box *box, sb_real by);
 SBI_API sbi_cut_box sbi_cut_box_around(const sb_vec3 *points, int count);
 /* Lists the tets around a link in cut->around. */

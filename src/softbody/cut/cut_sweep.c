@@ -103,12 +103,6 @@ static int sbi_cut_boxes_meet(const sbi_cut_box *a, const sbi_cut_box *b)
            a->high.y >= b->low.y && a->high.z >= b->low.z;
 }
 
-SBI_API void sbi_cut_box_add(sbi_cut_box *box, sb_vec3 x)
-{
-    box->low = sb_v3(sb_min(box->low.x, x.x), sb_min(box->low.y, x.y), sb_min(box->low.z, x.z));
-    box->high = sb_v3(sb_max(box->high.x, x.x), sb_max(box->high.y, x.y), sb_max(box->high.z, x.z));
-}
-
 SBI_API void sbi_cut_box_widen(sbi_cut_box *box, sb_real by)
 {
     box->low = sb_v3_sub(box->low, sb_v3(by, by, by));
@@ -205,9 +199,11 @@ static void sbi_cut_beyond_task(void *user, int task)
 {
     const sbi_cut_near_work *work = (const sbi_cut_near_work *)user;
     const sb_vec3 *x = work->cut->body->position;
+    const sbi_cut_box reach = work->reach; /* a byte that is written may be of anything that is pointed to */
+    unsigned char *beyond = work->cut->beyond;
     int end = sbi_min_int(SBI_CUT_TETS * (task + 1), work->cut->body->live->nodes.end);
     for (int node = SBI_CUT_TETS * task; node < end; node++)
-        work->cut->beyond[node] = (unsigned char)sbi_cut_beyond(&work->reach, x[node]);
+        beyond[node] = (unsigned char)sbi_cut_beyond(&reach, x[node]);
 }
 
 /* Finds on which sides of the box nodes are: a tet4 with all corners beyond one of them is not near. Without memory for
@@ -226,24 +222,35 @@ static void sbi_cut_find_beyond(sbi_cut_near_work *work)
     }
 }
 
-/* 1 when a piece of a tet4 is near. */
-static int sbi_cut_is_near(const sb_cut *cut, const unsigned char *beyond, int tet)
+/* Which of some tet4 have a piece that is near: of the first piece a tet has the number. */
+static void sbi_cut_find_near(const sb_cut *cut, const unsigned char *beyond, int first, int end)
 {
-    for (int piece = sbi_cut_first_piece(cut, tet); piece >= 0; piece = cut->pieces[piece].next) {
-        const int *nodes = sbi_cut_piece_nodes(cut, piece);
-        if (!(beyond[nodes[0]] & beyond[nodes[1]] & beyond[nodes[2]] & beyond[nodes[3]]))
-            return 1;
+    const sbi_cut_piece *pieces = cut->pieces;
+    const int *cells = cut->body->domain.cells;
+    unsigned char *is_near = cut->is_near;
+    for (int tet = first; tet < end; tet++) {
+        const sbi_cut_piece *piece = pieces + tet;
+        int is_beyond = 1;
+        while (is_beyond && piece->cell >= 0) {
+            const int *nodes = cells + 4 * (size_t)piece->cell;
+            is_beyond = beyond[nodes[0]] & beyond[nodes[1]] & beyond[nodes[2]] & beyond[nodes[3]];
+            if (piece->next < 0)
+                break;
+            piece = pieces + piece->next;
+        }
+        is_near[tet] = !is_beyond;
     }
-    return 0;
 }
 
 static void sbi_cut_near_task(void *user, int task)
 {
     const sbi_cut_near_work *work = (const sbi_cut_near_work *)user;
-    int end = sbi_min_int(SBI_CUT_TETS * (task + 1), work->cut->tet_count);
-    for (int tet = SBI_CUT_TETS * task; tet < end; tet++)
-        work->cut->is_near[tet] = (unsigned char)(work->beyond ? sbi_cut_is_near(work->cut, work->beyond, tet)
-                                                               : sbi_cut_meets_tet(work->cut, tet, &work->reach));
+    const sb_cut *cut = work->cut;
+    int first = SBI_CUT_TETS * task, end = sbi_min_int(SBI_CUT_TETS * (task + 1), cut->tet_count);
+    if (work->beyond)
+        sbi_cut_find_near(cut, work->beyond, first, end);
+    for (int tet = first; tet < end && !work->beyond; tet++)
+        cut->is_near[tet] = (unsigned char)sbi_cut_meets_tet(cut, tet, &work->reach);
 }
 
 SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cut_box *reach)
@@ -267,10 +274,10 @@ SBI_API void sbi_cut_list_near(sb_cut *cut, const sbi_cut_box *now, const sbi_cu
 /* The first blade that crosses each link of a piece, and where. Asked are links of the piece that meet the box of all
  * blades: a strip is thin, and most of a piece's links are beside it. */
 typedef struct sbi_cut_crossings {
-    int blades[SBI_LATTICE_LINKS]; /* -1: none */
+    int blades[SBI_LATTICE_LINKS]; /* of links that were asked; -1: none */
     sb_real t[SBI_LATTICE_LINKS];
     int asked_count;
-    unsigned char asked[SBI_LATTICE_LINKS], ends[SBI_LATTICE_LINKS][2]; /* links, and their ends */
+    unsigned char asked[SBI_LATTICE_LINKS], ends[SBI_LATTICE_LINKS][2]; /* links, ascending, and their ends */
     uint64_t points;                                                    /* at their ends */
 } sbi_cut_crossings;
 
@@ -324,6 +331,7 @@ static void sbi_cut_list_asked(const sb_cut *cut, uint64_t points, const sbi_cut
         if (!(points >> link[0] & points >> link[1] & 1) || (beyond[link[0]] & beyond[link[1]]))
             continue;
         sbi_lattice_ends(lattice, &shape->order, l, ends);
+        found->blades[l] = -1;
         found->ends[found->asked_count][0] = (unsigned char)ends[0];
         found->ends[found->asked_count][1] = (unsigned char)ends[1];
         found->asked[found->asked_count++] = (unsigned char)l;
@@ -369,7 +377,6 @@ static int sbi_cut_find_crossings(const sb_cut *cut, const sbi_crossing_frame *f
     sbi_cut_list_asked(cut, cut->pieces[piece].points, &shape, found);
     if (!found->asked_count)
         return 0;
-    memset(found->blades, -1, sizeof found->blades);
     for (; blade >= 0; blade = sbi_blade_walk_next(&cut->tree, &walk))
         sbi_cut_cross(cut, &shape, blade, found);
     return 1;
@@ -458,7 +465,8 @@ static int sbi_cut_sweep_tet(const sbi_cut_sweep_work *work, int tet, sbi_cut_hi
         if (!sbi_cut_is_of(cut, sbi_cut_piece_nodes(cut, piece)[0], work->part) ||
             !sbi_cut_find_crossings(cut, work->frame, tet, piece, &found))
             continue;
-        for (int l = 0; l < cut->lattice.link_count; l++) {
+        for (int k = 0; k < found.asked_count; k++) {
+            int l = found.asked[k];
             if (found.blades[l] >= 0)
                 count = sbi_cut_put_hit(work, hits, count, found.blades[l], tet, l, found.t[l]);
         }
