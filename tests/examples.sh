@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
-# programs, grasp, palpation, identify, drop, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
+# programs, grasp, palpation, identify, drop, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver, track_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
@@ -639,6 +639,24 @@ expect 2 'is none of: pbsm' insilico --methods magic
 expect 2 'no-such-file.vtk' insilico no-such-file.vtk
 expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --methods icp -o no-such-folder/x.svg
 
+# ---- track_liver ----
+expect 0 '^usage: track_liver' track_liver --help
+expect 0 '^error_mm=[0-9.]* expected_mm=[0-9.]* blind_mm=[0-9.]* frame_ms=.* state=follows$' track_liver --seconds 4 --every 2
+check "the organ is followed" holds "$(last error_mm) < 2"
+check "the error to expect is of the size of the error" \
+    holds "$(last expected_mm) > 0.5 * $(last error_mm) && $(last expected_mm) < 5 * $(last error_mm)"
+check "a row for each frame" [ "$(wc -l <track_liver.csv | tr -d ' ')" = 121 ]
+check "the chart has what is expected" grep -q '>expected<' track_liver.svg
+track="track_liver --cells 6 --seconds 1 --points 200"
+expect 4 'state=lost$' $track --seconds 2 --drop 1.5 --every 2 -o lost
+expect_data 0 'state=follows$' $track volumes/liver_a_tet4_2k.vtk -o file
+expect 2 '--modes needs a whole number from 1 to 96' track_liver --modes 0
+expect 2 '--rate needs a number from' track_liver --rate 0
+expect 2 'fast is no option\|--fast is no option' track_liver --fast
+expect 2 'no-such.vtk' track_liver no-such.vtk
+expect_data 2 'is a surface' track_liver surfaces/liver_a.obj
+expect 2 'no-such-folder/x.csv: cannot be written' $track -o no-such-folder/x
+
 # ---- drop ----
 expect 0 '^usage: drop' drop --help
 expect 0 '^rest=[01] floor_over_weight=[0-9.]* overlap_mm=[0-9.]* step_ms=' drop --count 2 --cells 3 -o drop
@@ -823,7 +841,7 @@ expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
 
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
-    needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
+    needle_control needle_obstacles needle_phantom one_body register_liver track_liver insilico case_solve haptic_loop grasp
     palpation drop cut_scalpel cut_resect cut_force cut_study
     needle_study"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
@@ -871,6 +889,7 @@ fi
 if (trap '' XFSZ && ulimit -f 0 && ! echo text >probe) 2>/dev/null; then
     full_disk x.csv grasp --way 0.001 -o full/x
     full_disk x.csv palpation --cells 6 --size 0.012 --grid 5 -o full/x
+    full_disk x.csv $track -o full/x
     full_disk x.csv drop --count 1 --cells 2 --seconds 0.1 -o full/x
     full_disk x.csv cut_scalpel --cells 4 --frames 1 --every 0 -o full/x
     full_disk x.csv $resect --lift 0 -o full/x
