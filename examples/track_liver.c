@@ -72,7 +72,7 @@ static int make_meshes(work *w)
             return status;
         result = sb_mesh_copy(&w->real.mesh, NULL, &w->model_mesh, &error);
     } else {
-        result = sb_mesh_organ(SB_TET10, (int)fmax(4, 0.7 * s->cells), NULL, &w->real.mesh, &error);
+        result = sb_mesh_organ(SB_TET10, (int)fmax(10, 0.7 * s->cells), NULL, &w->real.mesh, &error);
         if (result == SB_OK)
             result = sb_mesh_organ(SB_TET4, s->cells, NULL, &w->model_mesh, &error);
     }
@@ -426,7 +426,7 @@ static void list_options(settings *s, option options[OPTION_COUNT])
         {"--every", "S", OPTION_NUMBER, NULL, &s->drop_every, NULL, 0.1, 1e6, "and how often"},
         {"--rate", "HZ", OPTION_NUMBER, NULL, &s->rate, NULL, 1, 1000, "scans a second"},
         {"--seconds", "S", OPTION_NUMBER, NULL, &s->seconds, NULL, 1, 600, "how long to follow"},
-        {"--cells", "N", OPTION_INTEGER, &s->cells, NULL, NULL, 6, 40, "along the model of an organ that is made"},
+        {"--cells", "N", OPTION_INTEGER, &s->cells, NULL, NULL, 10, 40, "along the model of an organ that is made"},
         {"--modes", "N", OPTION_INTEGER, &s->modes, NULL, NULL, 1, 96, "shapes that the model may take"},
         {"--seed", "N", OPTION_INTEGER, &s->seed, NULL, NULL, 0, 1e6, "of points and noise"},
         {"--help", NULL, OPTION_FLAG, &s->help, NULL, NULL, 0, 0, "this text"},

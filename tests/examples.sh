@@ -647,7 +647,7 @@ check "the error to expect is of the size of the error" \
     holds "$(last expected_mm) > 0.5 * $(last error_mm) && $(last expected_mm) < 5 * $(last error_mm)"
 check "a row for each frame" [ "$(wc -l <track_liver.csv | tr -d ' ')" = 121 ]
 check "the chart has what is expected" grep -q '>expected<' track_liver.svg
-track="track_liver --cells 6 --seconds 1 --points 200"
+track="track_liver --cells 10 --seconds 1 --points 200"
 expect 4 'state=lost$' $track --seconds 2 --drop 1.5 --every 2 -o lost
 expect_data 0 'state=follows$' $track volumes/liver_a_tet4_2k.vtk -o file
 expect 2 '--modes needs a whole number from 1 to 96' track_liver --modes 0
