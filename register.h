@@ -11584,7 +11584,10 @@ REG_API int reg_model_node_count(const reg_model *model) { return model ? model-
 #define REGI_RESPONSE_H
 
 
-enum { REGI_RESPONSE_MODES = 6 }; /* rigid motions */
+enum {
+    REGI_RESPONSE_MODES = 6,                 /* rigid motions */
+    REGI_RESPONSE_GROUP = 8 * SBI_FRONT_GROUP /* rows that are worth solving at once: the factor is read once for them */
+};
 
 typedef struct regi_response {
     reg_model *model;
@@ -11600,7 +11603,7 @@ typedef struct regi_response {
 REGI_API void regi_response_layout(regi_response *response, int node_count, sbi_arena *arena);
 /* Factor and residual of the shape of now. The factor's errors. */
 REGI_API sb_result regi_response_factor(regi_response *response, sb_error *error);
-/* Motions of `count` rows of forces, row[count][nodes], in place, at most SBI_FRONT_GROUP: none of what is held, and
+/* Motions of `count` rows of forces, row[count][nodes], in place: none of what is held, and
  * none of the whole, which is the pose's. */
 REGI_API void regi_response_solve(regi_response *response, sb_vec3 *row, int count);
 
@@ -11970,7 +11973,7 @@ struct reg_infer {
     double *draw;                    /* [loads] */
     double *datum;                   /* [most] scratch */
     sb_vec3 *tractions;              /* [c] scratch */
-    sb_vec3 *row;                    /* [SBI_FRONT_GROUP][nodes] */
+    sb_vec3 *row;                    /* [REGI_RESPONSE_GROUP][nodes] */
     sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
     sb_vec3 *forces;                 /* [nodes] found (N) */
     sb_vec3 *increment, *trial;      /* [nodes] */
@@ -12536,8 +12539,8 @@ static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     size_t n = (size_t)f->node_count;
-    for (int first = 0; first < g->count; first += SBI_FRONT_GROUP) {
-        int count = sbi_min_int(SBI_FRONT_GROUP, g->count - first);
+    for (int first = 0; first < g->count; first += REGI_RESPONSE_GROUP) {
+        int count = sbi_min_int(REGI_RESPONSE_GROUP, g->count - first);
         memset(f->row, 0, (size_t)count * n * sizeof *f->row);
         for (int s = 0; s < count; s++) {
             double pose[REGI_INFER_POSE];
@@ -13269,7 +13272,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->draw = (double *)sbi_arena_take(arena, loads, real);
     f->datum = (double *)sbi_arena_take(arena, most, real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
-    f->row = (sb_vec3 *)sbi_arena_take(arena, n, SBI_FRONT_GROUP * vec);
+    f->row = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_GROUP * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
     regi_response_layout(&f->response, f->node_count, arena);
     f->forces = (sb_vec3 *)sbi_arena_take(arena, n, vec);
@@ -13750,18 +13753,14 @@ static void regi_track_respond(reg_track *t)
     int count = regi_track_trial_count(t), n = regi_track_load_count(t);
     for (int k = 0; k < count; k++)
         regi_track_spread_loads(t, t->loads + (size_t)k * (size_t)n, t->moved + (size_t)k * (size_t)t->node_count);
-    for (int first = 0; first < count; first += SBI_FRONT_GROUP)
-        regi_response_solve(&t->response, t->moved + (size_t)first * (size_t)t->node_count,
-                            sbi_min_int(SBI_FRONT_GROUP, count - first));
+    regi_response_solve(&t->response, t->moved, count);
 }
 
 /* loads: balanced, orthonormal, those that move the organ most among those that moved[] stands for. */
 static void regi_track_improve(reg_track *t, int resultants)
 {
     int count = regi_track_trial_count(t), n = regi_track_load_count(t);
-    for (int first = 0; first < count; first += SBI_FRONT_GROUP)
-        regi_response_solve(&t->response, t->moved + (size_t)first * (size_t)t->node_count,
-                            sbi_min_int(SBI_FRONT_GROUP, count - first));
+    regi_response_solve(&t->response, t->moved, count);
     for (int k = 0; k < count; k++) {
         double *loads = t->loads + (size_t)k * (size_t)n;
         regi_track_collect(t, t->moved + (size_t)k * (size_t)t->node_count, loads);

@@ -168,7 +168,7 @@ static void regi_infer_layout(reg_infer *f, sbi_arena *arena)
     f->draw = (double *)sbi_arena_take(arena, loads, real);
     f->datum = (double *)sbi_arena_take(arena, most, real);
     f->tractions = (sb_vec3 *)sbi_arena_take(arena, c, vec);
-    f->row = (sb_vec3 *)sbi_arena_take(arena, n, SBI_FRONT_GROUP * vec);
+    f->row = (sb_vec3 *)sbi_arena_take(arena, n, REGI_RESPONSE_GROUP * vec);
     f->skin = (sb_vec3 *)sbi_arena_take(arena, (size_t)f->model->skin.node_count, vec);
     regi_response_layout(&f->response, f->node_count, arena);
     f->forces = (sb_vec3 *)sbi_arena_take(arena, n, vec);

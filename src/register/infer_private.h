@@ -57,7 +57,7 @@ struct reg_infer {
     double *draw;                    /* [loads] */
     double *datum;                   /* [most] scratch */
     sb_vec3 *tractions;              /* [c] scratch */
-    sb_vec3 *row;                    /* [SBI_FRONT_GROUP][nodes] */
+    sb_vec3 *row;                    /* [REGI_RESPONSE_GROUP][nodes] */
     sb_vec3 *skin;                   /* [skin nodes] where they are (m) */
     sb_vec3 *forces;                 /* [nodes] found (N) */
     sb_vec3 *increment, *trial;      /* [nodes] */

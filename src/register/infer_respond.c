@@ -31,8 +31,8 @@ static void regi_infer_measure_data(reg_infer *f)
 {
     regi_gauss *g = &f->gauss;
     size_t n = (size_t)f->node_count;
-    for (int first = 0; first < g->count; first += SBI_FRONT_GROUP) {
-        int count = sbi_min_int(SBI_FRONT_GROUP, g->count - first);
+    for (int first = 0; first < g->count; first += REGI_RESPONSE_GROUP) {
+        int count = sbi_min_int(REGI_RESPONSE_GROUP, g->count - first);
         memset(f->row, 0, (size_t)count * n * sizeof *f->row);
         for (int s = 0; s < count; s++) {
             double pose[REGI_INFER_POSE];

@@ -5,7 +5,11 @@
 #include "../softbody/solve/direct_front.h"
 #include "model_private.h"
 
-enum { REGI_RESPONSE_MODES = 6 }; /* rigid motions */
+enum {
+    REGI_RESPONSE_MODES = 6, /* rigid motions */
+    REGI_RESPONSE_GROUP =
+        8 * SBI_FRONT_GROUP /* rows that are worth solving at once: the factor is read once for them */
+};
 
 typedef struct regi_response {
     reg_model *model;
@@ -21,7 +25,7 @@ typedef struct regi_response {
 REGI_API void regi_response_layout(regi_response *response, int node_count, sbi_arena *arena);
 /* Factor and residual of the shape of now. The factor's errors. */
 REGI_API sb_result regi_response_factor(regi_response *response, sb_error *error);
-/* Motions of `count` rows of forces, row[count][nodes], in place, at most SBI_FRONT_GROUP: none of what is held, and
+/* Motions of `count` rows of forces, row[count][nodes], in place: none of what is held, and
  * none of the whole, which is the pose's. */
 REGI_API void regi_response_solve(regi_response *response, sb_vec3 *row, int count);
 

@@ -101,18 +101,14 @@ static void regi_track_respond(reg_track *t)
     int count = regi_track_trial_count(t), n = regi_track_load_count(t);
     for (int k = 0; k < count; k++)
         regi_track_spread_loads(t, t->loads + (size_t)k * (size_t)n, t->moved + (size_t)k * (size_t)t->node_count);
-    for (int first = 0; first < count; first += SBI_FRONT_GROUP)
-        regi_response_solve(&t->response, t->moved + (size_t)first * (size_t)t->node_count,
-                            sbi_min_int(SBI_FRONT_GROUP, count - first));
+    regi_response_solve(&t->response, t->moved, count);
 }
 
 /* loads: balanced, orthonormal, those that move the organ most among those that moved[] stands for. */
 static void regi_track_improve(reg_track *t, int resultants)
 {
     int count = regi_track_trial_count(t), n = regi_track_load_count(t);
-    for (int first = 0; first < count; first += SBI_FRONT_GROUP)
-        regi_response_solve(&t->response, t->moved + (size_t)first * (size_t)t->node_count,
-                            sbi_min_int(SBI_FRONT_GROUP, count - first));
+    regi_response_solve(&t->response, t->moved, count);
     for (int k = 0; k < count; k++) {
         double *loads = t->loads + (size_t)k * (size_t)n;
         regi_track_collect(t, t->moved + (size_t)k * (size_t)t->node_count, loads);
