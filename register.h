@@ -11585,8 +11585,9 @@ REG_API int reg_model_node_count(const reg_model *model) { return model ? model-
 
 
 enum {
-    REGI_RESPONSE_MODES = 6,                 /* rigid motions */
-    REGI_RESPONSE_GROUP = 8 * SBI_FRONT_GROUP /* rows that are worth solving at once: the factor is read once for them */
+    REGI_RESPONSE_MODES = 6, /* rigid motions */
+    REGI_RESPONSE_GROUP =
+        8 * SBI_FRONT_GROUP /* rows that are worth solving at once: the factor is read once for them */
 };
 
 typedef struct regi_response {
