@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, track_liver, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
+# Runs hello, custom_element, demo, viscoelastic, haptic_loop, liver_models, surface_to_sim, cylinder_study, the needle
 # programs, grasp, palpation, identify, drop, igtl_server, igtl_client, cut_scalpel, cautery, cut_resect, cut_force, cut_study, one_body, register_liver and insilico as
 # a user would, with good and bad arguments and files:
 #
@@ -910,9 +910,9 @@ expect 0 '^needle_study \[OPTIONS\]' needle_study --help
 expect 2 'no-such-folder' needle_study --quick -o no-such-folder/study
 
 # ---- a full disk ----
-all="hello custom_element demo track_liver viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
+all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
     needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve haptic_loop grasp
-    palpation drop cut_scalpel cut_resect cut_force cut_study
+    palpation track_liver drop cut_scalpel cut_resect cut_force cut_study
     needle_study igtl_server igtl_client"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
